@@ -22,13 +22,6 @@ def check_positive(option: str, value: float | None) -> None:
         raise ValueError(f"{option} must be above 0, got {value:g}: leave it out for no limit")
 
 
-def refuse_given(options: dict[str, bool], why: str) -> None:
-    """Raise ValueError where one of some options is given."""
-    for option, given in options.items():
-        if given:
-            raise ValueError(f"{option} {why}: leave it out")
-
-
 def check_share(option: str, value: float) -> None:
     """Raise ValueError for a number outside 0 to 1."""
     if not 0 < value < 1:
@@ -51,29 +44,12 @@ def check_schemes(names: Iterable[str]) -> None:
             raise ValueError(f"there is no fusion scheme {name!r}: choose among {', '.join(SCHEMES)}")
 
 
-def check_errors(name: str) -> None:
-    """Raise ValueError for an unknown error profile."""
-    from toolkit.sensors.error_profiles import find_profile
-
-    find_profile(name)
-
-
 def sensor_set(text: str) -> list[int | str] | None:
     """`all`, or numbers and names separated by commas."""
     names = [name.strip() for name in text.split(",")]
     if len(set(names)) < len(names):
         raise ValueError(f"each sensor may be named once in a set, got {text}: leave the repetition out")
     return None if names == ["all"] else [int(name) if name.isdecimal() else name for name in names]
-
-
-def split_names(text: str) -> list[str] | None:
-    """Split names like `sensor_set`, for recordings whose sensors go by name alone.
-
-    >>> split_names("north, 106")
-    ['north', '106']
-    """
-    chosen = sensor_set(text)
-    return None if chosen is None else [str(name) for name in chosen]
 
 
 def site_file(site: str | None) -> list[Path]:

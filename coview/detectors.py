@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, cast
 BACKGROUND, CLUSTER = "+background", "cluster"
 
 if TYPE_CHECKING:
-    from toolkit.calibration.scenes import Scenes
+    from toolkit.calibration.empty_scene import Scenes
     from toolkit.datasets.dataset import CoopDataset
     from toolkit.detection.place import Place
     from toolkit.frame import Recording
@@ -27,36 +27,27 @@ def recording_detector(
     scenery, of what the recording shows behind all that moves; place: where it will detect, if not at the site itself;
     scenes: empty ones to learn from.
     """
+    from toolkit.detection.background import KnownBackground, recording_background
+    from toolkit.detection.cluster import ClusterDetector, learn_cluster_detector
     from toolkit.detection.place import Place
 
     place, site = place or Place(), recording.site
-    if site is not None and place.at(site):
-        return _at_site(name or CLUSTER, recording, site)
-    bare, known = split_background(name or "general")
+    at_site = site is not None and place.at(site)
+    bare, known = split_background(name or (CLUSTER if at_site else "general"))
+    if site is not None and at_site:
+        dataset = cast("CoopDataset", recording)
+        if bare == CLUSTER:
+            return ClusterDetector.of(dataset)
+        detector = site_detector(bare, site)
+        return KnownBackground(detector, recording_background(dataset)) if known else detector
     if bare != CLUSTER and not known:
         return place_detector(bare, place)
-    from toolkit.calibration.scenes import Scenes
-    from toolkit.detection.background import KnownBackground
-    from toolkit.detection.cluster import learn_cluster_detector
+    from toolkit.calibration import empty_scene
 
     if not len(recording):
         raise ValueError("there is no frame to evaluate: check the path and the layout")
-    learnt = learn_cluster_detector(scenes or Scenes(recording), recording[0], place)
+    learnt = learn_cluster_detector(scenes or empty_scene.Scenes(recording), recording[0], place)
     return learnt if bare == CLUSTER else KnownBackground(place_detector(bare, place), learnt.background)
-
-
-def _at_site(name: str, recording: Recording, site: Site) -> Detector:
-    bare, known = split_background(name)
-    if bare == CLUSTER:
-        from toolkit.detection.cluster import ClusterDetector
-
-        return ClusterDetector.of(cast("CoopDataset", recording))
-    detector = site_detector(bare, site)
-    if not known:
-        return detector
-    from toolkit.detection.background import KnownBackground, recording_background
-
-    return KnownBackground(detector, recording_background(cast("CoopDataset", recording)))
 
 
 def site_detector(name: str, site: Site) -> Detector:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Callable, Sequence
 
@@ -54,6 +55,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def run(arguments: Sequence[str]) -> int:
     """Run a command line and return its exit code."""
+    _open_streams()
     debug, rest = "--debug" in arguments, [each for each in arguments if each != "--debug"]
     try:
         if rest[:1] in ([], ["-h"], ["--help"], ["--version"]):
@@ -78,8 +80,14 @@ def run(arguments: Sequence[str]) -> int:
     return code
 
 
+def _open_streams() -> None:
+    """Open streams that were closed before the start, or the next files would take their numbers."""
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_RDWR), mode))
+
+
 def _answer(asked: Sequence[str]) -> int:
-    """Print the version or the overview of all commands."""
     if asked == ["--version"]:
         from coview import __version__
 
@@ -99,7 +107,6 @@ def overview() -> str:
 
 
 def _call(arguments: Sequence[str]) -> int:
-    """Return the exit code of a command."""
     import io
     import warnings
     from contextlib import redirect_stderr
@@ -107,9 +114,11 @@ def _call(arguments: Sequence[str]) -> int:
 
     import tyro
 
+    from coview.outputs import say
+
     if arguments[0] not in COMMANDS and not arguments[0].startswith("-"):
         raise ValueError(f"unknown command {arguments[0]!r}: choose among {', '.join(COMMANDS)}")
-    warnings.showwarning = lambda message, *_, **__: print(f"coview: note: {message}", file=sys.stderr)
+    warnings.showwarning = lambda message, *_, **__: say(f"coview: note: {message}", error=True)
 
     def delay(load: Callable[..., int]) -> Callable[..., Callable[[], int]]:
         """Parse the arguments of a command without running it yet."""

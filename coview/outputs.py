@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import sys
 import traceback
-from collections.abc import Iterable
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TextIO
 
-from toolkit.runtime.files import check_output, replace_infinite
+from toolkit.runtime import files
+from toolkit.runtime.files import UNFINISHED, check_output, replace_infinite
 from toolkit.runtime.parallel import WorkLost
+from toolkit.runtime.resumable import ShardFolder
 
 OK, SUSPECTED, BAD_INPUT, MISSING, LOST, INTERNAL, INTERRUPTED, PIPE_CLOSED = 0, 1, 2, 3, 4, 70, 130, 141
 NOT_MET = SUSPECTED  # a plan's requirement cannot be met; "no", like a suspicion of the doctor
@@ -30,9 +34,25 @@ class Writing:
     """Print the results as JSON."""
 
 
+_UNPRINTABLE = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
+
+
+def say(text: object, *, error: bool = False) -> None:
+    r"""Print text, on stderr for an error: all that commands print goes through here.
+
+    Names come out of files of others. What steers a terminal, turns the direction of writing or is no character is
+    printed as its escape sequence.
+
+    >>> say("pole \x1b[2J\u202etxt.exe")
+    pole \x1b[2J\u202etxt.exe
+    """
+    shown = _UNPRINTABLE.sub(lambda found: found[0].encode("unicode_escape").decode(), str(text))
+    print(shown, file=sys.stderr if error else sys.stdout, flush=error)
+
+
 def print_result(result: object, text: str, *, as_json: bool) -> None:
     """Print the text, or the result as one line of JSON."""
-    print(json.dumps(replace_infinite(result), allow_nan=False) if as_json else text)
+    say(json.dumps(replace_infinite(result), allow_nan=False) if as_json else text)
 
 
 def check_file(out: Path | None, *, inputs: Iterable[Path] = (), overwrite: bool = False) -> None:
@@ -55,11 +75,37 @@ def check_folder(out: Path, *, holds: str, inputs: Iterable[Path] = (), overwrit
 
 
 def check_new_folder(out: Path, *, inputs: Iterable[Path] = (), overwrite: bool = False) -> None:
-    """Check that a folder is empty, new or to be overwritten."""
-    check_output(out, inputs=inputs, overwrite=overwrite)
+    """Check that a folder is empty, new or ours to be overwritten."""
     if out.exists() and not out.is_dir():
         raise NotADirectoryError(f"{out} is a file: give the name of a folder")
+    files.check_new_folder(out, inputs=inputs, overwrite=overwrite)
     check_writable(out.resolve(), out)
+
+
+@contextmanager
+def claim(out: Path, asked: object, check: Callable[..., None], *, overwrite: bool = False) -> Iterator[bool]:
+    """Check `out` by `check(overwrite=...)`, and keep other runs out of it until the block ends.
+
+    A killed run leaves a note of what was asked. The same question may replace what that run wrote without `overwrite`,
+    and the block is told whether it may.
+    """
+    check(overwrite=True)
+    place = out.resolve()
+    beside = not place.is_dir() or os.access(place.parent, os.W_OK)
+    path = place.with_name(f"{place.name}{UNFINISHED}") if beside else place / UNFINISHED
+    note = ShardFolder(path, {"asked": repr(asked)})
+    again = overwrite or note.found == note.plan
+    check(overwrite=again)
+    with note.lock():
+        note.open(overwrite=True)
+        try:
+            yield again
+        except BaseException:
+            with suppress(FileExistsError):  # where it has written, it may go on
+                check(overwrite=False)
+                note.remove()
+            raise
+        note.remove()
 
 
 def check_writable(folder: Path, out: Path) -> None:
@@ -74,18 +120,25 @@ def check_writable(folder: Path, out: Path) -> None:
 def report(error: BaseException, *, debug: bool = False) -> int:
     """Print an error on stderr and return its exit code. debug: print the traceback of any error."""
     if isinstance(error, BrokenPipeError):
-        with suppress(OSError, ValueError):  # stdout may be no real file
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # nobody reads further output
+        _silence(sys.stdout)
         return PIPE_CLOSED
     code, message = _classify(error)
-    if debug or code == INTERNAL:
-        traceback.print_exception(error)
-    print(f"coview: {' '.join(message.split())}", file=sys.stderr)
+    try:
+        if debug or code == INTERNAL:
+            say("".join(traceback.format_exception(error)).rstrip(), error=True)
+        say(f"coview: {' '.join(message.split())}", error=True)
+    except OSError:  # nobody reads it, or the disk is full
+        _silence(sys.stderr)
     return code
 
 
+def _silence(stream: TextIO) -> None:
+    """Send further output nowhere."""
+    with suppress(OSError, ValueError):  # it may be no real file
+        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+
+
 def _classify(error: BaseException) -> tuple[int, str]:
-    """Exit code and line of an error, by its type."""
     if isinstance(error, KeyboardInterrupt):
         return INTERRUPTED, "stopped, nothing is left half written; start the same command again"
     if isinstance(error, WorkLost):

@@ -10,6 +10,8 @@ from threading import Event, Thread
 
 from tqdm import tqdm
 
+from coview.outputs import say
+
 EVERY_S = 10.0  # between two lines where there is no terminal
 
 
@@ -80,7 +82,7 @@ def progress_bar(unit: str, total: int | None = None, *, hidden: bool = False) -
 
         def talk() -> None:
             while not ended.wait(EVERY_S):
-                print(f"coview: {bar.describe()}", file=sys.stderr, flush=True)
+                say(f"coview: {bar.describe()}", error=True)
 
         if not hidden and not sys.stderr.isatty():
             Thread(target=talk, daemon=True).start()

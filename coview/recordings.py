@@ -68,10 +68,11 @@ def count_passing(
     frames: Iterable[Frame], problems: dict[str, int], progress: Callable[[int], None]
 ) -> Iterator[Frame]:
     """Yield frames, report progress, and add up what reading left out."""
-    from toolkit.datasets.records import add_problems
+    from toolkit.datasets.records import add_problem
 
     for done, frame in enumerate(frames, 1):
-        add_problems(problems, frame.problems)
+        for kind, number in frame.problems.items():
+            add_problem(problems, kind, number)
         progress(done)
         yield frame
 

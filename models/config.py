@@ -49,10 +49,8 @@ class AnchorKind:
         if len(self.size) != 3 or min(self.size) <= 0 or not self.yaws:
             raise ValueError(f"anchors need three sizes above 0 and a yaw, got {self.size} and {self.yaws}")
         if self.margin < 0 or not 0 <= self.negative <= self.positive <= 1:
-            raise ValueError(
-                "anchors need a margin of at least 0 and 0 <= negative <= positive <= 1, "
-                f"got {self.margin}, {self.negative} and {self.positive}"
-            )
+            got = f"got {self.margin}, {self.negative} and {self.positive}"
+            raise ValueError(f"anchors need a margin of at least 0 and 0 <= negative <= positive <= 1, {got}")
 
 
 ROAD_USERS = (
@@ -126,10 +124,8 @@ class VoxelNetConfig:
         if min(self.voxel_size) <= 0 or self.max_points < 1:
             raise ValueError(f"voxels need a size above 0 and points, got {self.voxel_size} and {self.max_points}")
         if bool(self.middle_widths) == bool(self.column_width):
-            raise ValueError(
-                "give either three middle_widths or a column_width, "
-                f"got middle_widths {self.middle_widths} and column_width {self.column_width}"
-            )
+            got = f"got middle_widths {self.middle_widths} and column_width {self.column_width}"
+            raise ValueError(f"give either three middle_widths or a column_width, {got}")
         if len(self.middle_widths) not in (0, 3) or len(self.rpn_widths) != 3 or len(self.rpn_layers) != 3:
             raise ValueError("middle_widths (unless empty), rpn_widths and rpn_layers need three entries each")
         size = len(self.labels)
@@ -137,10 +133,8 @@ class VoxelNetConfig:
         if unknown or len(set(self.labels)) != size or not self.labels:
             raise ValueError(f"labels must be different ones of {LABELS}, got {self.labels} with faces {self.faces}")
         if self.kinds and (self.head != "quality" or tuple(kind.label for kind in self.kinds) != self.labels):
-            raise ValueError(
-                "anchors by class need a quality head and a kind for each label in its order, "
-                f"got labels {self.labels}, kinds {[kind.label for kind in self.kinds]} and head {self.head!r}"
-            )
+            got = f"got labels {self.labels}, kinds {[kind.label for kind in self.kinds]} and head {self.head!r}"
+            raise ValueError(f"anchors by class need a quality head and a kind for each label in its order, {got}")
         if not set(self.faces) <= set(self.labels):
             raise ValueError(f"faces must be among the labels, got {self.faces} and {self.labels}")
         if len(self.calibration) not in (0, size) or any(slope <= 0 for slope, _ in self.calibration):
@@ -148,10 +142,8 @@ class VoxelNetConfig:
         if len(self.rivalry) not in (0, size) or any(
             len(row) != size + 2 or row[0] <= 0 or min(row[2:]) < 0 for row in self.rivalry
         ):
-            raise ValueError(
-                "rivalry must have a slope above 0, an intercept and a weight of at least 0 for each label, for each "
-                f"label, or be empty, got {self.rivalry}"
-            )
+            needs = "a slope above 0, an intercept and a weight of at least 0 for each label"
+            raise ValueError(f"rivalry must have {needs}, for each label, or be empty, got {self.rivalry}")
         if not all(0 <= each < 1 for each in (self.score_threshold, *self.thresholds)):
             raise ValueError(f"score thresholds must lie in 0..1, got {self.score_threshold} and {self.thresholds}")
         if len(self.thresholds) not in (0, size):
@@ -221,21 +213,20 @@ class VoxelNetConfig:
     @classmethod
     def from_dict(cls, values: object) -> VoxelNetConfig:
         """Build a configuration from `to_dict`'s values, as JSON gives them back. Raises ValueError for others."""
+        known = asdict(_EXAMPLE)
         if not isinstance(values, dict):
             raise ValueError(f"a VoxelNetConfig must be an object of names and values, got {str(values)[:60]}")
-        if unknown := set(values) - {field.name for field in fields(cls)}:
+        if unknown := values.keys() - known:
             raise ValueError(f"a VoxelNetConfig has no {', '.join(sorted(unknown))}: is the file newer?")
         if "area" not in values:
             raise ValueError("a VoxelNetConfig needs an area: xmin ymin xmax ymax (m)")
-        known, kinds = asdict(_EXAMPLE), values.get("kinds", ())
+        kinds, anchor = values.get("kinds", ()), asdict(ROAD_USERS[0])
         if not isinstance(kinds, list | tuple):
             raise ValueError(f"kinds must be a list of anchors, got {str(kinds)[:60]}")
-        names = [each.name for each in fields(AnchorKind)]
         for kind in kinds:
-            if not isinstance(kind, dict) or not {"label", "size", "z"} <= set(kind) <= set(names):
-                raise ValueError(f"an entry of kinds must be an object of {', '.join(names)}, got {str(kind)[:60]}")
+            if not isinstance(kind, dict) or not {"label", "size", "z"} <= kind.keys() <= anchor.keys():
+                raise ValueError(f"an entry of kinds must be an object of {', '.join(anchor)}, got {str(kind)[:60]}")
         parsed = {name: _parse(value, known[name], name) for name, value in values.items() if name != "kinds"}
-        anchor = asdict(ROAD_USERS[0])
         parse = ({name: _parse(value, anchor[name], name) for name, value in kind.items()} for kind in kinds)
         return cls(**parsed, kinds=tuple(AnchorKind(**each) for each in parse))
 

@@ -12,13 +12,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from models.network.anchors import anchors
 from models.network.candidates import LEAST_RIVAL, Candidates, all_candidates, apply_rivals, candidates, suppress
 from models.network.faces import measure_faces
+from models.network.grid import anchors, collate, voxelise
 from models.network.sparse import SparseVoxelNet
 from models.network.tiles import TiledVoxelNet, UnionPlan, tileable
 from models.network.voxelnet import VoxelNet
-from models.network.voxels import collate, voxelise
 from models.weight_files import digest_detector, digest_tensors, load_weights
 from toolkit.arrays import Bool, Float
 from toolkit.objects import LABELS, Detections, label_index
@@ -26,6 +25,7 @@ from toolkit.points import join_clouds
 from toolkit.runtime.parallel import keep_freed_memory
 
 SHIPPED = Path(__file__).parent / "weights"
+_Clouds = Sequence[Float[np.ndarray, "_ 3"]]
 
 
 class VoxelNetDetector:
@@ -83,19 +83,18 @@ class VoxelNetDetector:
         """Detect in one cloud."""
         return self.batch([points])[0]
 
-    def batch(self, clouds: Sequence[Float[np.ndarray, "_ 3"]]) -> list[Detections]:
+    def batch(self, clouds: _Clouds) -> list[Detections]:
         """Detect in several clouds at once."""
         voxels = [voxelise(torch.as_tensor(cloud).to(self.device), self.config) for cloud in clouds]
         if not any(len(each.cells) for each in voxels):
             return [Detections.empty() for _ in clouds]
-        prediction = self.network(collate(voxels))
-        found = candidates(prediction, self.anchors, self.config, self._looked_at)
+        found = candidates(self.network(collate(voxels)), self.anchors, self.config, self._looked_at)
         return [
             self._finish(*each, cloud) if len(cells.cells) else Detections.empty()
             for each, cells, cloud in zip(found, voxels, clouds, strict=True)
         ]
 
-    def unions(self, clouds: Sequence[Float[np.ndarray, "_ 3"]], unions: Bool[np.ndarray, "U C"]) -> list[Detections]:
+    def unions(self, clouds: _Clouds, unions: Bool[np.ndarray, "U C"]) -> list[Detections]:
         """Detect in many unions of the same clouds, such as all sets of a site's sensors.
 
         The results are those of each union's points, to the rounding of float32, in much less time where most clouds
@@ -108,9 +107,7 @@ class VoxelNetDetector:
                 found = dict(self._at_once(self._tiled, plan, clouds))
         return [found[row] if row in found else self(join_clouds(clouds, union)) for row, union in enumerate(unions)]
 
-    def _at_once(
-        self, tiled: TiledVoxelNet, plan: UnionPlan, clouds: Sequence[Float[np.ndarray, "_ 3"]]
-    ) -> Iterator[tuple[int, Detections]]:
+    def _at_once(self, tiled: TiledVoxelNet, plan: UnionPlan, clouds: _Clouds) -> Iterator[tuple[int, Detections]]:
         unions = plan.unions
         reaching = (unions & (plan.placed.counts() > 0).cpu().numpy()).any(axis=1)
         for some, entries, predictions in tiled(plan):

@@ -17,11 +17,10 @@ import torch
 from torch import Tensor
 
 from models.config import VoxelNetConfig
-from models.network.anchors import anchors
 from models.network.candidates import MOST_CANDIDATES, candidates, suppress
+from models.network.grid import anchors, voxelise
 from models.network.sparse import SparseVoxelNet
 from models.network.voxelnet import Prediction, VoxelNet
-from models.network.voxels import voxelise
 from models.weight_files import check_tensors, digest_detector, digest_tensors, load_tensors
 from toolkit.arrays import Float, Float32, Float64
 from toolkit.boxes import nms
@@ -31,15 +30,12 @@ REFERENCE = {"tjunction": (84.0, 156.0), "roundabout": (0.0, 0.0)}  # CARLA x, y
 AREA = {"tjunction": (0.0, 0.0, 40.0, 80.0), "roundabout": (-48.0, -48.0, 48.0, 48.0)}  # from the reference
 
 PROPOSAL_IOU, MOST_PROPOSALS = 0.3, 300
+Decoding = Literal["exact", "published"]
 _UP_LAST = [0, 2, 1]  # their x, up, y as our x, y, z
 
 
 def load_published(
-    path: str | Path,
-    site: str,
-    *,
-    decoding: Literal["exact", "published"] = "exact",
-    device: str | torch.device = "cpu",
+    path: str | Path, site: str, *, decoding: Decoding = "exact", device: str | torch.device = "cpu"
 ) -> PublishedDetector:
     """Load the detector of a published checkpoint for "tjunction" or "roundabout".
 
@@ -71,7 +67,7 @@ class PublishedDetector:
         network: VoxelNet,
         site: str,
         *,
-        decoding: Literal["exact", "published"] = "exact",
+        decoding: Decoding = "exact",
         device: str | torch.device = "cpu",
         score_threshold: float = 0.1,
         nms_threshold: float = 0.1,

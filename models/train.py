@@ -8,7 +8,7 @@ from __future__ import annotations
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,67 +16,70 @@ import torch
 
 from models.detector import relocate, weights_file
 from models.network.voxelnet import VoxelNet
-from models.training.loop import ANYWHERE, CHECKPOINT, LOG, LOG_STEPS, PRESETS, Machine, choose_area, make_config, train
+from models.training import loop
+from models.training.loop import ANYWHERE, CHECKPOINT, LOG, LOG_STEPS, PRESETS, Progress, train
 from models.training.options import TrainingOptions, parse_arguments
 from models.training.packed import PackedFrames
 from models.training.second_stage import average_precision, fit_calibration, train_faces, widen
 from models.weight_files import Header, load_weights, save_weights
 from toolkit.runtime.files import check_output
+from toolkit.runtime.resumable import ShardFolder
 from toolkit.sites.files import load_site
 
 WEIGHTS = "weights.safetensors"
 
 
 def run(
-    site: str | None, options: TrainingOptions, *, progress: Callable[[int, int, dict[str, float]], None] | None = None
+    site: str | None, options: TrainingOptions, *, progress: Progress | None = None
 ) -> tuple[Path, dict[str, float]]:
     """Train or resume with the options of `coview train`; return the weights file and the last validation figures.
 
     site: a built-in one, a site file, "general", or None for the area that the data shares. Raises what `train` raises,
-    and FileExistsError if the folder holds other weights.
+    and FileExistsError if the folder holds other weights, or another run trains there.
     """
     preset = options.preset or ("general" if site == "general" else "fast")
     device = options.device or ("cuda" if torch.cuda.is_available() else "cpu")
     place = None if site in (None, "general") else load_site(site)
-    area = tuple(place.area.tolist()) if place else choose_area("general" if site else preset, options.data)
+    area = tuple(place.area.tolist()) if place else loop.choose_area("general" if site else preset, options.data)
     named = {name: getattr(options, name) for name in ("epochs", "batch", "learning_rate")}
     settings = replace(PRESETS[preset], seed=options.seed, **{name: value for name, value in named.items() if value})
     before = load_weights(weights_file(options.start))[0] if options.start else None
     classes, faces, calibrate = second_stages(options, before)
-    config = make_config(area, preset, options.size, classes)
+    config = loop.make_config(area, preset, options.size, classes)
     if options.voxel is not None:
         config = replace(config, voxel_size=(options.voxel, options.voxel, config.voxel_size[2]))
     weights = options.out / WEIGHTS
     check_output(weights, inputs=[weights_file(options.start)] if options.start else [], overwrite=True)
-    if options.overwrite:
-        for name in (CHECKPOINT, LOG):
-            (options.out / name).unlink(missing_ok=True)
-    elif not (options.out / CHECKPOINT).exists():
-        check_output(weights)
-    start = None if before is None else widen(before, config)
-    judged, count = PackedFrames(options.validate) if options.validate else None, options.validate_frames
-    if options.threads:
-        torch.set_num_threads(options.threads)
-    measured: dict[str, float] = {}
+    with ShardFolder(options.out, {}).lock():
+        if options.overwrite:
+            for name in (CHECKPOINT, LOG):
+                (options.out / name).unlink(missing_ok=True)
+        elif not (options.out / CHECKPOINT).exists():
+            check_output(weights)
+        start = None if before is None else widen(before, config)
+        judged, count = PackedFrames(options.validate) if options.validate else None, options.validate_frames
+        if options.threads:
+            torch.set_num_threads(options.threads)
+        measured: dict[str, float] = {}
 
-    def measure(network: VoxelNet) -> dict[str, float]:
-        assert judged is not None
-        measured.update(average_precision(network, judged, count=count, device=device))
-        return dict(measured)
+        def measure(network: VoxelNet) -> dict[str, float]:
+            assert judged is not None
+            measured.update(average_precision(network, judged, count=count, device=device))
+            return dict(measured)
 
-    machine = Machine(device, options.bfloat16 or device == "cuda", options.workers, options.checkpoint_s)
-    watch = None if judged is None else measure
-    network = train(
-        options.data, config, settings, options.out, start=start, machine=machine, validate=watch, progress=progress
-    )
-    if faces:
-        network = train_faces(network, PackedFrames(options.data), faces, seed=options.seed)
-    if calibrate and judged is not None:
-        network = fit_calibration(network, judged, count=count)
-    if judged is not None and (faces or calibrate):
-        measure(network)
-    trained_for = place.name if place else "general" if area == ANYWHERE else options.data.stem
-    save_weights(weights, relocate(network, area, "general"), Header(trained_for, options.seed, commit(), measured))
+        machine = loop.Machine(device, options.bfloat16 or device == "cuda", options.workers, options.checkpoint_s)
+        watch = None if judged is None else measure
+        network = train(
+            options.data, config, settings, options.out, start=start, machine=machine, validate=watch, progress=progress
+        )
+        if faces:
+            network = train_faces(network, PackedFrames(options.data), faces, seed=options.seed)
+        if calibrate and judged is not None:
+            network = fit_calibration(network, judged, count=count)
+        if judged is not None and (faces or calibrate):
+            measure(network)
+        trained_for = place.name if place else "general" if area == ANYWHERE else options.data.stem
+        save_weights(weights, relocate(network, area, "general"), Header(trained_for, options.seed, commit(), measured))
     return weights, measured
 
 

@@ -10,7 +10,7 @@ import hashlib
 import json
 import pickle
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from io import BytesIO
@@ -70,10 +70,21 @@ def load_weights(path: str | Path) -> tuple[VoxelNet, Header]:
     Raises FileNotFoundError; ValueError, in one line, if the file is damaged, of another kind, or of another size than
     its configuration says.
     """
+    from safetensors import SafetensorError, safe_open
+
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"no weights file at {path}")
-    metadata, tensors = _read_tensors(path)
+    try:
+        with safe_open(path, framework="pt") as file:
+            metadata = file.metadata() or {}
+            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118  # no dict
+    except (SafetensorError, OSError, ValueError, KeyError, TypeError, RuntimeError, MemoryError) as error:
+        raise ValueError(f"{path} is damaged or not a safetensors file ({_reason(error)}): fetch it again") from None
+    if metadata.get("format") != FORMAT:
+        raise ValueError(f"{path} is not in the format {FORMAT!r}, its header says {metadata.get('format')!r}")
+    if metadata.get("digest") != digest_tensors(tensors):
+        raise ValueError(f"{path} is damaged: its tensors are not those it was saved with; fetch it again")
     try:
         config = VoxelNetConfig.from_dict(parse_json(metadata["config"]))
     except (KeyError, ValueError) as error:
@@ -93,23 +104,6 @@ def load_weights(path: str | Path) -> tuple[VoxelNet, Header]:
     if not isinstance(ap, dict) or not all(isinstance(value, int | float) for value in ap.values()):
         raise ValueError(f"{path}: ap of its header must be numbers by name, got {str(ap)[:60]}")
     return network.eval(), Header(metadata.get("site", ""), seed, metadata.get("commit", ""), ap)
-
-
-def _read_tensors(path: Path) -> tuple[dict[str, str], dict[str, Tensor]]:
-    """Read header and tensors of a safetensors file."""
-    from safetensors import SafetensorError, safe_open
-
-    try:
-        with safe_open(path, framework="pt") as file:
-            metadata = file.metadata() or {}
-            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118  # no dict
-    except (SafetensorError, OSError, ValueError, KeyError, TypeError, RuntimeError, MemoryError) as error:
-        raise ValueError(f"{path} is damaged or not a safetensors file ({_reason(error)}): fetch it again") from None
-    if metadata.get("format") != FORMAT:
-        raise ValueError(f"{path} is not in the format {FORMAT!r}, its header says {metadata.get('format')!r}")
-    if metadata.get("digest") != digest_tensors(tensors):
-        raise ValueError(f"{path} is damaged: its tensors are not those it was saved with; fetch it again")
-    return metadata, tensors
 
 
 def _reason(error: Exception) -> str:
@@ -132,10 +126,9 @@ def check_tensors(expected: dict[str, Tensor], tensors: dict[str, Tensor], origi
 def digest_tensors(tensors: dict[str, Tensor]) -> str:
     """SHA-256 of tensors with their names, types and shapes."""
     digest = hashlib.sha256()
-    for name in sorted(tensors):
-        digest.update(f"{name} {tensors[name].dtype} {tuple(tensors[name].shape)}".encode())
-        flat = tensors[name].detach().cpu().contiguous().view(-1)
-        digest.update(flat.view(torch.uint8).numpy().tobytes())
+    for name, tensor in sorted(tensors.items()):
+        digest.update(f"{name} {tensor.dtype} {tuple(tensor.shape)}".encode())
+        digest.update(tensor.detach().cpu().contiguous().view(-1).view(torch.uint8).numpy().tobytes())
     return digest.hexdigest()
 
 
@@ -172,23 +165,22 @@ def save_atomically(path: Path, state: dict[str, object]) -> None:
     write_bytes(path, content.getvalue())
 
 
-def read_checkpoint(path: Path, device: str = "cpu") -> dict[str, Any]:
-    """Read a checkpoint without executing anything in it. Raises ValueError if it is damaged."""
+def read_checkpoint(path: Path, device: str = "cpu", *, identity: Mapping[str, object] | None = None) -> dict[str, Any]:
+    """Read a checkpoint without executing anything in it.
+
+    Raises ValueError if it is damaged, or of a run with other settings than those of `identity`, by name.
+    """
     try:
         state = load_tensors(path, device)
     except ValueError as error:
         raise ValueError(f"{error}: remove it to start again") from None
     if not isinstance(state, dict):
         raise ValueError(f"{path} is not a checkpoint: remove it to start again, or choose another folder")
-    return state
-
-
-def check_identity(path: Path, state: dict[str, object], identity: dict[str, object]) -> None:
-    """Raise ValueError unless a checkpoint belongs to the run of `identity` (settings by name)."""
-    different = [key for key in identity if _plain(state.get(key, "")) != _plain(identity[key])]
+    different = " and ".join(name for name, value in (identity or {}).items() if state.get(name, "") != value)
     if different:
-        names = " and ".join(different)
-        raise ValueError(f"{path} belongs to a run with another {names}: choose another folder or --overwrite it")
+        remedy = "choose another folder or --overwrite it"
+        raise ValueError(f"{path} belongs to a run with another {different}: {remedy}")
+    return state
 
 
 @contextmanager
@@ -197,13 +189,5 @@ def checkpoint_errors(path: Path) -> Iterator[None]:
     try:
         yield
     except (KeyError, TypeError, AttributeError, RuntimeError, ValueError) as error:
-        raise ValueError(
-            f"{path} is not a checkpoint of this training ({_reason(error)}): remove it to start again"
-        ) from None
-
-
-def _plain(value: object) -> object:
-    """Turn tuples into lists, as a round trip does."""
-    if isinstance(value, dict):
-        return {key: _plain(item) for key, item in value.items()}
-    return [_plain(item) for item in value] if isinstance(value, list | tuple) else value
+        reason = f"{path} is not a checkpoint of this training ({_reason(error)})"
+        raise ValueError(f"{reason}: remove it to start again") from None

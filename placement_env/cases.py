@@ -23,10 +23,10 @@ from typing import TYPE_CHECKING, cast, get_args
 
 import numpy as np
 
-from placement_env.checks import check_iou, whole
+from placement_env.checks import check_choice, check_iou, whole
 from placement_env.classes import Classes, Combine
 from toolkit.arrays import Bool, Float64, Int64
-from toolkit.sensors.error_profiles import PROFILES, get_profile, only_own_noise
+from toolkit.sensors.error_profiles import PROFILES, find_profile, only_own_noise
 
 if TYPE_CHECKING:
     from toolkit.sensors.error_profiles import ErrorProfile
@@ -71,7 +71,7 @@ class Cases:
         ious = _thresholds(self.iou)
         object.__setattr__(self, "iou", ious[0] if len(ious) == 1 else ious)
         errors = self.errors if isinstance(self.errors, tuple | list) else (self.errors,)
-        given = [get_profile(each) for each in errors]  # named where they have a name of their own
+        given = [find_profile(each) for each in errors]  # named where they have a name of their own
         short = tuple(each.name if PROFILES.get(each.name) == each else each for each in given)
         object.__setattr__(self, "errors", short)
         if not whole(self.failing) or not 0 <= self.failing <= MOST_FAILING:
@@ -79,8 +79,7 @@ class Cases:
         if not whole(self.levels) or not 1 <= self.levels <= MOST_LEVELS:
             raise ValueError(f"traffic has 1 to {MOST_LEVELS} levels, got {self.levels!r}")
         for name in ("failures", "levels_by", "errors_by"):
-            if getattr(self, name) not in get_args(Combine):
-                raise ValueError(f"{name} must be mean or worst, got {getattr(self, name)!r}")
+            check_choice(name, getattr(self, name), get_args(Combine))
         if not len(self.profiles) == len(set(self.names)) == len({each.digest for each in self.profiles}) > 0:
             names = ", ".join(self.names) or "none"
             raise ValueError(f"error profiles must be different ones, got {names}: name each once")
@@ -102,7 +101,7 @@ class Cases:
     @cached_property
     def profiles(self) -> tuple[ErrorProfile, ...]:
         """Error profiles."""
-        return tuple(get_profile(each) for each in cast("tuple[str | ErrorProfile, ...]", self.errors))
+        return tuple(find_profile(each) for each in cast("tuple[str | ErrorProfile, ...]", self.errors))
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from numbers import Real
 from typing import TypeGuard
 
 import numpy as np
+
+from toolkit.runtime.run import check_whole as check_whole
 
 
 def whole(value: object) -> TypeGuard[int]:
@@ -17,12 +20,6 @@ def whole(value: object) -> TypeGuard[int]:
     return isinstance(value, int | np.integer) and not isinstance(value, bool)
 
 
-def check_whole(name: str, value: object, *, least: int) -> None:
-    """Raise ValueError unless a number is whole and large enough."""
-    if not whole(value) or value < least:
-        raise ValueError(f"{name} must be a whole number of at least {least}, got {value!r}")
-
-
 def check_range(name: str, value: object, *, least: int, unit: str) -> None:
     """Raise ValueError unless a number, or both ends of a range, are whole and at least `least`."""
     ends = tuple(value) if isinstance(value, list | tuple) else (value, value)
@@ -30,6 +27,12 @@ def check_range(name: str, value: object, *, least: int, unit: str) -> None:
         raise ValueError(
             f"{name} must be at least {least} {unit}, a whole number or (lowest, highest) of two, got {value!r}"
         )
+
+
+def check_choice(name: str, value: object, choices: Collection[str]) -> None:
+    """Raise ValueError unless a value is one of the choices."""
+    if value not in choices:
+        raise ValueError(f"{name} must be one of {', '.join(choices)}, got {value!r}")
 
 
 def check_iou(iou: object) -> None:

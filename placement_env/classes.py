@@ -19,7 +19,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from placement_env.checks import check_iou
+from placement_env.checks import check_choice, check_iou
 from toolkit.arrays import Float64
 from toolkit.objects import CYCLIST, LABELS, PEDESTRIAN, VEHICLE, label_index
 from toolkit.runtime.cache import make_key
@@ -58,8 +58,7 @@ class Classes:
                 f"there must be a weight above 0 for each of {', '.join(names)}, got {self.weights}: leave out a class "
                 "that does not count"
             )
-        if self.combine not in get_args(Combine):
-            raise ValueError(f"combine must be one of {', '.join(get_args(Combine))}, got {self.combine!r}")
+        check_choice("combine", self.combine, get_args(Combine))
         if self.combine == "worst" and len(set(weights)) > 1:
             raise ValueError(
                 f"the worst class takes no weights, got {self.weights}: leave them out, or combine by mean"

@@ -258,7 +258,8 @@ class Objective:
         """Mask of candidates that keep a set feasible: with room on their mounts, and money left for them."""
         row = subset if isinstance(subset, np.ndarray) and subset.dtype == np.bool_ else self.row(subset)
         price = self.price(row[None])[0] + extra_prices(self.candidates, row)
-        return np.asarray(room_beside(self.candidates, row, self.shared_links) & self.linked & self.affordable(price))
+        room = room_beside(self.candidates, row[None], self.shared_links)[0]
+        return np.asarray(room & self.linked & self.affordable(price))
 
     @property
     def shared_links(self) -> Float64[np.ndarray, " C"] | None:

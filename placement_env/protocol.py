@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Literal, NamedTuple, Protocol, get_args, runtime_checkable
+from typing import Literal, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -11,7 +11,6 @@ from placement_env.classes import Classes
 from toolkit.arrays import Bool, Float64
 
 FidelityName = Literal["coverage", "surrogate", "detector", "table"]
-FIDELITIES: tuple[FidelityName, ...] = get_args(FidelityName)
 
 
 class Estimate(NamedTuple):
@@ -83,9 +82,3 @@ class Doubting(Fidelity, Protocol):
 
     def doubts(self, sensors: Iterable[str] = ()) -> tuple[str, ...]:
         """Sentences on how a question differs from the fitted data. sensors: kinds of their models."""
-
-
-def check_fidelity(fidelity: object) -> None:
-    """Raise ValueError for an unknown fidelity."""
-    if fidelity not in FIDELITIES:
-        raise ValueError(f"fidelity must be one of {', '.join(FIDELITIES)}, got {fidelity!r}")

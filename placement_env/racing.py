@@ -4,8 +4,7 @@
 sets are scored on a few frames, the best 1/eta of them on eta times as many, and so on; the last few are scored on all
 frames. The frames come in random order, because neighbours in time show nearly the same traffic. `race_until` drops a
 set only where the frames show that it is worse, and ends as soon as a stated confidence is reached (racing in the sense
-of Maron and Moore 1994, with a bootstrap over blocks of frames instead of Hoeffding's bound). `verify` scores the few
-best sets of a fast fidelity with an accurate one.
+of Maron and Moore 1994, with a bootstrap over blocks of frames instead of Hoeffding's bound).
 """
 
 from __future__ import annotations
@@ -18,21 +17,11 @@ from typing import NamedTuple
 import numpy as np
 
 from placement_env.analysis.shrinkage import shrink
-from placement_env.subsets import SetFunction
 from toolkit.arrays import Bool, Float64, Int64
 
 PartialScores = Callable[
     [Bool[np.ndarray, "n C"], Int64[np.ndarray, " frames"]], Float64[np.ndarray, " n"]
 ]  # figure, such as AP, of each of n sensor sets from some frames
-
-
-@dataclass(frozen=True, eq=False)
-class Rung:
-    """One stage of a race. sets: rows of the k sets scored, best first; scores: of each, NaN if undefined."""
-
-    frames: int
-    sets: Int64[np.ndarray, " k"]
-    scores: Float64[np.ndarray, " k"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +34,6 @@ class Race:
 
     winners: Int64[np.ndarray, " k"]
     scores: Float64[np.ndarray, " k"]
-    rungs: tuple[Rung, ...]
     spent: int
     full: int
 
@@ -79,15 +67,6 @@ class Contest:
     expected: Float64[np.ndarray, " k"]
 
 
-@dataclass(frozen=True, eq=False)
-class Verified:
-    """Best k sets of a fast fidelity, ranked accurately, with both figures."""
-
-    sets: Bool[np.ndarray, "k C"]
-    fast: Float64[np.ndarray, " k"]
-    accurate: Float64[np.ndarray, " k"]
-
-
 def race(
     partial_scores: PartialScores,
     sets: Bool[np.ndarray, "n C"],
@@ -119,16 +98,14 @@ def race(
     order = np.random.default_rng(seed).permutation(frames)
     running = np.sort(np.unique(sets, axis=0, return_index=True)[1])
     full, spent, seen = len(running) * frames, 0, 0
-    rungs: list[Rung] = []
     while seen < frames:
         reached = min(frames, max(first, seen * eta)) if len(running) > keep else frames
         scores = np.asarray(partial_scores(sets[running], order[:reached]), float)
         spent, seen = spent + len(running) * (reached - seen), reached
-        ranked = _best_first(scores)
-        rungs.append(Rung(seen, running[ranked], scores[ranked]))
         places = keep if seen == frames else max(keep, -(-len(running) // eta))
-        running = rungs[-1].sets[: _with_ties(rungs[-1].scores, places)]
-    return Race(running, rungs[-1].scores[: len(running)], tuple(rungs), spent, full)
+        ahead = find_best(scores, places)
+        running, scores = running[ahead], scores[ahead]
+    return Race(running, scores, spent, full)
 
 
 @dataclass(frozen=True)
@@ -156,14 +133,11 @@ class RaceRules:
             )
 
 
-USUAL_RULES = RaceRules()
-
-
 def race_until(
     scores: ResampledScores,
     sets: Bool[np.ndarray, "n C"],
     order: Int64[np.ndarray, " frames"],
-    rules: RaceRules = USUAL_RULES,
+    rules: RaceRules = RaceRules(),
     *,
     predicted: Float64[np.ndarray, " n"] | None = None,
 ) -> Contest:
@@ -203,7 +177,7 @@ def race_until(
             likely = shrink(found.figure, found.resamples, predicted[running], found.blocks)
             found = found._replace(figure=likely.figure, resamples=likely.resamples)
         expected[running] = found.figure
-        ranked = _best_first(found.figure)
+        ranked = np.argsort(-found.figure, kind="stable")
         found = found._replace(figure=found.figure[ranked], resamples=found.resamples[ranked])
         running, measured = running[ranked], measured[ranked]
         rungs.append((running, found))
@@ -237,37 +211,12 @@ def _doubt(rungs: list[tuple[Int64[np.ndarray, " _"], Resampled]], winner: int, 
     return doubt
 
 
-def verify(fast: SetFunction, accurate: SetFunction, sets: Bool[np.ndarray, "n C"], *, best: int = 5) -> Verified:
-    """Best sets by a fast figure, and any that tie with the last of them, ranked accurately.
+def find_best(scores: Float64[np.ndarray, " n"], places: int) -> Int64[np.ndarray, " k"]:
+    """Rows of the best scores, best first and undefined ones last, with all that tie with the last place.
 
-    Equal sets are scored once; where accurate figures are equal, the fast one decides. Raises ValueError without a set,
-    or for best below 1.
-
-    >>> sets = np.eye(3, dtype=bool)
-    >>> verify(lambda s: s @ np.array([0.3, 0.8, 0.9]), lambda s: s @ np.array([0.2, 0.7, 0.6]), sets, best=2).accurate
-    array([0.7, 0.6])
+    >>> find_best(np.array([0.1, 0.5, 0.9, 0.5]), 2), find_best(np.array([np.nan, 0.9, np.nan]), 2)
+    (array([2, 1, 3]), array([1, 0, 2]))
     """
-    if len(sets) < 1 or best < 1:
-        raise ValueError(f"there must be a set to verify and best >= 1, got {len(sets)} sets and best {best}")
-    sets = sets[np.sort(np.unique(sets, axis=0, return_index=True)[1])]
-    guesses = np.asarray(fast(sets), float)
-    ranked = _best_first(guesses)
-    few = ranked[: _with_ties(guesses[ranked], best)]
-    figures = np.asarray(accurate(sets[few]), float)
-    final = _best_first(figures)
-    return Verified(sets[few[final]], guesses[few[final]], figures[final])
-
-
-def _best_first(scores: Float64[np.ndarray, " n"]) -> Int64[np.ndarray, " n"]:
-    """Rows by descending score, undefined ones last."""
-    return np.argsort(-scores, kind="stable")
-
-
-def _with_ties(descending: Float64[np.ndarray, " n"], places: int) -> int:
-    """Number of sets that share the first `places`, ties with the last included.
-
-    >>> _with_ties(np.array([0.9, 0.5, 0.5, 0.1]), 2), _with_ties(np.array([0.9, np.nan, np.nan]), 2)
-    (3, 3)
-    """
-    ranks = np.nan_to_num(descending, nan=-np.inf)
-    return int((ranks >= ranks[min(places, len(ranks)) - 1]).sum())
+    ranked = np.argsort(-scores, kind="stable")
+    ranks = np.nan_to_num(scores[ranked], nan=-np.inf)
+    return ranked[ranks >= ranks[min(places, len(ranks)) - 1]]

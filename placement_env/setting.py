@@ -13,8 +13,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal, get_args
 
 from placement_env.cases import USUAL_CASES, Cases
+from placement_env.checks import check_choice
 from placement_env.classes import VEHICLES, Classes, find_classes
-from placement_env.protocol import Fidelity, FidelityName, check_fidelity
+from placement_env.protocol import Fidelity, FidelityName
 from toolkit.detection.codec import PAPER, Codec, check_codec
 from toolkit.detection.scheme import Scheme
 from toolkit.detection.schemes import find_scheme
@@ -43,12 +44,6 @@ class Weights:
 
 
 AP_ONLY = Weights()
-
-
-def check_rendering(rendering: str) -> None:
-    """Raise ValueError for an unknown rendering."""
-    if rendering not in get_args(Rendering):
-        raise ValueError(f"rendering must be one of {', '.join(get_args(Rendering))}, got {rendering!r}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,24 +79,17 @@ class Setting:
 
     def __post_init__(self) -> None:
         if isinstance(self.fidelity, str):
-            check_fidelity(self.fidelity)
+            check_choice("fidelity", self.fidelity, get_args(FidelityName))
         if not isinstance(self.weights, Weights):
             raise ValueError(f"weights must be Weights, got {self.weights!r}: pass Weights(comm=..., price=...)")
         if not self.most_price >= 0:
             raise ValueError(f"most_price must be 0 or more, got {self.most_price}: leave it out for any price")
-        check_rendering(self.rendering)
+        check_choice("rendering", self.rendering, get_args(Rendering))
         if self.detector is not None and not callable(self.detector):
             raise ValueError(f"detector must be a function of a cloud's points, or None, got {self.detector!r}")
         site = load_site(self.site) if isinstance(self.site, str) else self.site
-        converted = {
-            "site": site,
-            "scheme": find_scheme(self.scheme),
-            "codec": check_codec(self.codec),
-            "classes": find_classes(self.classes),
-            "most_price": float(self.most_price),
-        }
-        for name, value in converted.items():
-            object.__setattr__(self, name, value)
+        scheme, codec, classes = find_scheme(self.scheme), check_codec(self.codec), find_classes(self.classes)
+        vars(self).update(site=site, scheme=scheme, codec=codec, classes=classes, most_price=float(self.most_price))
 
     @cached_property
     def place(self) -> Site:
@@ -136,10 +124,5 @@ class Setting:
     def with_fidelity(self, fidelity: FidelityName) -> Setting:
         """Same question for another fidelity, without files and errors that it does not know."""
         cases = self.cases if fidelity == "detector" else replace(self.cases, errors=USUAL_CASES.errors)
-        return replace(
-            self,
-            fidelity=fidelity,
-            cases=cases,
-            surrogate=self.surrogate if fidelity == "surrogate" else None,
-            table=self.table if fidelity == "table" else None,
-        )
+        surrogate, table = (getattr(self, name) if name == fidelity else None for name in ("surrogate", "table"))
+        return replace(self, fidelity=fidelity, cases=cases, surrogate=surrogate, table=table)

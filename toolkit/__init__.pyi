@@ -1,7 +1,6 @@
 from .bodies.body import Body as Body
 from .bodies.fleet import catalogue as catalogue
-from .calibration.empty_scene import EmptyScene as EmptyScene, SceneLearner as SceneLearner
-from .calibration.scenes import Scenes as Scenes
+from .calibration.empty_scene import EmptyScene as EmptyScene, SceneLearner as SceneLearner, Scenes as Scenes
 from .clouds import (
     crop as crop,
     from_depth as from_depth,

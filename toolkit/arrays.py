@@ -9,15 +9,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 if TYPE_CHECKING or find_spec("jaxtyping"):
-    from jaxtyping import Bool as Bool
-    from jaxtyping import Float as Float
-    from jaxtyping import Float32 as Float32
-    from jaxtyping import Float64 as Float64
-    from jaxtyping import Int as Int
-    from jaxtyping import Int32 as Int32
-    from jaxtyping import Int64 as Int64
-    from jaxtyping import Shaped as Shaped
-    from jaxtyping import UInt8 as UInt8
+    from jaxtyping import (
+        Bool as Bool,
+        Float as Float,
+        Float32 as Float32,
+        Float64 as Float64,
+        Int as Int,
+        Int32 as Int32,
+        Int64 as Int64,
+        Shaped as Shaped,
+        UInt8 as UInt8,
+    )
 else:
 
     class _Unchecked:

@@ -28,7 +28,7 @@ Overlap = Literal["bev", "3d"]
 
 FACE_TOLERANCE = 1e-8  # m; a point this far outside a face still lies on it, so that rounding loses no corner
 _PAIRS_AT_ONCE = 1 << 15  # keeps the temporaries of one step inside the cache
-_ROUNDS = 4  # of suppression by the locally best boxes; they settle nearly all candidates of a detector
+_AT_ONCE = 512  # boxes compared at once, which bounds time and memory of many in one place
 
 # Signs of the half extents at the four corners of a footprint, counter-clockwise from front left.
 _FRONT = np.array([1.0, -1.0, -1.0, 1.0])
@@ -140,16 +140,28 @@ def nms(
         raise ValueError(f"iou_threshold must lie in 0..1, got {iou_threshold}")
 
     best_first = np.argsort(-scores, kind="stable")
-    boxes, keep = boxes[best_first], np.ones(len(boxes), bool)
+    alike = np.zeros(len(boxes), bool) if labels is None else np.asarray(labels)
+    if alike.shape != (len(boxes),):
+        raise ValueError(f"labels must have one entry for each of the {len(boxes)} boxes, got shape {alike.shape}")
+    boxes, alike, kept = boxes[best_first], alike[best_first], np.zeros(0, np.int64)
+    for start in range(0, len(boxes), _AT_ONCE):
+        rows = np.arange(start, min(start + _AT_ONCE, len(boxes)))
+        if start:
+            i, j = _near(boxes[kept], boxes[rows])
+            same = alike[kept[i]] == alike[rows[j]]
+            i, j = kept[i[same]], rows[j[same]]
+            rows = np.setdiff1d(rows, j[_iou_pairs(boxes[i], boxes[j], metric) > iou_threshold])
+        kept = np.append(kept, rows[_keep_best(boxes[rows], alike[rows], iou_threshold, metric)])
+    return best_first[kept]
+
+
+def _keep_best(boxes: np.ndarray, alike: np.ndarray, iou_threshold: float, metric: Overlap) -> np.ndarray:
+    """Mask of the boxes, best first, that `nms` keeps."""
+    keep = np.ones(len(boxes), bool)
     i, j = _near(boxes, boxes)
-    i, j = i[i < j], j[i < j]
-    if labels is not None:
-        alike = np.asarray(labels)
-        if alike.shape != (len(boxes),):
-            raise ValueError(f"labels must have one entry for each of the {len(boxes)} boxes, got shape {alike.shape}")
-        alike = alike[best_first]
-        i, j = i[alike[i] == alike[j]], j[alike[i] == alike[j]]
-    for _ in range(_ROUNDS):  # everywhere at once, a box better than all around it stays, and its rivals go
+    rivals = (i < j) & (alike[i] == alike[j])
+    i, j = i[rivals], j[rivals]
+    while len(i):  # everywhere at once, a box better than all around it stays, and its rivals go
         beaten = np.zeros(len(boxes), bool)
         beaten[j] = True
         by_best = ~beaten[i]
@@ -157,13 +169,7 @@ def nms(
         keep[rivals[_iou_pairs(boxes[i[by_best]], boxes[rivals], metric) > iou_threshold]] = False
         open_yet = ~by_best & keep[i] & keep[j]
         i, j = i[open_yet], j[open_yet]
-    clash = _iou_pairs(boxes[i], boxes[j], metric) > iou_threshold
-    i, j = i[clash], j[clash]
-    ends = np.searchsorted(i, np.arange(len(boxes) + 1))  # _near gives i in ascending order
-    for row in np.unique(i):
-        if keep[row]:
-            keep[j[ends[row] : ends[row + 1]]] = False
-    return best_first[keep]
+    return keep
 
 
 def points_in_boxes(points: ArrayLike, boxes: ArrayLike) -> Bool[np.ndarray, "n m"]:
@@ -282,7 +288,6 @@ def _overlap_area(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def _nonzero(divisor: np.ndarray) -> np.ndarray:
-    """Replace divisors under a picometre by 1."""
     return np.where(np.abs(divisor) < 1e-12, 1.0, divisor)
 
 

@@ -11,20 +11,18 @@ and the legacy `open3d.geometry.PointCloud` lose `sensor`.
 
 from __future__ import annotations
 
-import re
 import warnings
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import open3d as o3d
 
-from toolkit.arrays import Bool, Float, Float64, Int, Int32, Int64
+from toolkit.arrays import Bool, Float, Int, Int32, Int64
 from toolkit.boxes import count_points
 from toolkit.frame import unproject
-from toolkit.point_files import read_pcd
-from toolkit.points import Area, Crop, get_area
+from toolkit.point_files import read_pcd, read_ply
+from toolkit.points import Area, Crop
 from toolkit.runtime.files import load_arrays, reserve, writing
 from toolkit.sensors.sensor import Sensor
 
@@ -155,29 +153,6 @@ def points_per_box(
     return count_points(cloud if isinstance(cloud, np.ndarray) else positions(cloud), boxes)
 
 
-class DensityMap(NamedTuple):
-    """Points per m² and sensors by cell; row 0 at ymin."""
-
-    points_per_m2: Float64[np.ndarray, "rows columns"]
-    sensors: Int64[np.ndarray, "rows columns"]
-
-
-def density_map(cloud: PointCloud, area: Area, cell: float = 1.0) -> DensityMap:
-    """Count points per m² and distinct sensors in each cell, of edge `cell` (m), even past the area."""
-    if not cell > 0:
-        raise ValueError(f"cell must be greater than 0 m, got {cell}")
-    xmin, ymin, xmax, ymax = get_area(area)
-    columns, rows = (max(1, int(np.ceil(extent / cell - 1e-9))) for extent in (xmax - xmin, ymax - ymin))
-    x, y, _ = positions(cloud).astype(np.float64).T
-    within = (x >= xmin) & (x <= xmax) & (y >= ymin) & (y <= ymax)
-    column = np.minimum((x[within] - xmin) // cell, columns - 1)
-    row = np.minimum((y[within] - ymin) // cell, rows - 1)
-    place = (row * columns + column).astype(np.int64)
-    seen = np.unique(np.stack([place, sensor_numbers(cloud)[within]]), axis=1)[0]
-    points, sensors = (np.bincount(p, minlength=rows * columns).reshape(rows, columns) for p in (place, seen))
-    return DensityMap(points / cell**2, sensors)
-
-
 def save(cloud: PointCloud, path: str | Path) -> None:
     """Write a cloud as ply, pcd or npz, whole or not at all. Raises OSError if that is impossible, and ValueError for
     another kind of file and for a cloud without points, which these formats cannot hold.
@@ -211,52 +186,24 @@ def load(path: str | Path) -> PointCloud:
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"no such cloud file: {path}")
-    nothing = f"{path} has no points that Open3D can read: is it a damaged or foreign file?"
     kind = path.suffix.lower()
-    if kind in (".pcd", ".npz"):
-        try:
-            columns = read_pcd(path) if kind == ".pcd" else load_arrays(path)
-        except ValueError as error:
-            raise ValueError(f"{error}" if kind == ".pcd" else f"{nothing} ({error})") from None
-        points = columns.get("positions")
-        if points is None or points.ndim != 2 or points.shape[1] != 3 or points.dtype not in (np.float32, np.float64):
-            raise ValueError(nothing)
-        sound = {
-            name: column
-            for name, column in columns.items()  # without what no cloud can have
-            if (column.dtype.kind in "iub" or column.dtype in (np.float32, np.float64))
-            and column.dtype.isnative
-            and column.ndim in (1, 2)
-            and len(column) == len(points)
-        }
-        if "sensor" in sound and (sound["sensor"].size != len(points) or sound["sensor"].dtype.kind not in "iu"):
-            raise ValueError(f"{path}: sensor must be a whole number for each of {len(points)} points: write it again")
-        return from_attributes(sound)
-    if kind == ".ply" and _ply_is_cut_off(path.read_bytes()):
-        raise ValueError(f"{path} is cut off, with fewer points than its header says: copy it again")
-    try:
-        cloud = o3d.t.io.read_point_cloud(path)
-    except RuntimeError:
-        raise ValueError(nothing) from None
-    if "positions" not in cloud.point:
-        raise ValueError(nothing)
-    return from_attributes({name: column.copy() for name, column in attributes(cloud).items()})
-
-
-_SIZES = {1: "char uchar int8 uint8", 2: "short ushort int16 uint16", 4: "int uint float int32 uint32 float32"}
-_PLY_BYTES = {name: size for size, names in {**_SIZES, 8: "double float64"}.items() for name in names.split()}
-
-
-def _ply_is_cut_off(content: bytes) -> bool:
-    """Return True if a ply ends before its last point."""
-    header, _, body = content.partition(b"end_header")
-    vertex = re.search(r"element vertex (\d+)\s+((?:property \w+ \w+\s+)+)", header.decode("ascii", "replace"))
-    if vertex is None:
-        return False
-    types = re.findall(r"property (\w+) ", vertex[2])
-    if b"format ascii" in header:
-        return len(body.split()) < int(vertex[1]) * len(types)
-    return len(body) - 1 < int(vertex[1]) * sum(_PLY_BYTES.get(name, 1) for name in types)
+    if kind not in (".ply", ".pcd", ".npz"):
+        raise ValueError(f"a cloud is read from .ply, .pcd or .npz, got {path.name}: see toolkit.datasets.cloud_files")
+    columns = read_ply(path) if kind == ".ply" else read_pcd(path) if kind == ".pcd" else load_arrays(path)
+    points = columns.get("positions")
+    if points is None or points.ndim != 2 or points.shape[1] != 3 or points.dtype not in (np.float32, np.float64):
+        raise ValueError(f"{path} has no points: its array positions must be (n, 3) of float32 or float64")
+    sound = {
+        name: column
+        for name, column in columns.items()  # without what no cloud can have
+        if (column.dtype.kind in "iub" or column.dtype in (np.float32, np.float64))
+        and column.dtype.isnative
+        and column.ndim in (1, 2)
+        and len(column) == len(points)
+    }
+    if "sensor" in sound and (sound["sensor"].size != len(points) or sound["sensor"].dtype.kind not in "iu"):
+        raise ValueError(f"{path}: sensor must be a whole number for each of {len(points)} points: write it again")
+    return from_attributes(sound)
 
 
 def _select(cloud: PointCloud, keep: Bool[np.ndarray, " n"]) -> PointCloud:

@@ -24,6 +24,8 @@ from toolkit.sensors.sensor import Sensor, is_return
 from toolkit.sites.site import Site
 
 IGNORED_SHARE = 0.5  # share of a box's rectangle in the image beyond which an ignored region voids it, as in KITTI
+FARTHEST_BOX = 1000.0  # m from every sensor and point; an object farther away has coordinates of another unit or frame
+AWAY = "boxes a kilometre from every sensor"
 _UNKNOWN_MODEL = SpinningLidar()  # stands for the model of a sensor that is known by its clouds alone
 
 
@@ -241,6 +243,8 @@ class Frame:
     ) -> Frame:
         """Return a labelled frame of clouds. more: other fields."""
         more |= {"categories": categories, "counts": counts, "others": OtherObjects() if others is None else others}
+        if away := _count_away(clouds, objects):
+            more["problems"] = {**more.get("problems", {}), AWAY: away}
         return Frame(_cloud_sensors(clouds), tuple(clouds), objects, time, name=name, **more)
 
     @property
@@ -300,6 +304,20 @@ class Frame:
             categories=tuple(self.categories[k] for k in rows) if self.categories else (),
             counts=None if self.counts is None else self.counts[rows],
         )
+
+
+def _count_away(clouds: Sequence[SensorCloud], objects: Objects) -> int:
+    """Count the objects that are far from every sensor and all that it measured."""
+    away = np.full(len(objects), len(clouds) > 0)
+    for cloud in clouds:
+        if away.any():
+            own = np.linalg.norm(objects.boxes[:, :2] - cloud.world_SE3_sensor[:2, 3], axis=1) > FARTHEST_BOX
+            if (away & own).any() and len(cloud.points):  # clouds in a map may come without their sensor's place
+                points = cloud.in_world()[:, :2]
+                low, high = points.min(axis=0) - FARTHEST_BOX, points.max(axis=0) + FARTHEST_BOX
+                own &= ((objects.boxes[:, :2] < low) | (objects.boxes[:, :2] > high)).any(axis=1)
+            away &= own
+    return int(away.sum())
 
 
 def _cloud_sensors(clouds: Sequence[SensorCloud]) -> tuple[Sensor, ...]:

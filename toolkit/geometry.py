@@ -9,6 +9,7 @@ import numpy as np
 
 from toolkit.arrays import Float, Float64
 
+Pose = Float[np.ndarray, "4 4"]
 Slope = tuple[float, float]  # rise (m per m) along x and along y of a plane through the origin
 LEVEL: Slope = (0.0, 0.0)
 STEEPEST = 0.3  # slope of a street
@@ -38,11 +39,8 @@ def pose(
 BODY_SE3_CAMERA = np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 
 
-def look(
-    position: Float[np.ndarray, "3"] | tuple[float, float, float], heading: float, tilt: float = 0.0
-) -> Float64[np.ndarray, "4 4"]:
-    """Pose of a camera (x right, y down, z forward) that looks at a heading (rad, counter-clockwise from +x), tilted
-    down.
+def look(position: Iterable[SupportsFloat], heading: float, tilt: float = 0.0) -> Float64[np.ndarray, "4 4"]:
+    """Pose of a camera (x right, y down, z forward) at a position, heading (rad, counter-clockwise) and tilt down.
 
     >>> transform(look((0.0, 0.0, 5.0), heading=np.pi / 2), np.array([[0.0, 0.0, 10.0]])).round(6)
     array([[ 0., 10.,  5.]])
@@ -51,7 +49,7 @@ def look(
     return pose(x, y, z, yaw=heading, pitch=tilt) @ BODY_SE3_CAMERA
 
 
-def invert(world_SE3_sensor: Float[np.ndarray, "4 4"]) -> Float64[np.ndarray, "4 4"]:
+def invert(world_SE3_sensor: Pose) -> Float64[np.ndarray, "4 4"]:
     """Return the inverse motion, world → sensor.
 
     >>> np.allclose(invert(pose(1.0, 2.0, 3.0, yaw=0.5)) @ pose(1.0, 2.0, 3.0, yaw=0.5), np.eye(4))
@@ -64,9 +62,7 @@ def invert(world_SE3_sensor: Float[np.ndarray, "4 4"]) -> Float64[np.ndarray, "4
     return inverse
 
 
-def transform(
-    target_SE3_source: Float[np.ndarray, "4 4"], points: Float[np.ndarray, "*n 3"]
-) -> Float[np.ndarray, "*n 3"]:
+def transform(target_SE3_source: Pose, points: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 3"]:
     """Transform points (..., 3), dtype kept (paper equation 1)."""
     points = np.asarray(points)
     if points.ndim < 1 or points.shape[-1] != 3:
@@ -84,8 +80,7 @@ def check_slope(slope: Iterable[SupportsFloat], name: str) -> Slope:
 
 
 def level_motion(slope: Slope, about: tuple[float, float] = (0.0, 0.0)) -> Float64[np.ndarray, "4 4"]:
-    """Shear of the world that makes ground of a slope level and keeps heights at `about` (x, y), and verticals
-    vertical.
+    """Shear of the world that makes a slope level, keeping heights at `about` (x, y) and verticals vertical.
 
     >>> transform(level_motion((0.1, 0.0)), np.array([[5.0, 2.0, 1.5]]))
     array([[5., 2., 1.]])

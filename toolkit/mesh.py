@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -12,6 +12,7 @@ import shapely
 from toolkit.arrays import Float, Float64, Int64
 
 Vector = tuple[float | int, float | int, float | int]
+Span = tuple[float, float]
 
 
 class Mesh(NamedTuple):
@@ -59,13 +60,8 @@ def _loft_triangles(s: int, p: int) -> Int64[np.ndarray, "m 3"]:
     return np.concatenate(skin + caps).astype(np.int64)
 
 
-def tube(
-    path: Float[np.ndarray, "s 3"] | list[Vector],
-    radii: float | list[float] | Float[np.ndarray, " s"],
-    sides: int = 8,
-    flat: float = 1.0,
-) -> Mesh:
-    """Round bar along `path`, of `radii` at its points. flat: scale of its breadth along y (x, if it runs along y)."""
+def tube(path: np.typing.ArrayLike, radii: np.typing.ArrayLike, sides: int = 8, flat: float = 1.0) -> Mesh:
+    """Round bar along `path` (s, 3), of one radius or s `radii`. flat: scale of its breadth along y (x, if along y)."""
     line = np.asarray(path, np.float64)
     along = np.concatenate([line[1:2] - line[:1], (line[2:] - line[:-2]) / 2, line[-1:] - line[-2:-1]])
     along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-9)
@@ -136,21 +132,16 @@ def place(mesh: Mesh, x: float = 0.0, y: float = 0.0, z: float = 0.0, *, yaw: fl
     return Mesh(mesh.vertices @ turn + [x, y, z], mesh.triangles)
 
 
-def shift(mesh: Mesh, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Mesh:
-    """Move a mesh."""
-    return Mesh(mesh.vertices + np.array([x, y, z]), mesh.triangles)
+def scale_mesh(mesh: Mesh, factors: float | Sequence[float]) -> Mesh:
+    """Scale a mesh about the origin, by one factor or along each axis."""
+    return Mesh(mesh.vertices * factors, mesh.triangles)
+
+
+def stand(mesh: Mesh) -> Mesh:
+    """Move a mesh onto z = 0."""
+    return place(mesh, z=-mesh.vertices[:, 2].min())
 
 
 def flip_sides(mesh: Mesh) -> Mesh:
     """Exchange left and right (y) of a mesh."""
     return Mesh(mesh.vertices * [1.0, -1.0, 1.0], mesh.triangles[:, ::-1])
-
-
-def volume(mesh: Mesh) -> float:
-    """Enclosed volume (m³), negative for a mesh wound inwards.
-
-    >>> round(volume(box((1, 2, 3))), 6)
-    6.0
-    """
-    a, b, c = np.moveaxis(mesh.vertices[mesh.triangles], 1, 0)
-    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)

@@ -1,19 +1,26 @@
-"""Points in files: PCD of the Point Cloud Library, and named columns as a cloud's attributes.
+"""Points in files: PCD of the Point Cloud Library, PLY, and named columns as a cloud's attributes.
 
 PCD is read as text, binary and LZF-compressed, every field kept, and written as binary. Open3D's reader takes fields of
-one name, such as the paddings `_` that PCL and ROS write, for one field, and writes past the end of its memory.
-https://pointclouds.org/documentation/tutorials/pcd_file_format.html
+one name, such as the paddings `_` that PCL and ROS write, for one field, and writes past the end of its memory. PLY is
+read as text and in both orders of bytes; Open3D's reader ends the process at a long comment, and takes whatever its
+memory holds for points where a word stands among the numbers.
+https://pointclouds.org/documentation/tutorials/pcd_file_format.html http://paulbourke.net/dataformats/ply/
 """
 
 from __future__ import annotations
 
+import math
+import re
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from toolkit.arrays import Shaped
+from toolkit.runtime.files import check_unpacked, plain_file
 
 Attributes = dict[str, np.ndarray]  # each (n, columns)
 
@@ -32,18 +39,16 @@ def name_attributes(columns: Mapping[str, Shaped[np.ndarray, "..."]]) -> Attribu
     made: Attributes = {"positions": _together(left, "x", "y", "z")}
     if made["positions"].dtype not in (np.float32, np.float64):
         made["positions"] = made["positions"].astype(np.float64)
-    for three in NORMALS:
-        if set(three) <= left.keys():
-            made["normals"] = _together(left, *three).astype(made["positions"].dtype)
-            break
+    if three := next((each for each in NORMALS if set(each) <= left.keys()), None):
+        made["normals"] = _together(left, *three).astype(made["positions"].dtype)
     for packed in ("rgb", "rgba"):
         if packed in left and left[packed].dtype.itemsize == 4 and left[packed].shape[1:] in ((), (1,)):
             word = np.ascontiguousarray(left.pop(packed)).reshape(-1).view(np.uint32)
             made["colors"] = np.stack([word >> 16, word >> 8, word], axis=1).astype(np.uint8)
-    for three in COLOURS:
-        if "colors" not in made and set(three) <= left.keys():
-            made["colors"] = _colours(_together(left, *three))
-            break
+    if "colors" not in made and (three := next((each for each in COLOURS if set(each) <= left.keys()), None)):
+        values = _together(left, *three)
+        whole = values == np.clip(np.trunc(values.astype(np.float64)), 0, 255)
+        made["colors"] = values.astype(np.uint8 if whole.all() else np.float32)
     reserved = {"positions", "normals", "colors"}
     for name, column in left.items():
         if column.dtype.kind in "fiub" and column.ndim <= 2 and name and name not in reserved:
@@ -55,18 +60,13 @@ def _together(left: dict[str, np.ndarray], *names: str) -> np.ndarray:
     return np.stack([left.pop(name).reshape(-1) for name in names], axis=1)
 
 
-def _colours(values: np.ndarray) -> np.ndarray:
-    """Colours as uint8 if they are whole numbers of 0..255."""
-    whole = np.isfinite(values).all() and (values == np.trunc(values)).all() and ((values >= 0) & (values <= 255)).all()
-    return values.astype(np.uint8 if whole else np.float32)
-
-
 def missing_axes(names: Sequence[str]) -> list[str]:
     """Axes x, y, z that are not among the names."""
     return [axis for axis in "xyz" if axis not in names]
 
 
 PADDING = "_"
+_MOST_FIELDS = 1000
 MOST_LZF = 100  # times that LZF can make anything smaller: three bytes stand for 264 at most
 _TYPES = {
     **{("F", size): f"<f{size}" for size in (4, 8)},
@@ -93,11 +93,14 @@ def read_pcd(path: str | Path) -> Attributes:
     """Read the attributes of a PCD file's points (`name_attributes`), colours as uint8. Raises ValueError, in one line,
     where the file is damaged, cut off or has no x, y and z.
     """
-    content = Path(path).read_bytes()
+    content = plain_file(path).read_bytes()
     try:
         header, body = _header(content)
-        reader = {"ascii": _read_ascii, "binary": _read_binary, "binary_compressed": _read_compressed}[header.data]
-        columns = reader(header, body)
+        if header.data == "ascii":
+            skipped = content.count(b"\n", 0, len(content) - len(body))
+            columns = _read_rows(Path(path), skipped, header.row, header.points)
+        else:
+            columns = (_read_binary if header.data == "binary" else _read_compressed)(header, body)
     except ValueError as error:
         raise ValueError(f"{path} holds no points that can be read: {error}") from None
     named = {name: column for name, column in zip(header.names, columns, strict=True) if name != PADDING}
@@ -112,10 +115,7 @@ def pcd_bytes(columns: Mapping[str, Shaped[np.ndarray, " n"]]) -> bytes:
     """
     kinds = {"f": "F", "i": "I", "u": "U"}
     arrays = {name: np.asarray(column) for name, column in columns.items()}
-    count = len(next(iter(arrays.values())))
-    table = np.zeros(count, [(name, column.dtype.newbyteorder("<")) for name, column in arrays.items()])
-    for name, column in arrays.items():
-        table[name] = column
+    table = np.rec.fromarrays([column.astype(column.dtype.newbyteorder("<")) for column in arrays.values()])
     header = (
         "# .PCD v0.7 - Point Cloud Data file format",
         "VERSION 0.7",
@@ -123,47 +123,53 @@ def pcd_bytes(columns: Mapping[str, Shaped[np.ndarray, " n"]]) -> bytes:
         f"SIZE {' '.join(str(column.itemsize) for column in arrays.values())}",
         f"TYPE {' '.join(kinds[column.dtype.kind] for column in arrays.values())}",
         f"COUNT {' '.join('1' for _ in arrays)}",
-        f"WIDTH {count}",
+        f"WIDTH {len(table)}",
         "HEIGHT 1",
         "VIEWPOINT 0 0 0 1 0 0 0",
-        f"POINTS {count}",
+        f"POINTS {len(table)}",
         "DATA binary",
     )
     return "\n".join(header).encode() + b"\n" + table.tobytes()
 
 
 def _header(content: bytes) -> tuple[_Header, bytes]:
+    data_line = re.search(rb"^DATA[^\n]*\n?", content, re.MULTILINE)
+    if data_line is None:
+        raise ValueError("its header has no line DATA, is it a PCD file?")
     entries: dict[str, list[str]] = {}
-    rest = content
-    while "DATA" not in entries:
-        line, newline, rest = rest.partition(b"\n")
-        if not newline and not rest and not line.startswith(b"DATA"):
-            raise ValueError("its header has no line DATA, is it a PCD file?")
-        words = line.split(b"#")[0].decode("ascii", "replace").split()
-        if words:
+    for line in content[: data_line.end()].split(b"\n"):
+        if words := line.split(b"#")[0].decode("ascii", "replace").split():
+            if words[0] in entries:
+                raise ValueError(f"its header has two lines {words[0]:.40}")
             entries[words[0]] = words[1:]
     names = tuple(name.lower() if len(name) == 1 else name for name in entries.get("FIELDS", ()))
-    size, count = (_whole(entries.get(key, default)) for key, default in (("SIZE", []), ("COUNT", ["1"] * len(names))))
+    size, count = _whole(entries.get("SIZE", [])), _whole(entries.get("COUNT", ["1"] * len(names)))
     if not len(names) == len(size) == len(count) == len(entries.get("TYPE", ())):
         raise ValueError("FIELDS, SIZE, TYPE and COUNT of its header are not of one length")
+    if len(names) > _MOST_FIELDS:
+        raise ValueError(f"its header names {len(names)} fields, more than {_MOST_FIELDS}")
     if missing_axes(names):
-        raise ValueError(f"it has no field {', '.join(missing_axes(names))}, but {', '.join(names)}")
+        raise ValueError(f"it has no field {', '.join(missing_axes(names))}, but {', '.join(names)[:200]}")
     kept = [name for name in names if name != PADDING]
     if len(set(kept)) < len(kept):
-        raise ValueError(f"two fields have one name: {', '.join(names)}")
+        raise ValueError(f"two fields have one name: {', '.join(names)[:200]}")
     kinds = list(zip(entries["TYPE"], size, strict=True))
     if any(kind not in _TYPES for kind in kinds) or any(not 0 < k < 1 << 20 for k in count):
-        raise ValueError(f"TYPE and SIZE of a field must be F, I or U and 1, 2, 4 or 8, got {kinds} and COUNT {count}")
+        got = f"{kinds} and COUNT {count}"[:300]
+        raise ValueError(f"TYPE and SIZE of a field must be F, I or U and 1, 2, 4 or 8, got {got}")
     if any(count[names.index(axis)] != 1 for axis in "xyz"):
         raise ValueError("x, y and z must have COUNT 1")
-    points = _whole(entries.get("POINTS", []) or ["0"])[0]
-    if "POINTS" not in entries:
-        points = int(np.prod(_whole([*entries.get("WIDTH", ["0"]), *entries.get("HEIGHT", ["1"])]), dtype=object))
+    said = [math.prod(_whole(entries[key])) for key in ("POINTS",) if key in entries]
+    if "WIDTH" in entries:
+        said.append(math.prod(_whole([*entries["WIDTH"], *entries.get("HEIGHT", ["1"])])))
+    if not said or len(set(said)) > 1:
+        raise ValueError(f"POINTS and WIDTH x HEIGHT of its header must say one number of points, got {said}"[:200])
+    points = said[0]
     data = " ".join(entries["DATA"])
     if data not in ("ascii", "binary", "binary_compressed") or points < 0:
         raise ValueError(f"DATA must be ascii, binary or binary_compressed, got {data!r:.40} of {points} points")
     row = np.dtype([(f"{k}", _TYPES[kind], (count[k],)) for k, kind in enumerate(kinds)])
-    return _Header(names, row, points, data), rest
+    return _Header(names, row, points, data), content[data_line.end() :]
 
 
 def _whole(words: list[str]) -> list[int]:
@@ -173,33 +179,49 @@ def _whole(words: list[str]) -> list[int]:
         raise ValueError(f"its header has {' '.join(words)[:40]!r} where whole numbers belong") from None
 
 
-def _read_ascii(header: _Header, body: bytes) -> list[np.ndarray]:
-    cells, width = body.split(), sum(count for _, count in header.fields())
-    if len(cells) < header.points * width:
-        raise ValueError(f"it is cut off, {len(cells)} of {header.points * width} numbers are there")
-    table = np.array(cells[: header.points * width], "S").reshape(header.points, width)
-    columns, first = [], 0
-    for dtype, count in header.fields():
-        cell = table[:, first : first + count]
-        first += count
-        try:
-            with np.errstate(all="ignore"):
-                if dtype.kind != "f":
-                    try:
-                        cell = cell.astype(np.int64)
-                    except (ValueError, OverflowError):
-                        cell = cell.astype(np.float64)  # whole numbers that are written as floats
-                columns.append(cell.astype(dtype))
-        except (ValueError, OverflowError):
-            raise ValueError("a cell of its table is not a number") from None
-    return columns
+def _read_rows(path: Path, skipped: int, row: np.dtype, rows: int, *, last: bool = True) -> list[np.ndarray]:
+    """Columns of a file's text after so many lines, a row a line. last: no further lines may follow."""
+    kinds = [(row[name].base, row[name].shape) for name in row.names or ()]
+    plain = [(name, "f8", shape) for name, (_, shape) in zip(row.names or (), kinds, strict=True)]
+    exact = [
+        (name, kind if kind.itemsize == 8 else "f8", shape)
+        for (name, _, shape), (kind, _) in zip(plain, kinds, strict=True)
+    ]
+    table = None
+    for wanted in (exact, plain):  # whole numbers may be written as floats
+        with warnings.catch_warnings(), suppress(ValueError, OverflowError, DeprecationWarning):
+            warnings.simplefilter("error", DeprecationWarning)
+            warnings.simplefilter("ignore", UserWarning)  # no rows at all
+            most = None if last else rows
+            table = np.loadtxt(
+                path, np.dtype(wanted), comments=None, encoding="latin-1", skiprows=skipped, max_rows=most, ndmin=1
+            )
+            break
+    if table is None:
+        width = sum(math.prod(shape) for _, shape in kinds)
+        raise ValueError(f"it is damaged or cut off: a row has not {width} cells, or one is not a number")
+    if len(table) != rows:
+        cut = "it is cut off, " if len(table) < rows else ""
+        raise ValueError(f"{cut}{len(table)} of {rows} rows are there")
+    return [_fit(table[name], kind) for name, (kind, _) in zip(row.names or (), kinds, strict=True)]
+
+
+def _fit(column: np.ndarray, kind: np.dtype) -> np.ndarray:
+    if kind.kind in "iu" and column.dtype.kind == "f":
+        limits = np.iinfo(kind)
+        if not ((column >= limits.min) & (column <= limits.max)).all():
+            raise ValueError(f"a number of its table does not fit its type {kind}")
+    with np.errstate(all="ignore"):
+        return column.astype(kind)
 
 
 def _read_binary(header: _Header, body: bytes) -> list[np.ndarray]:
     needed = header.points * header.row.itemsize
     if len(body) < needed:
         raise ValueError(f"it is cut off, {len(body)} of {needed} bytes are there")
-    rows = np.frombuffer(body[:needed], header.row)
+    if len(body) >= needed + header.row.itemsize:
+        raise ValueError(f"its header says {header.points} points, {needed} bytes, but {len(body)} are there")
+    rows = np.frombuffer(body, header.row, header.points)
     return [np.ascontiguousarray(rows[name]) for name in header.row.names or ()]
 
 
@@ -211,6 +233,7 @@ def _read_compressed(header: _Header, body: bytes) -> list[np.ndarray]:
     needed = header.points * header.row.itemsize
     if len(body) - 8 < packed and header.points:
         raise ValueError(f"it is cut off, {len(body) - 8} of {packed} compressed bytes are there")
+    check_unpacked(size)
     if size != needed or size > MOST_LZF * max(1, packed):
         raise ValueError(f"its points take {needed} bytes, but {size} are compressed in {packed}")
     plain = decompress_lzf(body[8 : 8 + packed], size)
@@ -245,13 +268,127 @@ def decompress_lzf(packed: bytes, size: int) -> bytes:
             start, length = len(out) - back, length + 2
             if start < 0 or len(out) > size:
                 break
-            out += (
-                (out[start : start + length] * (length // back + 1))[:length]
-                if length > back
-                else out[start : start + length]
-            )  # it may overlap its own output
+            same = out[start : start + length]
+            out += (same * (length // back + 1))[:length]  # it may overlap its own output
     except IndexError:
         pass
     if i != len(packed) or len(out) != size:
         raise ValueError("its compressed points are damaged")
     return bytes(out)
+
+
+_PLY_TYPES = {
+    name: kind
+    for kind, names in {
+        "i1": "char int8",
+        "u1": "uchar uint8",
+        "i2": "short int16",
+        "u2": "ushort uint16",
+        "i4": "int int32",
+        "u4": "uint uint32",
+        "f4": "float float32",
+        "f8": "double float64",
+    }.items()
+    for name in names.split()
+}
+_PLY_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+_MOST_LISTS = 1_000_000  # rows with lists before the points, which are walked one by one
+
+
+class _Element(NamedTuple):
+    """Name, number of rows, and of each property its name, its type and, for a list, the type of its length."""
+
+    name: str
+    rows: int
+    properties: list[tuple[str, np.dtype, np.dtype | None]]
+
+    @property
+    def row(self) -> np.dtype | None:
+        """Type of a row; None if it has lists."""
+        if any(length is not None for _, _, length in self.properties):
+            return None
+        return np.dtype([(f"{k}", kind) for k, (_, kind, _) in enumerate(self.properties)])
+
+
+def read_ply(path: str | Path) -> Attributes:
+    """Read the attributes of a PLY file's points (`name_attributes`), its `vertex` element. Raises ValueError, in one
+    line, where the file is damaged, cut off, longer than its header says, or has no x, y and z.
+    """
+    content = plain_file(path).read_bytes()
+    try:
+        order, elements, start = _ply_header(content)
+        place = [element.name for element in elements].index("vertex")
+        vertex, last = elements[place], place == len(elements) - 1
+        if vertex.row is None:
+            raise ValueError("its vertices have lists: export it again as points")
+        if not order:
+            skipped = len(content[:start].splitlines()) + sum(element.rows for element in elements[:place])
+            columns = _read_rows(Path(path), skipped, vertex.row, vertex.rows, last=last)
+        else:
+            for element in elements[:place]:
+                start = _skip(element, content, start)
+            end = None if last else start + vertex.rows * vertex.row.itemsize
+            columns = _read_binary(_Header((), vertex.row, vertex.rows, ""), content[start:end])
+    except ValueError as error:
+        raise ValueError(f"{path} holds no points that can be read: {error}") from None
+    named = zip(vertex.properties, columns, strict=True)
+    return name_attributes(
+        {name: column.astype(kind.newbyteorder("="), copy=False) for (name, kind, _), column in named}
+    )
+
+
+def _ply_header(content: bytes) -> tuple[str, list[_Element], int]:
+    """Order of bytes ("" for text), elements, and where the header ends."""
+    first = re.match(rb"ply[ \t]*(\r\n|\r|\n)", content)
+    end = first and re.compile(first[1] + rb"end_header[ \t]*" + first[1]).search(content)
+    if first is None or end is None:
+        raise ValueError("it has no header from ply to end_header, is it a PLY file?")
+    order, elements = None, list[_Element]()
+    for line in content[first.end() : end.start()].decode("ascii", "replace").split(first[1].decode()):
+        words = line.split()
+        if not words or words[0] in ("comment", "obj_info"):
+            continue
+        if words[0] == "format" and len(words) == 3 and words[1] in _PLY_ORDERS and order is None:
+            order = _PLY_ORDERS[words[1]]
+        elif words[0] == "element" and len(words) == 3:
+            elements.append(_Element(words[1], _whole(words[2:])[0], []))
+        elif words[0] == "property" and elements and order is not None:
+            elements[-1].properties.append(_ply_property(words[1:], order))
+        else:
+            raise ValueError(f"its header has a line that PLY does not know: {line[:80]!r}")
+    names = [element.name for element in elements]
+    if order is None or names.count("vertex") != 1 or any(element.rows < 0 for element in elements):
+        raise ValueError("its header must have one format and one element vertex, and no count below 0")
+    kept = [name for name, _, _ in elements[names.index("vertex")].properties]
+    if sum(len(element.properties) for element in elements) > _MOST_FIELDS:
+        raise ValueError(f"its header names more than {_MOST_FIELDS} properties")
+    if missing_axes(kept) or len(set(kept)) < len(kept):
+        raise ValueError(f"its points must have x, y and z, and no name twice, got {', '.join(kept)[:200]}")
+    return order, elements, end.end()
+
+
+def _ply_property(words: list[str], order: str) -> tuple[str, np.dtype, np.dtype | None]:
+    *kinds, name = words or [""]
+    is_list = kinds[:1] == ["list"] and len(kinds) == 3 and _PLY_TYPES.get(kinds[1], "f")[0] != "f"
+    if not (is_list or len(kinds) == 1) or kinds[-1] not in _PLY_TYPES:
+        raise ValueError(f"its header has a property of unknown type: {' '.join(words)[:80]!r}")
+    length, kind = (np.dtype(order + _PLY_TYPES[each]) for each in (kinds[1] if is_list else "char", kinds[-1]))
+    return name.lower() if len(name) == 1 else name, kind, length if is_list else None
+
+
+def _skip(element: _Element, content: bytes, at: int) -> int:
+    """Place after an element of a binary file that begins at a place."""
+    if element.row is not None:
+        return at + element.rows * element.row.itemsize
+    if element.rows > _MOST_LISTS:
+        raise ValueError(f"it has {element.rows} lists before its points: write the points first")
+    for _ in range(element.rows):
+        for _, kind, length in element.properties:
+            count = 1
+            if length is not None:
+                count = int(np.frombuffer(content, length, 1, at)[0]) if at + length.itemsize <= len(content) else -1
+                at += length.itemsize
+            if count < 0:
+                raise ValueError("a list before its points is damaged or cut off")
+            at += count * kind.itemsize
+    return at

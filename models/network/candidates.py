@@ -17,12 +17,15 @@ import torch
 from torch import Tensor
 
 from models.config import VoxelNetConfig
-from models.network.anchors import decode, per_anchor
+from models.network.grid import decode, per_anchor
 from models.network.voxelnet import Prediction
 from toolkit.arrays import Float, Float32, Int64
 from toolkit.boxes import footprint_overlap, iou_bev, nms
 from toolkit.objects import Detections, label_index
 
+_Scores = Float[np.ndarray, " n"]
+_Grid = Float32[Tensor, "H W A 7"]
+_Best = tuple[Float32[Tensor, "k 7"], Float32[Tensor, "k L"]]  # boxes, and scores of each label
 MOST_CANDIDATES = 2000  # per cloud, before non-maximum suppression
 _SURE_LOGIT, _ROUNDING = 8.0, 0.01  # logits above the first are rounded by more than the second
 
@@ -38,7 +41,7 @@ class Candidates(NamedTuple):
     boxes: Float32[Tensor, "n 7"]
     scores: Float32[Tensor, "n L"]
 
-    def best(self, rows: Int64[Tensor, " m"] | slice) -> tuple[Float32[Tensor, "k 7"], Float32[Tensor, "k L"]]:
+    def best(self, rows: Int64[Tensor, " m"] | slice) -> _Best:
         """Boxes and scores of these rows, at most `MOST_CANDIDATES`."""
         boxes, scores = self.boxes[rows], self.scores[rows]
         if len(boxes) <= MOST_CANDIDATES:
@@ -48,8 +51,8 @@ class Candidates(NamedTuple):
 
 
 def candidates(
-    prediction: Prediction, anchors: Float32[Tensor, "H W A 7"], config: VoxelNetConfig, thresholds: Sequence[float]
-) -> list[tuple[Float32[Tensor, "n 7"], Float32[Tensor, "n L"]]]:
+    prediction: Prediction, anchors: _Grid, config: VoxelNetConfig, thresholds: Sequence[float]
+) -> list[_Best]:
     """Boxes and scores of each cloud's best anchors."""
     found = all_candidates(prediction, anchors, config, thresholds)
     ends = torch.bincount(found.item, minlength=len(prediction.class_logits)).cumsum(0).tolist()
@@ -58,7 +61,7 @@ def candidates(
 
 def all_candidates(
     prediction: Prediction,
-    anchors: Float32[Tensor, "H W A 7"],
+    anchors: _Grid,
     config: VoxelNetConfig,
     thresholds: Sequence[float],
     corner: Int64[Tensor, "B 2"] | None = None,
@@ -68,9 +71,8 @@ def all_candidates(
     corner: first cell of the map in each item, if the items are tiles of it; anything beyond the map is left out.
     """
     count = len(config.anchor_labels)
-    logits, residuals, direction, quality = (None if each is None else per_anchor(each, count) for each in prediction)
-    assert logits is not None
-    assert residuals is not None
+    logits, residuals = (per_anchor(each, count) for each in prediction[:2])
+    direction, quality = (None if each is None else per_anchor(each, count) for each in prediction[2:])
     label = torch.tensor(config.anchor_labels, device=logits.device)
     least = torch.tensor(thresholds, dtype=logits.dtype, device=logits.device)
     least = least[label][:, None] if config.kinds else least  # by anchor, or by label
@@ -168,19 +170,17 @@ def apply_rivals(found: Detections, config: VoxelNetConfig) -> Detections:
     return Detections(found.boxes, rescore(found.scores, strongest_rivals(found, config), rows), found.labels)
 
 
-def rescore(
-    scores: Float[np.ndarray, " n"], rivals: Float[np.ndarray, "n L"], rows: Float[np.ndarray, "r K"]
-) -> Float[np.ndarray, " n"]:
+def rescore(scores: _Scores, rivals: Float[np.ndarray, "n L"], rows: Float[np.ndarray, "r K"]) -> _Scores:
     """Lower scores by those of their rivals. rows: slope, intercept and weights, for each score or one for all."""
     return sigmoid(rows[:, 0] * logit(scores) + rows[:, 1] - (rows[:, 2:] * rivals).sum(axis=1))
 
 
-def logit(scores: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+def logit(scores: _Scores) -> _Scores:
     """Log odds of scores, clipped as in the detector."""
     cut = np.clip(scores, 1e-6, 1 - 1e-6)
     return np.log(cut / (1 - cut))
 
 
-def sigmoid(values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+def sigmoid(values: _Scores) -> _Scores:
     """Inverse of `logit`."""
     return 1 / (1 + np.exp(-values))

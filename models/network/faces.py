@@ -37,6 +37,10 @@ _OWN = BINS * ZONES
 _EXTRAS = 2 + 3 + len(LABELS)  # numbers of points, size of the box, its class
 
 
+_Boxes = Float[np.ndarray, "n 7"]
+_BothSides = Float[np.ndarray, " 2*n"]
+
+
 class FaceFeatures(NamedTuple):
     """Inputs of the networks for n boxes."""
 
@@ -58,14 +62,8 @@ class FaceNetworks(nn.Module):
     def __init__(self) -> None:
         super().__init__()
         self.end, self.side, self.top = (
-            nn.Sequential(
-                nn.Linear(width + _EXTRAS, HIDDEN),
-                nn.ReLU(),
-                nn.Linear(HIDDEN, HIDDEN),
-                nn.ReLU(),
-                nn.Linear(HIDDEN, 2),
-            )
-            for width in (2 * _OWN, 2 * _OWN, _OWN)
+            nn.Sequential(first, nn.ReLU(), nn.Linear(HIDDEN, HIDDEN), nn.ReLU(), nn.Linear(HIDDEN, 2))
+            for first in (nn.Linear(width + _EXTRAS, HIDDEN) for width in (2 * _OWN, 2 * _OWN, _OWN))
         )
         self.register_buffer("prior", torch.full((len(SORTS),), np.inf))
 
@@ -98,12 +96,7 @@ def measure_faces(
     return Detections(boxes, found.scores, found.labels)
 
 
-def move_faces(
-    boxes: Float[np.ndarray, "n 7"],
-    end: Float[np.ndarray, " 2*n"],
-    side: Float[np.ndarray, " 2*n"],
-    top: Float[np.ndarray, " n"],
-) -> Float[np.ndarray, "n 7"]:
+def move_faces(boxes: _Boxes, end: _BothSides, side: _BothSides, top: Float[np.ndarray, " n"]) -> _Boxes:
     """Move faces of boxes outwards (m), or inwards to a fifth of the size; the floor stays.
 
     >>> box = np.array([[0, 0, 1, 4, 2, 2, 0.0]])
@@ -122,9 +115,7 @@ def move_faces(
     return boxes
 
 
-def face_offsets(
-    boxes: Float[np.ndarray, "n 7"], truths: Float[np.ndarray, "n 7"]
-) -> tuple[Float[np.ndarray, " 2*n"], Float[np.ndarray, " 2*n"], Float[np.ndarray, " n"]]:
+def face_offsets(boxes: _Boxes, truths: _Boxes) -> tuple[_BothSides, _BothSides, Float[np.ndarray, " n"]]:
     """Arguments of `move_faces` that turn boxes into true boxes, which may face the other way."""
     (dx, dy), cos, sin = (truths - boxes)[:, :2].T, np.cos(boxes[:, 6]), np.sin(boxes[:, 6])
     ahead, aside, grown = dx * cos + dy * sin, dy * cos - dx * sin, truths[:, 3:6] - boxes[:, 3:6]
@@ -133,9 +124,7 @@ def face_offsets(
     return end, side, truths[:, 2] - boxes[:, 2] + grown[:, 2] / 2
 
 
-def face_features(
-    points: Float[np.ndarray, "k 3"], boxes: Float[np.ndarray, "n 7"], labels: Int64[np.ndarray, " n"]
-) -> FaceFeatures:
+def face_features(points: Float[np.ndarray, "k 3"], boxes: _Boxes, labels: Int64[np.ndarray, " n"]) -> FaceFeatures:
     """Count points about each face of each box."""
     count, reach = len(boxes), NEAREST + STEP * BINS  # of the counts, beyond a face
     found = rows_in_boxes(points, boxes + np.array([0, 0, reach / 2, 2 * reach, 2 * reach, reach, 0]))
@@ -170,7 +159,6 @@ def _with_opposite(own: np.ndarray, extras: np.ndarray) -> tuple[np.ndarray, np.
 def _counts(
     distance: np.ndarray, zone: np.ndarray, chosen: np.ndarray, row: np.ndarray, boxes: int
 ) -> Float[np.ndarray, "n F"]:
-    """Count points by box, zone and step of distance."""
     step = np.floor((distance - NEAREST) / STEP)
     inside = chosen & (step >= 0) & (step < BINS)
     place = (row[inside] * ZONES + zone[inside]) * BINS + step[inside].astype(np.int64)

@@ -16,17 +16,9 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from models.network.voxelnet import (
-    Head,
-    HeightFold,
-    MiddleLayers,
-    Prediction,
-    RegionProposal,
-    VoxelNet,
-    columns,
-    fold_columns,
-)
-from models.network.voxels import Voxels
+from models.network import voxelnet
+from models.network.grid import Voxels
+from models.network.voxelnet import Head, HeightFold, MiddleLayers, Prediction, RegionProposal, VoxelNet
 from toolkit.arrays import Bool, Float32, Int64
 
 
@@ -34,7 +26,7 @@ class SparseVoxelNet(nn.Module):
     """Trained network for inference, with a folded copy of its weights: train the original.
 
     >>> from models.config import VoxelNetConfig
-    >>> from models.network.voxels import voxelise
+    >>> from models.network.grid import voxelise
     >>> config = VoxelNetConfig.light((-8, -8, 8, 8))
     >>> SparseVoxelNet(VoxelNet(config))(voxelise(torch.rand(9, 3), config)).class_logits.shape
     torch.Size([1, 2, 40, 40])
@@ -92,14 +84,15 @@ class FoldedRegionProposal(nn.Module):
         super().__init__()
         self.order = rpn.order
         originals: Any = rpn.blocks
-        blocks = [[_conv(*fold_norm(*layer[:2]), layer[0].stride[0], 1) for layer in block] for block in originals]
+        blocks = [[make_conv(*fold_norm(*layer[:2]), layer[0].stride[0], 1) for layer in block] for block in originals]
         if input_order is not None:
             blocks[0][0].weight.data = blocks[0][0].weight.data[:, input_order]
         self.blocks: Any = nn.ModuleList(nn.ModuleList(block) for block in blocks)
         self.join = PlainJoin(rpn, head) if rpn.add or head.conv3x3 is None else LinearHead(rpn, head)
         maps = [layer for layer in (head.classes, head.residuals, head.direction, head.quality) if layer is not None]
         self.channels = [layer.out_channels for layer in maps]
-        self.outputs = _conv(torch.cat([layer.weight for layer in maps]), torch.cat([_bias(layer) for layer in maps]))
+        biases = torch.cat([_bias(layer) for layer in maps])
+        self.outputs = make_conv(torch.cat([layer.weight for layer in maps]), biases)
         self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
     def forward(self, x: Float32[Tensor, "B C H W"]) -> Prediction:
@@ -122,7 +115,7 @@ class PlainJoin(nn.Module):
             scale, shift = scale_and_shift(rpn.norm)
             layers: Any = rpn.upsample
             self.upsample = nn.ModuleList(
-                _conv(layer.weight * scale[:, None, None], bias, layer.stride[0], layer.padding[0], transposed=True)
+                make_conv(layer.weight * scale[:, None, None], bias, layer.stride[0], layer.padding[0], transposed=True)
                 for layer, bias in zip(layers, (shift, None, None), strict=True)
             )
 
@@ -150,12 +143,12 @@ class LinearHead(nn.Module):
         layers: Any = rpn.upsample
         self.fine, middle, coarse = layers
         at_coarse, at_middle, at_fine = head.conv3x3.weight.chunk(3, 1)  # in the order of their concatenation
-        self.conv3x3 = _conv(at_fine, _bias(head.conv3x3), padding=1)
-        self.middle = _conv(_compose(middle.weight, at_middle), None, 2, 1, transposed=True)
+        self.conv3x3 = make_conv(at_fine, _bias(head.conv3x3), padding=1)
+        self.middle = make_conv(_compose(middle.weight, at_middle), None, 2, 1, transposed=True)
         biases = torch.cat((at_coarse, at_middle), 1) * torch.cat((coarse.bias, middle.bias))[:, None, None]
         ones = _compose(biases.new_ones(1, 1, 4, 4), biases.sum(1, keepdim=True))
         weight = torch.cat((_compose(coarse.weight, at_coarse), ones, ones.new_zeros(ONES - 1, *ones.shape[1:])))
-        self.coarse = _conv(weight, None, 4, 1, transposed=True)
+        self.coarse = make_conv(weight, None, 4, 1, transposed=True)
 
     def forward(self, maps: Sequence[Tensor]) -> Float32[Tensor, "B K H W"]:
         """Return the feature map of the head."""
@@ -185,9 +178,10 @@ def _compose(transposed: Tensor, conv3x3: Tensor) -> Tensor:
     return F.conv_transpose2d(transposed, conv3x3.flip(2, 3).transpose(0, 1))
 
 
-def _conv(
+def make_conv(
     weight: Tensor, bias: Tensor | None, stride: int = 1, padding: int = 0, *, transposed: bool = False
 ) -> nn.Conv2d | nn.ConvTranspose2d:
+    """Build a convolution with a copy of these weights; a transposed 1x1 one is a plain one."""
     if transposed and weight.shape[2] == stride == 1:
         weight, transposed = weight.transpose(0, 1), False
     inputs, outputs = weight.shape[:2] if transposed else (weight.shape[1], weight.shape[0])
@@ -224,9 +218,9 @@ class SparseColumns(nn.Module):
     ) -> Float32[Tensor, "B K h w"]:
         """Return the map after the ReLU, channels last in memory. shape: of the grid, if not the network's own."""
         nx, ny, _ = shape = shape or self.shape
-        column, key = columns(voxels, shape)
+        column, key = voxelnet.columns(voxels, shape)
         start = self.shift.expand(len(key), -1)
-        x = torch.relu_(fold_columns(features, voxels.cells[:, 3], column, self.levels, start))
+        x = torch.relu_(voxelnet.fold_columns(features, voxels.cells[:, 3], column, self.levels, start))
         rows, cells = nx // 2, ny // 2
         ix, iy = key // ny % nx, key % ny
         place = ((key // (nx * ny)) * rows + ix // 2) * cells + iy // 2

@@ -24,9 +24,9 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from models.config import VoxelNetConfig
-from models.network.sparse import PlainJoin, SparseColumns, SparseVoxelNet, cell_by_cell
+from models.network.grid import Voxels, grid_cells, thin_voxels
+from models.network.sparse import PlainJoin, SparseColumns, SparseVoxelNet, cell_by_cell, make_conv
 from models.network.voxelnet import Prediction
-from models.network.voxels import Voxels, grid_cells, thin_voxels
 from toolkit.arrays import Bool, Float32, Int64
 
 
@@ -118,6 +118,7 @@ class PointsByTile(NamedTuple):
         return self.row[torch.from_numpy(place).to(self.row.device)], item
 
 
+_Bank = Float32[Tensor, "n t t K"]  # values of n tiles, of t x t cells each
 TILE = 24  # cells of the head's map; a multiple of the two following strides together
 AT_ONCE = 64  # tiles that a layer processes together
 MOST_ENTRIES = 2000  # of a layer held in memory, some 200 kB each with those of the layer before
@@ -136,7 +137,7 @@ class Entries(NamedTuple):
         for first in range(0, len(self.tile), AT_ONCE):
             yield first, self.tile[first : first + AT_ONCE], self.union[first : first + AT_ONCE]
 
-    def bank(self, values: Callable[[np.ndarray, np.ndarray], Tensor]) -> Float32[Tensor, "n t t K"]:
+    def bank(self, values: Callable[[np.ndarray, np.ndarray], Tensor]) -> _Bank:
         """Collect all entries' values by a function of tiles and unions."""
         bank = torch.empty(0)
         for first, tiles, union in self.parts():
@@ -154,13 +155,14 @@ class TilePredictions(NamedTuple):
     maps: Prediction
 
 
+_Seen = Bool[np.ndarray, "tiles C+1"]
+
+
 class UnionPlan(NamedTuple):
     """Unions of clouds, and the points left out of each (see `find_crowded`)."""
 
     placed: PlacedClouds
-    seen: list[
-        Bool[np.ndarray, "tiles C+1"]
-    ]  # layer by layer the clouds, and crowded voxels, within reach of each tile
+    seen: list[_Seen]  # layer by layer the clouds, and crowded voxels, within reach of each tile
     unions: Bool[np.ndarray, "U C"]
     thinning: Int64[np.ndarray, " U"]
     dropped: Int64[Tensor, " k"]
@@ -207,7 +209,9 @@ class TiledVoxelNet:
         self._strides = [2, *(conv.stride[0] for block in self._blocks for conv in block)]
         join: Any = network.rpn.join
         self._finest, *raised = join.upsample
-        self._raised = [_cell_by_cell(layer) for layer in raised]
+        # A transposed convolution of kernel and stride k is a 1x1 one with outputs for k x k cells.
+        weights = (layer.weight.permute(2, 3, 1, 0).reshape(-1, layer.in_channels, 1, 1) for layer in raised)
+        self._raised = [make_conv(weight, None).requires_grad_(False) for weight in weights]
 
     def plan(self, clouds: Sequence[Float32[Tensor, "_ 3"]], unions: Bool[np.ndarray, "U C"]) -> UnionPlan:
         """Plan the work for unions of clouds (m)."""
@@ -255,13 +259,13 @@ class TiledVoxelNet:
             maps.append((bank, entries))
         return maps
 
-    def _first(self, plan: UnionPlan, entries: Entries) -> Float32[Tensor, "n t t K"]:
+    def _first(self, plan: UnionPlan, entries: Entries) -> _Bank:
         """Run the first convolution on each entry's columns, those in and about its tile."""
         wide = 2 * TILE + 2  # columns; the convolution of stride 2 looks one back, two keep it in step
         placed, middle = plan.placed, self._network.middle
         by_tile = placed.by_tile(self._grid, 2 * TILE, 2)
 
-        def convolve(tiles: np.ndarray, union: np.ndarray) -> Float32[Tensor, "m t t K"]:
+        def convolve(tiles: np.ndarray, union: np.ndarray) -> _Bank:
             rows, item = by_tile.rows(tiles, plan.unions[union])
             if len(plan.dropped):
                 thinning = torch.from_numpy(plan.thinning[union]).to(rows.device)[item]
@@ -275,13 +279,10 @@ class TiledVoxelNet:
 
         return entries.bank(convolve)
 
-    def _convolve(
-        self, conv: nn.Conv2d, bank: Tensor, before: Entries, after: Entries, size: int
-    ) -> Float32[Tensor, "n t t K"]:
-        """Entries after a 3x3 convolution and its ReLU."""
+    def _convolve(self, conv: nn.Conv2d, bank: Tensor, before: Entries, after: Entries, size: int) -> _Bank:
         sides = ((-1, slice(0, 1), slice(-1, None)), (0, slice(1, -1), slice(None)), (1, slice(-1, None), slice(0, 1)))
 
-        def convolve(tiles: np.ndarray, union: np.ndarray) -> Float32[Tensor, "m t t K"]:
+        def convolve(tiles: np.ndarray, union: np.ndarray) -> _Bank:
             patches, at = bank.new_zeros(len(tiles), size + 2, size + 2, bank.shape[3]), self._corners(tiles)
             for (dx, to_x, from_x), (dy, to_y, from_y) in product(sides, sides):
                 x, y = at[:, 0] + dx, at[:, 1] + dy
@@ -309,10 +310,9 @@ class TiledVoxelNet:
             yield TilePredictions(first, corner, Prediction(*torch.split(x, rpn.channels, 1)))
 
     def _corners(self, tiles: Int64[np.ndarray, " m"]) -> Int64[np.ndarray, "m 2"]:
-        """Row and column of tiles."""
         return np.stack([tiles // self._grid[1], tiles % self._grid[1]], axis=1)
 
-    def _within(self, x: Float32[Tensor, "m t t K"], tiles: np.ndarray) -> Float32[Tensor, "m t t K"]:
+    def _within(self, x: _Bank, tiles: np.ndarray) -> _Bank:
         """Set cells beyond the map to zero, as convolutions expect."""
         size, at = x.shape[1], torch.from_numpy(self._corners(tiles)).to(x.device)
         for axis, (side, cells) in enumerate(zip(self._grid, self._map, strict=True)):
@@ -323,15 +323,7 @@ class TiledVoxelNet:
         return x
 
 
-def _cell_by_cell(layer: nn.ConvTranspose2d) -> nn.Conv2d:
-    """Turn a transposed convolution of kernel and stride k into a 1x1 convolution with outputs for k x k cells."""
-    inputs, outputs, k, _ = layer.weight.shape
-    conv = nn.Conv2d(inputs, k * k * outputs, 1, bias=False)
-    conv.weight.data = layer.weight.detach().permute(2, 3, 1, 0).reshape(-1, inputs, 1, 1)
-    return conv.requires_grad_(False)
-
-
-def _cells(conv: nn.Module, x: Float32[Tensor, "m t t K"]) -> Float32[Tensor, "m t t L"]:
+def _cells(conv: nn.Module, x: _Bank) -> Float32[Tensor, "n t t L"]:
     """Convolve tiles with a 1x1 kernel, stacked as one map."""
     y = cell_by_cell(conv, x.flatten(0, 1)[None].permute(0, 3, 1, 2)).permute(0, 2, 3, 1)
     return y.reshape(*x.shape[:3], -1)

@@ -9,6 +9,7 @@ B clouds, v occupied voxels, D heights, H cells along x, W cells along y. This i
 from __future__ import annotations
 
 import math
+from collections import OrderedDict
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -17,7 +18,7 @@ from torch import Tensor, nn
 
 from models.config import VoxelNetConfig
 from models.network.faces import FaceNetworks
-from models.network.voxels import Voxels
+from models.network.grid import Voxels
 from toolkit.arrays import Float, Float32, Int64
 
 
@@ -25,7 +26,7 @@ class Prediction(NamedTuple):
     """Raw maps of the head, A anchors per cell. Channels count anchor by anchor: all of one, then all of the next."""
 
     class_logits: Float[Tensor, "B AC H W"]  # background and vehicle (published), or one per label of the anchor
-    residuals: Float[Tensor, "B AR H W"]  # see `models.network.anchors`
+    residuals: Float[Tensor, "B AR H W"]  # see `models.network.grid`
     direction_logits: Float[Tensor, "B A H W"] | None = None  # above 0: faces away from the residuals' heading
     quality_logits: Float[Tensor, "B A H W"] | None = None  # the predicted IoU
 
@@ -33,7 +34,7 @@ class Prediction(NamedTuple):
 class VoxelNet(nn.Module):
     """Network of a configuration.
 
-    >>> from models.network.voxels import voxelise
+    >>> from models.network.grid import voxelise
     >>> config = VoxelNetConfig.light((-8, -8, 8, 8))
     >>> VoxelNet(config).eval()(voxelise(torch.zeros(0, 3), config)).residuals.shape
     torch.Size([1, 16, 40, 40])
@@ -74,8 +75,11 @@ class VoxelFeatures(nn.Module):
         super().__init__()
         self.config = config
         widths = (6, *(2 * width for width in config.vfe_widths))
-        outputs = (*config.vfe_widths, config.voxel_width)
-        self.layers = nn.ModuleList(PointLayer(*pair) for pair in zip(widths, outputs, strict=True))
+        layers = (
+            {"linear": nn.Linear(width, output), "norm": nn.BatchNorm1d(output), "relu": nn.ReLU()}
+            for width, output in zip(widths, (*config.vfe_widths, config.voxel_width), strict=True)
+        )
+        self.layers = nn.ModuleList(nn.Sequential(OrderedDict(layer)) for layer in layers)
 
     def forward(self, voxels: Voxels) -> Float[Tensor, "v C"]:
         """Features of the occupied voxels."""
@@ -96,19 +100,6 @@ def maximum(x: Float[Tensor, "n C"], row: Int64[Tensor, " n"], rows: int) -> Flo
     return x.new_zeros(rows, x.shape[1]).scatter_reduce(0, row[:, None].expand_as(x), x, "amax")
 
 
-class PointLayer(nn.Module):
-    """Linear, BatchNorm, ReLU on rows."""
-
-    def __init__(self, inputs: int, outputs: int) -> None:
-        super().__init__()
-        self.linear = nn.Linear(inputs, outputs)
-        self.norm = nn.BatchNorm1d(outputs)
-
-    def forward(self, x: Float[Tensor, "n C"]) -> Float[Tensor, "n K"]:
-        """Rows in, rows out."""
-        return torch.relu(self.norm(self.linear(x)))
-
-
 class MiddleLayers(nn.Module):
     """Three 3D convolutions over the dense grid; height becomes channels."""
 
@@ -121,9 +112,8 @@ class MiddleLayers(nn.Module):
         self.layers = nn.ModuleList(map(conv_norm_relu, convolutions))
         depth = (((self.shape[2] + 1) // 2 - 2) + 1) // 2
         if depth < 1:
-            raise ValueError(
-                f"middle layers need at least 5 voxels of height, got {self.shape[2]}: lower voxel_size[2]"
-            )
+            few = f"got {self.shape[2]}: lower voxel_size[2]"
+            raise ValueError(f"middle layers need at least 5 voxels of height, {few}")
         self.width = depth * config.middle_widths[-1]
 
     def forward(self, features: Float[Tensor, "v C"], voxels: Voxels) -> Float[Tensor, "B K H W"]:

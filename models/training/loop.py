@@ -17,21 +17,15 @@ from typing import Any, Literal
 import numpy as np
 import torch
 from torch import Tensor
+from torch.optim.lr_scheduler import LRScheduler, MultiStepLR, OneCycleLR
 
+from models import weight_files
 from models.config import VoxelNetConfig, road_users, select_anchors
-from models.network.anchors import anchors
+from models.network.grid import anchors
 from models.network.voxelnet import Prediction, VoxelNet
 from models.training.losses import paper_loss, quality_loss
 from models.training.packed import Area, PackedFrames
 from models.training.samples import Batch, SampleRecipe, Samples, stack
-from models.weight_files import (
-    check_identity,
-    check_tensors,
-    checkpoint_errors,
-    digest_tensors,
-    read_checkpoint,
-    save_atomically,
-)
 from toolkit.runtime.files import write_text
 
 WINDOW = 40.0  # m; networks that know no absolute coordinates learn on windows of at most this side
@@ -124,14 +118,15 @@ _HEADER = "step,epoch,name,value"
 
 def add_figures(path: Path, step: int, epoch: float, figures: dict[str, float]) -> None:
     """Append figures to the log."""
-    rows = _rows(path) + [f"{step},{epoch:.4f},{name},{value}" for name, value in figures.items()]
+    rows = path.read_text().splitlines()[1:] if path.exists() else []
+    rows += [f"{step},{epoch:.4f},{name},{value}" for name, value in figures.items()]
     write_text(path, "\n".join([_HEADER, *rows, ""]))
 
 
 def cut_log(path: Path, step: int) -> None:
     """Drop log rows after `step`, the last checkpoint."""
     if path.exists():
-        split = [row.split(",") for row in _rows(path)]
+        split = [row.split(",") for row in path.read_text().splitlines()[1:]]
         kept = [",".join(row) for row in split if len(row) == 4 and row[0].isdigit() and int(row[0]) <= step]
         write_text(path, "\n".join([_HEADER, *kept, ""]))
 
@@ -147,11 +142,8 @@ def read_curves(path: Path) -> dict[str, tuple[list[float], list[float]]]:
     return found
 
 
-def _rows(path: Path) -> list[str]:
-    return path.read_text().splitlines()[1:] if path.exists() else []
-
-
 LOG_STEPS = 50  # steps per logged mean of the losses
+Progress = Callable[[int, int, dict[str, float]], None]  # step, number of steps, losses or figures
 Loss = Callable[[Prediction, Tensor, Tensor, Tensor], dict[str, Tensor]]
 
 
@@ -171,7 +163,7 @@ class TrainingState:
 
     network: VoxelNet
     optimiser: torch.optim.Optimizer
-    scheduler: torch.optim.lr_scheduler.LRScheduler
+    scheduler: LRScheduler
     step: int = 0
     recent: list[dict[str, float]] = field(default_factory=list)  # losses since the last row of the log
 
@@ -180,12 +172,15 @@ class TrainingState:
         parts = {name: getattr(self, name).state_dict() for name in ("network", "optimiser", "scheduler")}
         return {**parts, "step": self.step, "rng": torch.get_rng_state(), "recent": self.recent}
 
-    def restore(self, state: dict[str, Any]) -> None:
-        """Resume from a state."""
+    def restore(self, state: dict[str, Any], total: int) -> None:
+        """Resume from a state of a run of `total` steps."""
+        if type(state["step"]) is not int or not 0 <= state["step"] <= total:
+            raise ValueError(f"step must be a whole number from 0 to {total}, got {str(state['step'])[:40]}")
         for name in ("network", "optimiser", "scheduler"):
             getattr(self, name).load_state_dict(state[name])
         torch.set_rng_state(state["rng"].cpu())
-        self.step, self.recent = state["step"], list(state.get("recent", []))
+        self.step = state["step"]
+        self.recent = [{name: float(loss) for name, loss in losses.items()} for losses in state.get("recent", [])]
 
 
 def train(
@@ -197,7 +192,7 @@ def train(
     start: VoxelNet | None = None,
     machine: Machine | None = None,
     validate: Callable[[VoxelNet], dict[str, float]] | None = None,
-    progress: Callable[[int, int, dict[str, float]], None] | None = None,
+    progress: Progress | None = None,
 ) -> VoxelNet:
     """Train on a packed file, or resume where `checkpoint.pt` and `log.csv` in `out` are.
 
@@ -218,14 +213,13 @@ def train(
     identity = {"config": config.to_dict(), "preset": asdict(preset), "frames": len(frames), "start": ""}
     identity["bfloat16"] = True if bfloat16 and device == "cpu" else ""
     if start is not None:
-        check_tensors(run.network.state_dict(), start.state_dict(), "the network to start from")
+        weight_files.check_tensors(run.network.state_dict(), start.state_dict(), "the network to start from")
         run.network.load_state_dict(start.state_dict())
-        identity["start"] = digest_tensors(start.state_dict())
+        identity["start"] = weight_files.digest_tensors(start.state_dict())
     if (out / CHECKPOINT).exists():
-        state = read_checkpoint(out / CHECKPOINT, device)
-        check_identity(out / CHECKPOINT, state, identity)
-        with checkpoint_errors(out / CHECKPOINT):
-            run.restore(state)
+        state = weight_files.read_checkpoint(out / CHECKPOINT, device, identity=identity)
+        with weight_files.checkpoint_errors(out / CHECKPOINT):
+            run.restore(state, total)
     cut_log(out / LOG, run.step)
 
     by_class: Loss = partial(quality_loss, classes=config.anchor_labels)
@@ -251,7 +245,7 @@ def train(
             if progress:
                 progress(run.step, total, figures)
         if end_of_epoch or time.monotonic() - saved > machine.checkpoint_s:
-            save_atomically(out / CHECKPOINT, {**identity, **run.state()})
+            weight_files.save_atomically(out / CHECKPOINT, {**identity, **run.state()})
             saved = time.monotonic()
     return run.network
 
@@ -275,12 +269,9 @@ def _start(config: VoxelNetConfig, preset: Preset, total: int, per_epoch: int, d
     optimiser: torch.optim.Optimizer = torch.optim.AdamW(parameters, rate, weight_decay=decay)
     if preset.optimiser == "sgd":
         optimiser = torch.optim.SGD(network.parameters(), rate, momentum=0.9, weight_decay=decay)
-    schedule: torch.optim.lr_scheduler.LRScheduler
-    if preset.schedule == "one-cycle":
-        schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, rate, total_steps=max(total, 10), pct_start=0.2)
-    else:
-        schedule = torch.optim.lr_scheduler.MultiStepLR(optimiser, [10 * per_epoch], gamma=0.1)
-    return TrainingState(network, optimiser, schedule)
+    if preset.schedule == "step":
+        return TrainingState(network, optimiser, MultiStepLR(optimiser, [10 * per_epoch], gamma=0.1))
+    return TrainingState(network, optimiser, OneCycleLR(optimiser, rate, total_steps=max(total, 10), pct_start=0.2))
 
 
 def _step(run: TrainingState, batch: Batch, loss_of: Loss, anchor: Tensor, bfloat16: bool) -> dict[str, float]:

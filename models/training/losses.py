@@ -12,7 +12,7 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from models.config import AnchorKind
-from models.network.anchors import decode, encode, faces_back, per_anchor
+from models.network.grid import decode, encode, faces_back, per_anchor
 from models.network.voxelnet import Prediction
 from toolkit.arrays import Bool, Float, Int64, Shaped
 from toolkit.objects import label_index
@@ -20,6 +20,7 @@ from toolkit.objects import label_index
 _Labels = Shaped[Tensor, "B H W A"]
 _Targets = Float[Tensor, "B H W A 7"]
 _Boxes = Float[np.ndarray, "n 7"]
+_Mask = Bool[np.ndarray, " n"]
 _Grid = Float[np.ndarray, "H W A 7"]
 NEGATIVE, POSITIVE, IGNORED = 0, 1, -1
 
@@ -80,11 +81,7 @@ def assign(
 
 
 def assign_by_kind(
-    anchors: _Grid,
-    kinds: Sequence[AnchorKind],
-    boxes: _Boxes,
-    labels: Int64[np.ndarray, " n"],
-    asked: Bool[np.ndarray, " n"],
+    anchors: _Grid, kinds: Sequence[AnchorKind], boxes: _Boxes, labels: Int64[np.ndarray, " n"], asked: _Mask
 ) -> Assignment:
     """Match anchors to objects of their own class; owners are rows of `boxes`.
 
@@ -120,7 +117,6 @@ def _window(anchors: np.ndarray, box: np.ndarray, reach: float) -> tuple[slice, 
 
 
 def _snap_size(boxes: np.ndarray) -> np.ndarray:
-    """Extent along x and y, yaw snapped to 90°."""
     across = np.abs(np.sin(boxes[..., 6:])) > np.abs(np.cos(boxes[..., 6:]))
     return np.where(across, boxes[..., [4, 3]], boxes[..., [3, 4]])
 
@@ -177,17 +173,12 @@ def quality_loss(
 
 
 def focal_loss(
-    logits: Float[Tensor, "*n"],
-    positive: Bool[Tensor, "*n"],
-    counted: Bool[Tensor, "*n"] | Float[Tensor, "*n"],
-    *,
-    alpha: float = 0.25,
-    gamma: float = 2.0,
+    logits: Float[Tensor, "*n"], positive: Bool[Tensor, "*n"], counted: Shaped[Tensor, "*n"], *, alpha: float = 0.25
 ) -> Tensor:
-    """Sum α (1 - p)^γ · cross-entropy · `counted` over anchors, where p is the probability of the truth."""
+    """Sum α (1 - p)² · cross-entropy · `counted` over anchors, where p is the probability of the truth."""
     signed = torch.where(positive, logits, -logits)
     weight = torch.where(positive, alpha, 1 - alpha) * counted
-    return -(weight * torch.sigmoid(-signed) ** gamma * F.logsigmoid(signed)).sum()
+    return -(weight * torch.sigmoid(-signed) ** 2.0 * F.logsigmoid(signed)).sum()
 
 
 def nearly_aligned_iou(boxes: Float[Tensor, "n 7"], wanted: Float[Tensor, "n 7"]) -> Float[Tensor, " n"]:

@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import SupportsFloat
 
@@ -54,29 +55,23 @@ class PackedFrames:
             raise FileNotFoundError(f"no packed file {path}: make it with coview pack")
         try:
             with hdf5.open_hdf5(path) as file:
-                self._rig_of_frame = hdf5.array(file, "frames/rig", axes=1, kinds="iu")
-                self._ends = hdf5.array(file, "frames/ends", axes=2, kinds="iu")
-                self._pixels = hdf5.array(file, "pixels", axes=1, kinds="iu")
-                self._steps = hdf5.array(file, "steps", axes=1, kinds="iu")
-                self._boxes = hdf5.array(file, "boxes", axes=2)
-                self._labels = hdf5.array(file, "labels", axes=1, kinds="iu")
-                self._box_ends = hdf5.array(file, "box_ends", axes=1, kinds="iu")
+                whole = partial(hdf5.array, file, kinds="iu")
+                self._rig_of_frame, self._ends = whole("frames/rig", axes=1), whole("frames/ends", axes=2)
+                self._pixels, self._steps = whole("pixels", axes=1), whole("steps", axes=1)
+                self._boxes, self._labels = hdf5.array(file, "boxes", axes=2), whole("labels", axes=1)
+                self._box_ends = whole("box_ends", axes=1)
                 self._places: dict[int, int] = {}  # of frames of recorded clouds
                 self._cloud_ends, self._points = np.zeros((0, 1), np.int64), np.zeros((0, 3), np.int32)
                 if hdf5.contains(file, "clouds"):
-                    of = hdf5.array(file, "clouds/frames", axes=1, kinds="iu")
-                    self._places = {int(k): place for place, k in enumerate(of)}
-                    self._cloud_ends = hdf5.array(file, "clouds/ends", axes=2, kinds="iu")
-                    self._points = hdf5.array(file, "clouds/points", axes=2, kinds="iu")
+                    self._places = {int(k): place for place, k in enumerate(whole("clouds/frames", axes=1))}
+                    self._cloud_ends, self._points = whole("clouds/ends", axes=2), whole("clouds/points", axes=2)
                 self.rigs = tuple(_read_rig(file, f"rigs/{r}") for r in range(len(hdf5.child_names(file, "rigs"))))
             self._check()
         except (OSError, ValueError) as error:
-            raise ValueError(
-                f"{path} is damaged or not a packed file ({error}): make it again with coview pack"
-            ) from error
+            reason = f"{path} is damaged or not a packed file ({error})"
+            raise ValueError(f"{reason}: make it again with coview pack") from error
 
     def _check(self) -> None:
-        """Raise ValueError unless numbers of the file fit each other."""
         frames = len(self)
         if frames and not ((self._rig_of_frame >= 0) & (self._rig_of_frame < len(self.rigs))).all():
             raise ValueError(f"frames/rig must be numbers of its {len(self.rigs)} rigs")
@@ -141,7 +136,8 @@ class PackedFrames:
             else:
                 changed = slice(*self._ends[k, s : s + 2])
                 metres = self._steps[changed].astype(np.float32) / STEPS_PER_METRE
-                clouds.append(level_rows(rig.points(s, self._pixels[changed], metres, rng), rig.slope))
+                points, _, _ = rig.measure(s, self._pixels[changed], metres, rng)
+                clouds.append(level_rows(points, rig.slope))
         return clouds
 
 
@@ -175,14 +171,13 @@ class Rig:
             depth.append(image.ravel()[seen])
         return replace(rig, pixels=tuple(pixels), depth=tuple(depth))
 
-    def points(self, s: int, changed: np.ndarray, measured: np.ndarray, rng: np.random.Generator | None) -> _Points:
-        """Noisy points in the crop; pixels `changed` have measured this (0: nothing), the others the empty site."""
-        return self.measure(s, changed, measured, rng)[0]
-
     def measure(
         self, s: int, changed: np.ndarray, measured: np.ndarray, rng: np.random.Generator | None
     ) -> tuple[_Points, Shaped[np.ndarray, " n"], Float32[np.ndarray, " n"]]:
-        """Points as in `points`, their pixels and measurements."""
+        """Noisy points in the crop, their pixels and measurements.
+
+        Pixels `changed` have measured this (0: nothing), the others the empty site.
+        """
         rows, columns = self.sensors[s].model.shape
         still = np.ones(rows * columns, bool)
         still[changed] = False
@@ -214,8 +209,7 @@ def _read_rig(file: h5py.File, name: str) -> Rig:
     with hdf5.reading(name):
         attributes = hdf5.read_node_attributes(file[name], name)
     poses, depth = hdf5.array(file, f"{name}/poses", axes=3), hdf5.array(file, f"{name}/depth", axes=1, kinds="f")
-    pixels = hdf5.array(file, f"{name}/pixels", axes=1, kinds="iu")
-    ends = hdf5.array(file, f"{name}/ends", axes=1, kinds="iu")
+    pixels, ends = (hdf5.array(file, f"{name}/{part}", axes=1, kinds="iu") for part in ("pixels", "ends"))
     try:
         models = parse_json(attributes["sensors"])
         sensors = tuple(

@@ -27,6 +27,7 @@ from toolkit.sites.site import Site
 
 FARTHEST = (2**16 - 1) / STEPS_PER_METRE  # m
 _CHUNK = 1 << 18
+_Progress = Callable[[int], None]
 
 
 @dataclass(frozen=True)
@@ -73,8 +74,7 @@ def dataset_recording(dataset: CoopDataset, count: int | None = None) -> PackedR
 def sample_recordings(samples: Iterable[LevelSample], height: float = 4.0) -> Iterator[PackedRecording]:
     """Yield a recording for each run of samples with the same sensors and area. They must be written in order."""
     for (sensors, area), group in groupby(samples, key=lambda each: (each[0], each[3])):
-        nothing = tuple(np.zeros(0, np.uint32) for _ in sensors)
-        still = tuple(np.zeros(0, np.float32) for _ in sensors)
+        nothing, still = (np.zeros(0, np.uint32),) * len(sensors), (np.zeros(0, np.float32),) * len(sensors)
         stands = tuple(Sensor(name, SpinningLidar(), np.eye(4)) for name in sensors)
         changes = (Change(nothing, nothing, objects, tuple(clouds)) for _, clouds, objects, _ in group)
         yield Rig(stands, area, height, nothing, still), changes
@@ -104,7 +104,7 @@ def drawn_file(drawn: tuple[Site, tuple[Frame, ...], tuple[np.ndarray, ...]]) ->
 def join_packed(paths: Iterable[Path], unfinished: Path) -> int:
     """Write several packed files as one, and return the number of frames. Raises ValueError without any frame."""
     with hdf5_file(unfinished) as (file, check):
-        return _write(file, (each for path in paths for each in read_recordings(path)), check, None)
+        return _write(file, (each for path in paths for each in read_recordings(path)), check)
 
 
 def change(rig: Rig, frame: Frame) -> Change:
@@ -123,7 +123,7 @@ def change(rig: Rig, frame: Frame) -> Change:
     return Change(tuple(pixels), tuple(steps), frame.objects)
 
 
-def pack(recordings: Iterable[PackedRecording], out: Path, *, progress: Callable[[int], None] | None = None) -> int:
+def pack(recordings: Iterable[PackedRecording], out: Path, *, progress: _Progress | None = None) -> int:
     """Write a packed file, complete or not at all, and return its number of frames.
 
     Raises ValueError without any frame, OSError if the disk is full.
@@ -133,15 +133,10 @@ def pack(recordings: Iterable[PackedRecording], out: Path, *, progress: Callable
 
 
 def _write(
-    file: h5py.File,
-    recordings: Iterable[PackedRecording],
-    check: Callable[[], None],
-    progress: Callable[[int], None] | None,
+    file: h5py.File, recordings: Iterable[PackedRecording], check: Callable[[], None], progress: _Progress | None = None
 ) -> int:
     pixels, steps = _Column(file, "pixels", np.uint32), _Column(file, "steps", np.uint16)
-    rig_of_frame: list[int] = []
-    ends: list[np.ndarray] = []
-    objects: list[Objects] = []
+    rig_of_frame, ends, objects = list[int](), list[np.ndarray](), list[Objects]()
     recorded: dict[int, tuple[np.ndarray, ...]] = {}
     file.create_group("rigs")
     for r, (rig, changes) in enumerate(recordings):
@@ -162,9 +157,8 @@ def _write(
                 pixels.append(pixel)
                 steps.append(step)
             if found.clouds is not None:
-                recorded[len(objects)] = tuple(
-                    np.rint(np.asarray(cloud, np.float64) * STEPS_PER_METRE).astype(np.int32) for cloud in found.clouds
-                )
+                metres = (np.asarray(cloud, np.float64) for cloud in found.clouds)
+                recorded[len(objects)] = tuple(np.rint(each * STEPS_PER_METRE).astype(np.int32) for each in metres)
             rig_of_frame.append(r)
             objects.append(found.objects)
             check()
@@ -181,19 +175,16 @@ def _write(
     file["box_ends"] = np.cumsum([0, *map(len, objects)])
     if recorded:
         sizes = [[len(cloud) for cloud in clouds] for clouds in recorded.values()]
-        starts = np.cumsum([0, *map(sum, sizes)])
+        starts = np.cumsum([0, *map(sum, sizes[:-1])])
         points = np.concatenate([np.zeros((0, 3), np.int32), *chain(*recorded.values())])
         file["clouds/frames"] = np.array(list(recorded), np.int64)
-        file["clouds/ends"] = _of_one_length(
-            [np.cumsum([start, *each]) for start, each in zip(starts, sizes, strict=False)]
-        )
+        file["clouds/ends"] = _of_one_length([np.cumsum([at, *each]) for at, each in zip(starts, sizes, strict=True)])
         options = {"compression": "gzip", "compression_opts": 1, "shuffle": True} if len(points) else {}
         file.create_dataset("clouds/points", data=points, **options)
     return len(objects)
 
 
 def _of_one_length(ends: Sequence[np.ndarray]) -> np.ndarray:
-    """Stack rows of ends, padded with empty parts."""
     most = max(map(len, ends))
     return np.stack([np.pad(each, (0, most - len(each)), mode="edge") for each in ends])
 

@@ -14,8 +14,7 @@ import torch
 from torch import Tensor
 
 from models.config import VoxelNetConfig
-from models.network.anchors import anchors
-from models.network.voxels import Voxels, collate, voxelise
+from models.network.grid import Voxels, anchors, collate, voxelise
 from models.training.losses import assign, assign_by_kind, sample
 from models.training.packed import STEPS_PER_METRE, PackedFrames, Rig
 from toolkit.arrays import Float, Float32
@@ -30,6 +29,7 @@ from toolkit.sensors.sensor import Sensor
 
 _Points = Float32[np.ndarray, "n 3"]
 _Boxes = Float[np.ndarray, "m 7"]
+_Place = Float[np.ndarray, "2"]
 
 FEWEST_KEPT = 0.1  # share of the points
 LIFT = 0.07  # m, deviation of the ground's height; as in surveys and imported sites
@@ -46,9 +46,7 @@ def random_errors(rng: np.random.Generator) -> ErrorProfile:
     terms: tuple[ErrorTerm, ...] = (
         error_terms.Glass(share=strength(0.6, 1.0)),
         error_terms.Paint(share=strength(0.3, 0.4)),
-        error_terms.DropOut(
-            share=strength(0.8, 0.06), half_range=float(rng.uniform(150, 400)) if rng.random() < 0.3 else 0.0
-        ),
+        error_terms.DropOut(strength(0.8, 0.06), float(rng.uniform(150, 400)) if rng.random() < 0.3 else 0.0),
         error_terms.MixedPixels(share=strength(0.7, 0.3)),
         error_terms.rain(strength(0.2, 15.0)),
         error_terms.DeadRows(share=strength(0.3, 0.04)),
@@ -62,7 +60,7 @@ def random_errors(rng: np.random.Generator) -> ErrorProfile:
 
 def with_errors(
     frames: PackedFrames, k: int, errors: ErrorProfile, seed: int, sensors: Iterable[int] | None = None
-) -> list[Float32[np.ndarray, "_ 3"]]:
+) -> list[_Points]:
     """Points of frame k with sensor errors, in the crop of each chosen sensor (None: all), on level ground.
 
     Sensors stand where they are believed to. Surfaces outside the crop can mix with those inside, but give no points.
@@ -91,9 +89,7 @@ def thin(points: _Points, rng: np.random.Generator) -> Float32[np.ndarray, "k 3"
     return points[rng.random(len(points)) < rng.uniform(FEWEST_KEPT, 1.0)]
 
 
-def tilt(
-    points: _Points, boxes: _Boxes, centre: Float[np.ndarray, "2"], rng: np.random.Generator
-) -> tuple[_Points, _Boxes]:
+def tilt(points: _Points, boxes: _Boxes, centre: _Place, rng: np.random.Generator) -> tuple[_Points, _Boxes]:
     """Lift the ground by N(0, 7 cm) and tilt it about `centre` by N(0, 0.6 %) along x and y. Boxes stay upright."""
     lift, slope = rng.normal(0, LIFT), rng.normal(0, SLOPE, 2)
     points, boxes = points.copy(), boxes.copy()
@@ -235,9 +231,7 @@ def jitter_objects(
     return points, boxes
 
 
-def turn_scene(
-    points: _Points, boxes: _Boxes, centre: Float[np.ndarray, "2"], rng: np.random.Generator
-) -> tuple[np.ndarray, np.ndarray]:
+def turn_scene(points: _Points, boxes: _Boxes, centre: _Place, rng: np.random.Generator) -> tuple[_Points, _Boxes]:
     """Turn the scene about `centre`, every second one mirrored."""
     angle, mirror = rng.uniform(-np.pi, np.pi), rng.random() < 0.5
     matrix = _rotation(angle) @ np.diag([1.0, -1.0 if mirror else 1.0])

@@ -25,9 +25,14 @@ from models.training.packed import Area, PackedFrames
 from models.training.samples import read_points
 from toolkit.arrays import Bool, Float, Float32, Int64
 from toolkit.boxes import count_points, iou_bev
-from toolkit.detection.metrics import TRUE_IOU, evaluate, match
+from toolkit.detection.metrics import TRUE_IOU, evaluate, matches
 from toolkit.objects import HEAVY, LABELS, VEHICLE, Detections, Detector, Objects, label_index
 from toolkit.points import has_centre_inside
+
+_Mask = Bool[np.ndarray, " n"]
+_Boxes = Float[np.ndarray, "n 7"]
+_Scores = Float[np.ndarray, " n"]
+_Hits = Int64[np.ndarray, " n"]
 
 IOU_THRESHOLDS = (0.7, 0.8, 0.9)
 AREAS_KEPT = 4
@@ -52,10 +57,10 @@ def detect_frames(
     *,
     count: int | None = None,
     seed: int = 0,
-    device: str | torch.device = "cpu",
+    device: str = "cpu",
     subsets: float = 0.0,
     errors: float = 0.0,
-) -> list[tuple[Detections, Objects, Bool[np.ndarray, " n"]]]:
+) -> list[tuple[Detections, Objects, _Mask]]:
     """Detect in the first `count` frames (None: all) by early fusion.
 
     Returns detections, truth and a mask of objects centred in the frame's area. subsets, errors: see `read_points`.
@@ -72,12 +77,7 @@ def detect_frames(
 
 
 def average_precision(
-    network: VoxelNet,
-    frames: PackedFrames,
-    *,
-    count: int | None = None,
-    seed: int = 0,
-    device: str | torch.device = "cpu",
+    network: VoxelNet, frames: PackedFrames, *, count: int | None = None, seed: int = 0, device: str = "cpu"
 ) -> dict[str, float]:
     """AP3D of early fusion over the first `count` frames (None: all), in the protocol "exact".
 
@@ -151,9 +151,7 @@ _RIDGE = 1.0  # pulls the slope to 1 and the intercept to 0
 _LEAST_SLOPE = 0.05
 
 
-def platt(
-    scores: Float[np.ndarray, " n"], hits: Bool[np.ndarray, " n"], rivals: Float[np.ndarray, "n L"] | None = None
-) -> tuple[float, ...]:
+def platt(scores: _Scores, hits: _Mask, rivals: Float[np.ndarray, "n L"] | None = None) -> tuple[float, ...]:
     """Fit slope, intercept and the weights (at least 0) of rivals' scores to hits (Platt 1999).
 
     They make sigmoid(slope · logit(score) + intercept - Σ weight · rival) the likeliest share of true detections.
@@ -172,7 +170,7 @@ def platt(
     return tuple(float(each) for each in found.x)
 
 
-def lowest_threshold(scores: Float[np.ndarray, " n"], hits: Bool[np.ndarray, " n"], precision: float) -> float:
+def lowest_threshold(scores: _Scores, hits: _Mask, precision: float) -> float:
     """Lowest score above which a share `precision` of detections is true, 0 if that holds for all of them.
 
     If it holds for no `FEWEST` or more, the score above which that many are left; but never a score that loses more
@@ -222,20 +220,15 @@ def fit_calibration(network: VoxelNet, frames: PackedFrames, *, count: int | Non
     return rebuild(bare, calibration=tuple(pairs), rivalry=rivalry, thresholds=tuple(thresholds))
 
 
-def _judge(
-    network: VoxelNet, frames: PackedFrames, count: int | None, seed: int
-) -> list[tuple[Detections, Int64[np.ndarray, " n"]]]:
-    """Judge each frame's detections: TRUE, FALSE or UNCOUNTED.
-
-    A vehicle found on a heavy one is false if the network knows both.
-    """
+def _judge(network: VoxelNet, frames: PackedFrames, count: int | None, seed: int) -> list[tuple[Detections, _Hits]]:
+    """Judge detections as TRUE, FALSE (a vehicle on a heavy one too, if the network knows both) or UNCOUNTED."""
     judged, tells_apart = [], {"vehicle", "heavy"} <= set(network.config.labels)
     seen = detect_frames(network, frames, count=count, seed=seed, subsets=_SUBSETS, errors=_ERRORS)
     for found, truth, counted in seen:
         hits = np.full(len(found), UNCOUNTED)
         for number in map(LABELS.index, network.config.labels):
             known = (truth.labels != HEAVY) | (not tells_apart or number != VEHICLE)
-            at = match(found, truth[known], TRUE_IOU[number], label=number, counted=counted[known])
+            (at,) = matches(found, truth[known], [TRUE_IOU[number]], label=number, counted=counted[known])
             hits[~at.ignored] = np.where(at.truth[~at.ignored] >= 0, TRUE, FALSE)
         judged.append((found, hits))
     return judged
@@ -246,8 +239,7 @@ FEWEST_POINTS = 5  # least points on an object
 MATCHED = 0.4  # least BEV IoU of a detection with its object
 LOWEST_SCORE = 0.2  # of a detection used as an example
 _FACE_SUBSETS, _FACE_ERRORS = 0.5, 0.3  # shares of the frames that some of the sensors see, and sensors with errors
-BATCH = 512
-STEPS = 5000
+BATCH, STEPS, LEARNING_RATE = 512, 5000, 3e-3
 OFF = {"centre": 0.1, "yaw": np.deg2rad(1.5), "size": (0.06, 0.07, 0.05)}  # standard deviations of displaced boxes
 
 
@@ -267,8 +259,7 @@ def face_examples(
     a second stage; None for randomly displaced boxes alone.
     """
     detector_in = None if network is None else detector_by_area(network, score_threshold=LOWEST_SCORE)
-    rows: dict[str, list[np.ndarray]] = {sort: [] for sort in SORTS}
-    offsets: dict[str, list[np.ndarray]] = {sort: [] for sort in SORTS}
+    rows, offsets = ({sort: list[np.ndarray]() for sort in SORTS} for _ in range(2))
     wanted = [label_index(label) for label in labels]
     for k in range(min(len(frames), len(frames) if count is None else count)):
         rng = np.random.default_rng([seed, k])
@@ -306,7 +297,7 @@ def train_faces(
     return staged
 
 
-def off_at_random(boxes: Float[np.ndarray, "n 7"], rng: np.random.Generator) -> Float[np.ndarray, "n 7"]:
+def off_at_random(boxes: _Boxes, rng: np.random.Generator) -> _Boxes:
     """Displace boxes in place, size and yaw."""
     boxes = boxes.copy()
     floor = boxes[:, 2] - boxes[:, 5] / 2
@@ -319,12 +310,7 @@ def off_at_random(boxes: Float[np.ndarray, "n 7"], rng: np.random.Generator) -> 
 
 
 def fit_faces(
-    networks: FaceNetworks,
-    examples: FaceExamples,
-    *,
-    steps: int | None = None,
-    learning_rate: float = 3e-3,
-    seed: int = 0,
+    networks: FaceNetworks, examples: FaceExamples, *, steps: int | None = None, seed: int = 0
 ) -> dict[str, float]:
     """Train the three networks, `STEPS` steps each, on the offsets' Laplace likelihood.
 
@@ -343,8 +329,8 @@ def fit_faces(
             for layer in layers:
                 if isinstance(layer, torch.nn.Linear):
                     layer.reset_parameters()
-            optimiser = torch.optim.AdamW(layers.parameters(), learning_rate, weight_decay=1e-3)
-            schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, learning_rate, total_steps=steps, pct_start=0.1)
+            optimiser = torch.optim.AdamW(layers.parameters(), LEARNING_RATE, weight_decay=1e-3)
+            schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, LEARNING_RATE, total_steps=steps, pct_start=0.1)
             for _ in range(steps):
                 rows = torch.randint(len(target), (BATCH,))
                 shift, spread = networks.answers(sort, features[rows])

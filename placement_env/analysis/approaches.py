@@ -15,6 +15,7 @@ import numpy as np
 import shapely
 
 from toolkit.arrays import Float64, Int64
+from toolkit.sites.network import list_users, parse_shape
 from toolkit.sites.site import Site
 
 NEAR_BAY = 1.5  # m from the middle of a parking bay, within which a vehicle is parked
@@ -94,11 +95,5 @@ def _chain(name: str, ends: dict[str, tuple[str, ...]], junctions: set[str]) -> 
 
 def _lines(edge: ElementTree.Element) -> list[shapely.LineString]:
     """Centre lines of the lanes of an edge that cars may use."""
-    lines = []
-    for lane in edge.findall("lane"):
-        allow, disallow = (lane.get(key, "").split() for key in ("allow", "disallow"))
-        if "passenger" in allow if allow else not {"passenger", "all"} & set(disallow):
-            points = [tuple(map(float, point.split(",")[:2])) for point in lane.get("shape", "").split()]
-            if len(points) > 1:
-                lines.append(shapely.LineString(points))
-    return lines
+    shapes = [parse_shape(lane) for lane in edge.findall("lane") if "passenger" in list_users(lane)]
+    return [shapely.LineString(points) for points in shapes if len(points) > 1]

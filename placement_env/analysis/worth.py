@@ -18,9 +18,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from math import factorial
-from statistics import NormalDist
 
 import numpy as np
+from scipy.special import stdtrit
 
 from placement_env.subsets import SetFunction, all_subsets
 from toolkit.arrays import Bool, Float64, Int64
@@ -124,7 +124,7 @@ def estimate_worth(
     np.add.at(together, (at, first, second), joint)
     together += together.swapaxes(1, 2)
 
-    scale = _student(confidence, rounds - 1) / np.sqrt(rounds)
+    scale = stdtrit(rounds - 1, (1 + confidence) / 2) / np.sqrt(rounds)  # Student's t
     alone, pairs = (scale * each.std(axis=0, ddof=1) for each in (gains, together))
     return Worth(gains.mean(axis=0), together.mean(axis=0), alone, pairs, len(packed))
 
@@ -215,11 +215,3 @@ def _williams_square(n: int) -> Int64[np.ndarray, "n n"]:
     place = np.arange(n)
     zigzag = np.where(place % 2, (place + 1) // 2, -(place // 2))
     return (place[:, None] + zigzag) % n
-
-
-def _student(confidence: float, freedom: int) -> float:
-    """Two-sided quantile of Student's t (Abramowitz and Stegun 26.7.5), right to 1 % from 7 degrees at 99 %."""
-    z = NormalDist().inv_cdf((1 + confidence) / 2)
-    first, second = (z**3 + z) / 4, (5 * z**5 + 16 * z**3 + 3 * z) / 96
-    third = (3 * z**7 + 19 * z**5 + 17 * z**3 - 15 * z) / 384
-    return z + first / freedom + second / freedom**2 + third / freedom**3

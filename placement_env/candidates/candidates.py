@@ -15,7 +15,7 @@ from hashlib import sha256
 import numpy as np
 from numpy.typing import ArrayLike
 
-from toolkit.arrays import Bool, Float64, Int64
+from toolkit.arrays import Bool, Float64, Int64, Shaped
 from toolkit.geometry import pose
 from toolkit.sensors.sensor import Sensor, SensorModel
 from toolkit.sites.site import Mount
@@ -41,10 +41,6 @@ class Axes:
             raise ValueError(f"need a price for each of {len(self.models)} models, got {len(self.prices)}")
         if not all(0 <= price < np.inf for price in self.prices):
             raise ValueError(f"prices of models must be finite and not negative, got {self.prices}")
-
-    def select_prices(self, models: Sequence[SensorModel]) -> tuple[float, ...]:
-        """Return `prices` of some of the models, in the given order."""
-        return tuple(self.prices[self.models.index(model)] for model in models) if self.prices else ()
 
     @property
     def shape(self) -> tuple[int, int, int, int]:
@@ -74,6 +70,19 @@ class Candidates:
             raise ValueError(f"names of candidates must differ, got {repeat!r} twice")
         if count and not ((self.factors >= 0) & (self.factors < self.shape)).all():
             raise ValueError(f"factors must lie in 0..{self.shape}, got up to {self.factors.max(axis=0).tolist()}")
+
+    @staticmethod
+    def of_poses(
+        sensors: Sequence[Sensor], mount: Int64[np.ndarray, " n"], aim: Float64[np.ndarray, "n 3"], pool: Candidates
+    ) -> Candidates:
+        """Candidates in poses of their own on a pool's mounts. aim: height, heading and tilt of each."""
+        models, count = tuple(dict.fromkeys(sensor.model for sensor in sensors)), np.arange(len(sensors))
+        model = [models.index(sensor.model) for sensor in sensors]
+        known = pool.axes
+        prices = tuple(known.prices[known.models.index(each)] for each in models) if known.prices else ()
+        factors = np.column_stack([mount, count, count, count, model]).astype(np.int64)
+        heights, headings, tilts = aim.T
+        return Candidates(tuple(sensors), pool.mounts, factors, Axes(heights, headings, tilts, models, prices))
 
     def __len__(self) -> int:
         return len(self.sensors)
@@ -119,24 +128,23 @@ class Candidates:
         """Capacity of the link of each candidate's mount (kbit per frame)."""
         return np.array([self.mounts[mount].capacity for mount in self.mount], np.float64)
 
-    def per_mount(self, subsets: Bool[np.ndarray, "n C"]) -> Int64[np.ndarray, "n M"]:
-        """Count the sensors of each set on each mount."""
+    def per_mount(
+        self, subsets: Bool[np.ndarray, "n C"], each: Float64[np.ndarray, " C"] | None = None
+    ) -> Shaped[np.ndarray, "n M"]:
+        """Count the sensors of each set on each mount, or add up a figure of theirs."""
         chosen, candidate = np.nonzero(subsets)
-        cells = chosen * len(self.mounts) + self.mount[candidate]
-        return np.bincount(cells, minlength=len(subsets) * len(self.mounts)).reshape(len(subsets), len(self.mounts))
+        cells, shape = chosen * len(self.mounts) + self.mount[candidate], (len(subsets), len(self.mounts))
+        figures = None if each is None else each[candidate]
+        return np.bincount(cells, figures, minlength=shape[0] * shape[1]).reshape(shape)
 
     def at(
         self, mount: ArrayLike, height: ArrayLike, heading: ArrayLike, tilt: ArrayLike, model: ArrayLike
     ) -> np.int64 | Int64[np.ndarray, "..."]:
         """Return the candidate with these factors, -1 for none."""
-        factors = np.broadcast_arrays(mount, height, heading, tilt, model)
-        inside = np.logical_and.reduce([(f >= 0) & (f < n) for f, n in zip(factors, self.shape, strict=True)])
-        if not len(self):
-            return np.full(inside.shape, -1)[()]
-        asked = np.ravel_multi_index(factors, self.shape, mode="clip")
-        order, keys = self._by_factors
-        place = np.minimum(np.searchsorted(keys, asked), len(keys) - 1)
-        return np.where(inside & (keys[place] == asked), order[place], -1)[()]
+        asked = np.stack(np.broadcast_arrays(mount, height, heading, tilt, model), axis=-1)
+        same = (asked[..., None, :] == self.factors).all(axis=-1)
+        place = np.concatenate([same, np.ones((*asked.shape[:-1], 1), np.bool_)], axis=-1).argmax(axis=-1)
+        return np.where(place < len(self), place, -1)[()]
 
     def select(self, indices: Sequence[int] | Int64[np.ndarray, " n"]) -> Candidates:
         """Return some of the candidates, in the given order. Mounts and axes stay, so factors keep their meaning."""
@@ -155,13 +163,6 @@ class Candidates:
         sha.update(repr([[axis.tolist() for axis in axes], self.axes.models, self.factors.tolist()]).encode())
         sha.update(repr(self.axes.prices).encode() if any(self.axes.prices) else b"")
         return sha.hexdigest()
-
-    @cached_property
-    def _by_factors(self) -> tuple[np.ndarray, np.ndarray]:
-        """Candidates in the order of their flat factors, and these."""
-        flat = np.ravel_multi_index(tuple(self.factors.T), self.shape)
-        order = np.argsort(flat, kind="stable")
-        return order, flat[order]
 
 
 def find_repeat(names: Iterable[str]) -> str:
@@ -192,27 +193,23 @@ def fit_together(
     fits = np.asarray((per_mount <= candidates.places).all(axis=1))
     if sent is None or not candidates.several:
         return fits
-    loads, links = np.zeros(per_mount.shape), np.array([mount.capacity for mount in candidates.mounts])
-    row, candidate = subsets.nonzero()
-    np.add.at(loads, (row, candidates.mount[candidate]), sent[candidate])
+    loads, links = candidates.per_mount(subsets, sent), np.array([mount.capacity for mount in candidates.mounts])
     return np.asarray(fits & ((loads <= links * (1 + ROUNDED)) | (per_mount <= 1)).all(axis=1))
 
 
 def room_beside(
-    candidates: Candidates, row: Bool[np.ndarray, " C"], sent: Float64[np.ndarray, " C"] | None = None
-) -> Bool[np.ndarray, " C"]:
-    """Tell which candidates have room beside a set."""
-    count = np.bincount(candidates.mount[row], minlength=len(candidates.mounts))
-    room = np.asarray((count < candidates.places)[candidates.mount] & ~row)
+    candidates: Candidates, subsets: Bool[np.ndarray, "n C"], sent: Float64[np.ndarray, " C"] | None = None
+) -> Bool[np.ndarray, "n C"]:
+    """Tell which candidates have room beside each set."""
+    mount, count = candidates.mount, candidates.per_mount(subsets)
+    room = np.asarray((count < candidates.places)[:, mount] & ~subsets)
     if sent is None or not candidates.several:
         return room
-    load = np.bincount(candidates.mount[row], sent[row], minlength=len(candidates.mounts))
-    shared = (load[candidates.mount] + sent <= candidates.capacity * (1 + ROUNDED)) | (count[candidates.mount] == 0)
-    return np.asarray(room & shared)
+    load = candidates.per_mount(subsets, sent)[:, mount] + sent
+    return np.asarray(room & ((load <= candidates.capacity * (1 + ROUNDED)) | (count == 0)[:, mount]))
 
 
 def extra_prices(candidates: Candidates, row: Bool[np.ndarray, " C"]) -> Float64[np.ndarray, " C"]:
     """Price that each candidate adds to a set. A mount that carries a sensor already is paid."""
-    paid = np.zeros(len(candidates.mounts), np.bool_)
-    paid[candidates.mount[row]] = True
-    return np.where(paid[candidates.mount], candidates.model_prices, candidates.prices)
+    paid = np.isin(candidates.mount, candidates.mount[row])
+    return np.where(paid, candidates.model_prices, candidates.prices)

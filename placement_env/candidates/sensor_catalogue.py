@@ -13,12 +13,12 @@ fov_deg = 90               # fields of the model; angles in degrees, named so
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
 
+from toolkit.runtime.files import name_errors, parse_toml, read_bytes
 from toolkit.sensors.models import find_model_class, make_model
 from toolkit.sensors.sensor import SensorModel, find_angles
 
@@ -55,13 +55,9 @@ class SensorCatalogue:
 
 def load_sensor_catalogue(path: str | Path) -> SensorCatalogue:
     """Load the catalogue in a TOML file. Raises OSError, and ValueError in one line that says where it is wrong."""
-    content = Path(path).read_bytes()
-    try:
-        document = tomllib.loads(content.decode("utf-8-sig"))
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{path}: not a text file (byte {error.start} is not UTF-8): give a TOML file") from None
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise ValueError(f"{path}: not TOML ({str(error)[:120]}): see the example in the documentation") from None
+    content = read_bytes(path)
+    with name_errors(path):
+        document = parse_toml(content)
     unknown = [key for key in document if key not in KNOWN]
     if unknown:
         raise ValueError(f"{path}: {unknown[0]} is unknown: a catalogue has {', '.join(KNOWN)}")

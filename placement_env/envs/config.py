@@ -9,7 +9,7 @@ from typing import Any, Literal, TypeVar, get_args
 
 import numpy as np
 
-from placement_env.checks import check_range, check_whole
+from placement_env.checks import check_choice, check_range, check_whole
 from placement_env.classes import VEHICLES
 from placement_env.objective import Objective
 from placement_env.setting import Setting
@@ -114,8 +114,7 @@ class SelectConfig(SubsetConfig):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.actions not in get_args(Actions):
-            raise ValueError(f"actions must be flat or factored, got {self.actions!r}")
+        check_choice("actions", self.actions, get_args(Actions))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from gymnasium.spaces import Box
 
-from placement_env.candidates.candidates import Axes, Candidates, aim_sensor
+from placement_env.candidates.candidates import Candidates, aim_sensor
 from placement_env.envs.config import PoseConfig
 from placement_env.envs.env import Ends, PlacementEnv, PlacementVectorEnv, Task
 from placement_env.envs.scenario import Episode, EpisodeSource, Options, Scenario, poses
@@ -48,16 +48,10 @@ class Rig:
 
     def to_candidates(self) -> Candidates:
         """Return the sensors as they stand now."""
-        old, (height, heading, tilt), count = self.candidates, self.aim.T, np.arange(len(self.aim))
-        models = tuple(dict.fromkeys(sensor.model for sensor in old.sensors))
-        model = np.array([models.index(sensor.model) for sensor in old.sensors])
-        sensors = tuple(
-            aim_sensor(s, np.array([*s.position[:2], z]), float(y), float(t))
-            for s, z, y, t in zip(old.sensors, _feet(old) + height, heading, tilt, strict=True)
-        )
-        factors = np.stack([old.mount, count, count, count, model], axis=1)
-        axes = Axes(height, heading, tilt, models, old.axes.select_prices(models))
-        return Candidates(sensors, old.mounts, factors, axes)
+        old, heights = self.candidates, _feet(self.candidates) + self.aim[:, 0]
+        rows = zip(old.sensors, heights, self.aim.tolist(), strict=True)
+        sensors = [aim_sensor(s, np.array([*s.position[:2], z]), *aim) for s, z, (_, *aim) in rows]
+        return Candidates.of_poses(sensors, old.mount, self.aim, old)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -75,24 +69,24 @@ class _PoseScenarios(EpisodeSource):
         super().__init__(config)
         self.slots, self.moves = config.budgets[1], config.moves
         for index in range(len(self.sites)):
-            mounts = len(np.unique(self.sites.candidates(index).mount))
+            mounts = len(np.unique(self.candidates(index).mount))
             if mounts < self.slots + config.failure_counts[1]:
                 raise ValueError(
                     f"{self.sites[index].name} has {mounts} mounts with candidates, too few for a budget of "
                     f"{self.slots} and {config.failure_counts[1]} failures: lower them"
                 )
-        self.sites.check_scorable()
+        self.check_scorable()
         self._made: dict[tuple[int, str], Preparation] = {}
 
     def draw(self, rng: np.random.Generator, options: Options | None) -> _PoseEpisode:
         """Draw sensors that have not failed, on different mounts. Raises ValueError if there are too few."""
-        conditions = self.sites.draw(rng, options)
+        conditions = self.draw_conditions(rng, options)
         budget = conditions.budget
         if budget > self.slots:
             raise ValueError(f"budget must lie in 1..{self.slots}, the sensors that an action moves, got {budget}")
         key = conditions.site, conditions.scheme.digest
         if key not in self._made:
-            setting = self.sites.setting(conditions.site, conditions.scheme)
+            setting = self.setting(conditions.site, conditions.scheme)
             self._made[key] = Preparation(setting, replace(self.config.run, workers=1, ray=None))
         preparation = self._made[key]
         candidates = preparation.setting.pool
@@ -137,7 +131,6 @@ class _PoseTask(Task):
     def reset(
         self, rows: Int64[np.ndarray, " m"], rngs: Sequence[np.random.Generator], options: Options | None
     ) -> None:
-        """Start new episodes in some rows and score their sensors."""
         episodes = [self._source.draw(rng, options) for rng in rngs]
         self.state.reset(rows, episodes)
         self._now.update(zip(rows.tolist(), episodes, strict=True))
@@ -160,7 +153,6 @@ class _PoseTask(Task):
         return state.gain, np.zeros(state.n, np.bool_), active & (state.steps >= state.max_steps)
 
     def action_masks(self) -> Bool[np.ndarray, "n choices"]:
-        """Tell which entries of an action move a sensor."""
         return np.repeat(self.state.chosen, 3, axis=1)
 
 

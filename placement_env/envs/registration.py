@@ -21,8 +21,7 @@ ENVIRONMENTS: dict[str, tuple[str, str]] = {
 def register() -> None:
     """Register the environments. Raises ImportError, with the remedy, if Gymnasium is missing."""
     try:
-        from gymnasium.envs.registration import register as register_one
-        from gymnasium.envs.registration import registry
+        from gymnasium.envs.registration import register as register_one, registry
     except ImportError:
         raise ImportError("the environments need Gymnasium: pip install coview[rl]") from None
     for name, (scalar, vector) in ENVIRONMENTS.items():

@@ -11,7 +11,9 @@ from placement_env.envs.scenario import find_area
 from placement_env.objective import Objective
 from toolkit.arrays import Shaped
 from toolkit.boxes import footprints
-from toolkit.plots.base_map import (
+from toolkit.plots.canvas import blank_figure, house_style, render_pixels, shorten
+from toolkit.plots.palette import INK, PAPER_WHITE, point_colours, point_names, point_scale
+from toolkit.plots.plan_view import (
     draw_area,
     draw_ground,
     draw_north,
@@ -21,8 +23,6 @@ from toolkit.plots.base_map import (
     north,
     scale_length,
 )
-from toolkit.plots.canvas import blank_figure, house_style, render_pixels, shorten
-from toolkit.plots.palette import INK, PAPER_WHITE, point_colours, point_names, point_scale
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -35,10 +35,8 @@ OPTIONS = ("site", "scheme", "budget", "failed")
 class Scenario:
     """An objective with its C candidates in `slots` slots.
 
-    width: number of candidates; mount, usable: of each slot; the empty ones share a mount of their own, and usable are
-    those with a candidate whose link carries its data; mount_places: sensors that each mount may carry; load: share of
-    the link that each candidate takes, None unless links are shared; seen: places that each candidate sees, a bit each;
-    places: their number.
+    width: number of candidates; usable: slots with a candidate whose link carries its data; seen: places that each
+    candidate sees, a bit each; places: their number.
 
     static: `STATIC` of each candidate, in -1..1; 0 in the empty slots. x and y are relative to the area, whose sides
     lie at ±0.5; z is in units of 20 m, tilt of a right angle, the field of view of a full turn; price and kbit are
@@ -47,23 +45,19 @@ class Scenario:
     """
 
     def __init__(self, objective: Objective, slots: int) -> None:
-        candidates = objective.candidates
-        self.objective, self.slots, self.width = objective, slots, len(candidates)
+        self.objective, self.slots, self.width = objective, slots, len(objective.candidates)
         if self.width > slots:
             raise ValueError(
                 f"the environment has slots for {slots} candidates, this site has {self.width}: make it with "
                 f"slots={self.width}"
             )
-        self.mount = pad(candidates.mount, slots, fill=len(candidates.mounts))
-        self.mount_places = np.append(candidates.places, 1)
-        sent = objective.shared_links
-        self.load = None if sent is None else pad(sent / candidates.capacity, slots)
-        self.usable = pad(objective.linked, slots)
+        self.usable = np.pad(objective.linked, (0, slots - self.width))
         seen, whole = places_seen(objective), np.zeros((slots, PLACES), np.bool_)
         self.places = seen.shape[1]
         whole[: len(seen), : self.places] = seen
-        self.seen: Shaped[np.ndarray, "words slots"]
-        self.seen = np.ascontiguousarray(np.packbits(whole, axis=1).view(np.uint64).T)
+        self.seen: Shaped[np.ndarray, "words slots"] = np.ascontiguousarray(
+            np.packbits(whole, axis=1).view(np.uint64).T
+        )
         self.static = np.zeros((len(STATIC), slots), np.float32)
         self.static[:, : self.width] = np.clip(self._features(seen.sum(axis=1) / max(1, self.places)), -1, 1)
         weights = np.array([1000 * objective.weights.comm, objective.weights.price])
@@ -109,11 +103,6 @@ def poses(candidates: Candidates) -> tuple[np.ndarray, np.ndarray, np.ndarray, n
     return np.array([sensor.position for sensor in sensors]), *aims(sensors), np.array(width), lidar
 
 
-def pad(row: Shaped[np.ndarray, " C"], slots: int, fill: int = 0) -> Shaped[np.ndarray, " slots"]:
-    """Extend a row over the candidates to the slots."""
-    return np.concatenate([row, np.full(slots - len(row), fill, row.dtype)])
-
-
 @dataclass(frozen=True, eq=False)
 class Episode:
     """Start of an episode. failed, chosen: rows over the slots, chosen those that stand from the start."""
@@ -133,51 +122,54 @@ class Conditions(NamedTuple):
     failed: Iterable[int | str]
 
 
-class Sites:
-    """Sites of an environment; episodes draw from the first `drawn`, those of the config, options may name others."""
+class EpisodeSource:
+    """Sites of an environment, and the episodes drawn from them.
+
+    sites: the first `drawn` are those of the config, options may name others; slots: of every scenario.
+    """
+
+    slots: int
 
     def __init__(self, config: EnvConfig, candidates: Candidates | None = None) -> None:
         self.config, self._given, self._of_all = config, list(config.sites), candidates
-        self._known = [_load(each) for each in self._given]
-        self.drawn = len(self._known)
+        self.sites = [_load(each) for each in self._given]
+        self.drawn = len(self.sites)
         self._candidates: dict[int, Candidates] = {}
 
-    def __len__(self) -> int:
-        return len(self._known)
-
-    def __getitem__(self, index: int) -> Site:
-        return self._known[index]
+    def draw(self, rng: np.random.Generator, options: Options | None) -> Episode:
+        """Draw an episode with these options. Raises ValueError for an option that is unknown or does not fit."""
+        raise NotImplementedError
 
     def index(self, site: Site | str | None, rng: np.random.Generator) -> int:
         """Return the number of a site."""
         if site is None:
             return int(rng.integers(self.drawn)) if self.drawn > 1 else 0
-        for index, (given, known) in enumerate(zip(self._given, self._known, strict=True)):
+        for index, (given, known) in enumerate(zip(self._given, self.sites, strict=True)):
             if known is site or (isinstance(site, str) and site in (given, known.name)):
                 return index
-        self._known.append(_load(site))
+        self.sites.append(_load(site))
         self._given.append(site)
-        return len(self._known) - 1
+        return len(self.sites) - 1
 
     def candidates(self, index: int) -> Candidates:
         """Return the candidates at a site."""
         if self._of_all is not None:
             return self._of_all
         if index not in self._candidates:
-            self._candidates[index] = replace(self.config.setting, site=self[index]).pool
+            self._candidates[index] = replace(self.config.setting, site=self.sites[index]).pool
         return self._candidates[index]
 
     def setting(self, index: int, scheme: Scheme) -> Setting:
         """Return the setting at a site with one scheme."""
-        return replace(self.config.setting, site=self[index], candidates=self.candidates(index), scheme=scheme)
+        return replace(self.config.setting, site=self.sites[index], candidates=self.candidates(index), scheme=scheme)
 
     def check_scorable(self) -> None:
         """Raise ValueError if the candidates of some site cannot be scored as asked."""
-        for index in range(len(self)):
+        for index in range(len(self.sites)):
             for scheme in self.config.schemes:
                 Preparation(self.setting(index, scheme)).check()
 
-    def draw(self, rng: np.random.Generator, options: Options | None) -> Conditions:
+    def draw_conditions(self, rng: np.random.Generator, options: Options | None) -> Conditions:
         """Take site, scheme, budget and failed candidates from the options, else draw them in this order.
 
         What the config does not leave open takes nothing from the generator. Raises ValueError for an option that is
@@ -196,19 +188,6 @@ class Sites:
         return Conditions(site, find_scheme(scheme), int(budget), failed)
 
 
-class EpisodeSource:
-    """Scenarios from which episodes are drawn. slots: of every scenario."""
-
-    slots: int
-
-    def __init__(self, config: EnvConfig, candidates: Candidates | None = None) -> None:
-        self.config, self.sites = config, Sites(config, candidates)
-
-    def draw(self, rng: np.random.Generator, options: Options | None) -> Episode:
-        """Draw an episode with these options. Raises ValueError for an option that is unknown or does not fit."""
-        raise NotImplementedError
-
-
 class Scenarios(EpisodeSource):
     """Scenarios to choose among candidates, each made when first drawn, all checked to be scorable before."""
 
@@ -216,13 +195,13 @@ class Scenarios(EpisodeSource):
         objective = self._objective = config.objective
         super().__init__(config, None if objective is None else objective.candidates)
         self.factored = isinstance(config, SelectConfig) and config.actions == "factored"
-        whole = [self.sites.candidates(index) for index in range(len(self.sites))]
+        whole = [self.candidates(index) for index in range(len(self.sites))]
         self.slots = max(map(len, whole)) if config.slots is None else config.slots
         self.shape = tuple(int(size) for size in np.max([each.shape for each in whole], axis=0))
         if max(map(len, whole)) > self.slots:
             raise ValueError(f"slots must hold all {max(map(len, whole))} candidates, got {self.slots}")
         if objective is None:
-            self.sites.check_scorable()
+            self.check_scorable()
         self._made: dict[tuple[int, str], Scenario] = {}
         self._always: Episode | None = None  # if nothing is drawn, all episodes without options start alike
 
@@ -234,10 +213,10 @@ class Scenarios(EpisodeSource):
         other = "scheme" in options and objective and find_scheme(options["scheme"]) != objective.scheme
         if objective and ("site" in options or other):
             raise ValueError("an environment made from an objective keeps its site and scheme: make it from a site")
-        conditions = self.sites.draw(rng, options)
+        conditions = self.draw_conditions(rng, options)
         key = conditions.site, conditions.scheme.digest
         if key not in self._made:
-            made = objective or Objective(self.sites.setting(conditions.site, conditions.scheme), self.config.run)
+            made = objective or Objective(self.setting(conditions.site, conditions.scheme), self.config.run)
             self._made[key] = Scenario(made, self.slots)
         scenario = self._made[key]
         shape = scenario.objective.candidates.shape
@@ -246,8 +225,9 @@ class Scenarios(EpisodeSource):
                 f"factored actions are for {self.shape} mounts, heights, headings, tilts and models, this site has "
                 f"{shape}: make the environment with all its sites"
             )
-        episode = Episode(scenario, conditions.budget, pad(scenario.objective.row(conditions.failed), self.slots))
-        if not options and not self.config.leaves_open and self.sites.drawn == 1:
+        failed = np.pad(scenario.objective.row(conditions.failed), (0, self.slots - scenario.width))
+        episode = Episode(scenario, conditions.budget, failed)
+        if not options and not self.config.leaves_open and self.drawn == 1:
             self._always = episode
         return episode
 

@@ -25,7 +25,6 @@ class _SelectTask(Task):
         self._one_hot: dict[Scenario, np.ndarray] = {}
 
     def step(self, active: Bool[np.ndarray, " n"], actions: Shaped[np.ndarray, "n ..."]) -> Ends:
-        """Add a candidate in each active row."""
         slot, stops = self._slots(actions)
         state, acting = self.state, active & ~stops
         places = acting & (slot >= 0) & state.allowed[self._rows, slot]

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from placement_env.candidates.candidates import ROUNDED
+from placement_env.candidates.candidates import room_beside
 from placement_env.checks import check_whole
 from placement_env.envs.scenario import STATIC, Episode, Scenario
 from placement_env.objective import Objective, Scores
@@ -176,20 +176,20 @@ class State:
             return
         allowed = ~self.failed
         for scenario, rows in self.groups:
-            allowed[rows] &= scenario.usable & find_room(scenario, self.chosen[rows])
+            allowed[rows] &= find_room(scenario, self.chosen[rows])
         self.allowed = allowed & (self.chosen.sum(axis=1) < self.budget)[:, None]
 
 
 def find_room(scenario: Scenario, chosen: Bool[np.ndarray, "n slots"]) -> Bool[np.ndarray, "n slots"]:
-    """Tell which other candidates have room on mount and link."""
-    mount, load, (row, slot) = scenario.mount, scenario.load, chosen.nonzero()
-    count = np.zeros((len(chosen), len(scenario.mount_places)), np.int64)
-    np.add.at(count, (row, mount[slot]), 1)
-    room = (count < scenario.mount_places).take(mount, axis=1) & ~chosen
-    if load is not None:
-        taken = np.zeros(count.shape)
-        np.add.at(taken, (row, mount[slot]), load[slot])
-        room &= (taken.take(mount, axis=1) + load <= 1 + ROUNDED) | (count == 0).take(mount, axis=1)
+    """Tell which other candidates may join, by their links and the room on their mounts."""
+    objective, width, room = scenario.objective, scenario.width, scenario.usable & ~chosen
+    candidates, shared = objective.candidates, objective.shared_links
+    if shared is not None:
+        room[:, :width] &= room_beside(candidates, chosen[:, :width], shared)
+        return room
+    count, (row, slot) = np.zeros((len(chosen), len(candidates.mounts)), np.int64), chosen[:, :width].nonzero()
+    np.add.at(count, (row, candidates.mount[slot]), 1)
+    room[:, :width] &= (count < candidates.places)[:, candidates.mount]
     return room
 
 

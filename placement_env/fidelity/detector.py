@@ -18,7 +18,6 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from copy import copy
-from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
 from typing import NamedTuple, Protocol, cast, runtime_checkable
@@ -81,7 +80,7 @@ class MeasuredImages(Protocol):
 
 
 class Outcome(NamedTuple):
-    """Detections of one set in one frame, None as labels for all vehicles, and bits sent by each sensor of the set.
+    """Detections of one set in one frame, and bits sent by each sensor of the set.
 
     truth: at each IoU threshold the index of the frame's scored object that each hit, or FALSE_ALARM or IGNORED.
     """
@@ -89,12 +88,10 @@ class Outcome(NamedTuple):
     scores: Float64[np.ndarray, " n"]
     truth: Shaped[np.ndarray, "ious n"]
     bits: Shaped[np.ndarray, " sensors"]
-    labels: Shaped[np.ndarray, " n"] | None = None
+    labels: Shaped[np.ndarray, " n"]
 
     def of_class(self, label: int) -> Outcome:
         """Outcome of one class. `truth` still counts the objects of all classes."""
-        if self.labels is None:
-            return self
         own = self.labels == label
         return Outcome(self.scores[own], self.truth[:, own], self.bits, self.labels[own])
 
@@ -208,7 +205,7 @@ class Detected:
             kept[chosen] = [None if arrays is None else Outcome(*arrays) for arrays in found]
         missing = ((place, k, [c for c, row in kept.items() if row[place] is None]) for place, k in enumerate(frames))
         tasks = [task for task in missing if task[2]]
-        work = self.processes.map(_Scoring(self), tasks, progress=progress)
+        work = self.processes.map(partial(_score, self), tasks, progress=progress)
         for (place, k, lacking), (outcomes, detections) in zip(tasks, work, strict=True):
             values = {self._outcome_key(c, k): cast(Arrays, o) for c, o in zip(lacking, outcomes, strict=True)}
             self.memo.put(detections | values)
@@ -274,19 +271,14 @@ class Detected:
         return [make_key(sensor.name, sensor.digest).hex()[:32] for sensor in self.renders.sensors]
 
 
-@dataclass(frozen=True)
-class _Scoring:
+def _score(rules: Detected, task: tuple[int, int, list[tuple[int, ...]]]) -> tuple[list[Outcome], dict[bytes, Arrays]]:
     """Outcomes and new detections of some sets in one frame."""
-
-    rules: Detected
-
-    def __call__(self, task: tuple[int, int, list[tuple[int, ...]]]) -> tuple[list[Outcome], dict[bytes, Arrays]]:
-        if not self.rules.processes.alone and "torch" in sys.modules:
-            sys.modules["torch"].set_num_threads(1)  # each core already has a process
-        _, k, sets = task
-        frame = _FrameDetections(self.rules, k)
-        frame.fuse_together(sets)
-        return [self.rules.outcome(k, frame.fused(chosen)) for chosen in sets], frame.new
+    if not rules.processes.alone and "torch" in sys.modules:
+        sys.modules["torch"].set_num_threads(1)  # each core already has a process
+    _, k, sets = task
+    frame = _FrameDetections(rules, k)
+    frame.fuse_together(sets)
+    return [rules.outcome(k, frame.fused(chosen)) for chosen in sets], frame.new
 
 
 class _FrameDetections:
@@ -306,11 +298,10 @@ class _FrameDetections:
             measure=partial(renders.clouds, k),
             run=self._detections,
             codec=rules.codec,
-            images=None if images is None else Images(partial(images.captured, k), images.scene),
+            images=Images(number=k) if images is None else Images(partial(images.captured, k), images.scene, number=k),
         )
 
     def fused(self, chosen: tuple[int, ...]) -> Fused:
-        """Joint detections of a set, and its sensors' bits."""
         if chosen not in self._fused:
             self._fused[chosen] = self._rules.scheme.fuse(self._view, chosen)
         return self._fused[chosen]
@@ -342,7 +333,6 @@ class _FrameDetections:
         return True
 
     def _detections(self, clouds: Sequence[Cloud]) -> Detections:
-        """Joint detections in the points of some clouds."""
         adding = [cloud for cloud in clouds if len(cloud.points)]
         key = self._rules.key(self._k, "detections", [c.sensor for c in adding], [c.history for c in adding])
         if key not in self._detected:

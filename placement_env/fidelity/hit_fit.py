@@ -8,6 +8,7 @@ from itertools import product
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from scipy.optimize import minimize, minimize_scalar
 
 from placement_env.classes import VEHICLES, Classes
 from placement_env.fidelity.hit_model import NUMBERS, RANGES, HitModel, build_domain
@@ -60,7 +61,7 @@ def fit(
     """Model that best explains the hits at some sites, and then has the least mean squared error of the AP.
 
     resamples: repeated fits to sites (unless single), blocks of frames and sets drawn with replacement, from which the
-    model states its uncertainty. Raises ValueError where the data are empty; ModuleNotFoundError without SciPy.
+    model states its uncertainty. Raises ValueError where the data are empty.
     """
     for each in observed:
         _check(each)
@@ -88,14 +89,13 @@ class _Fitting:
     def __init__(self, observed: Sequence[Observed], scheme: Scheme, names: dict[str, Any]) -> None:
         self._observed, self._names = observed, {"scheme": scheme.name, **names}
         self._evidence = [Evidence(each.visibility, scheme, each.radius) for each in observed]
-        self._minimize, self._minimize_scalar = _scipy()
 
     def fit(
         self, start: Float64[np.ndarray, " p"], weights: Sequence[_Weights]
     ) -> tuple[Float64[np.ndarray, " p"], HitModel, float]:
         """Best numbers from a start, their model, and the hits' unlikelihood under it."""
         bounds = [*(RANGES[name] for name in FITTED), CEILING_LOGIT, FLOOR_LOG]
-        end = self._minimize(self._unlikelihood, start, args=(weights,), method="L-BFGS-B", bounds=bounds)
+        end = minimize(self._unlikelihood, start, args=(weights,), method="L-BFGS-B", bounds=bounds)
         ranked = [-np.sort(-p, axis=1) for p in self._probabilities(self._model(end.x))]
         total = max(sum(sets.sum() for _, sets in weights), 1.0)
 
@@ -106,7 +106,7 @@ class _Fitting:
                 for p, each, (_, sets) in parts
             ) / float(total)
 
-        rate = self._minimize_scalar(misfit, bounds=RANGES["false_alarms"], method="bounded").x
+        rate = minimize_scalar(misfit, bounds=RANGES["false_alarms"], method="bounded").x
         return end.x, self._model(end.x, float(rate)), float(end.fun)
 
     def _model(self, numbers: Float64[np.ndarray, " p"], false_alarms: float = 0.0) -> HitModel:
@@ -228,7 +228,6 @@ def fit_sites(
     from placement_env.fidelity.seeing import see
     from placement_env.fidelity.traffic import simulate_traffic
 
-    _scipy()
     observed = []
     frames = run.frames_or(FIT_FRAMES)
     for place, site in enumerate(sites):
@@ -266,11 +265,3 @@ def _check(each: Observed) -> None:
         )
     if not np.isfinite(ap).all():
         raise ValueError("a fit needs finite APs: leave out what has nothing to find")
-
-
-def _scipy() -> tuple[Any, Any]:
-    try:
-        from scipy.optimize import minimize, minimize_scalar
-    except ModuleNotFoundError:
-        raise ModuleNotFoundError("fitting a surrogate needs SciPy: pip install scipy") from None
-    return minimize, minimize_scalar

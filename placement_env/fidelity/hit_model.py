@@ -33,6 +33,7 @@ from typing import Any
 
 import numpy as np
 
+from placement_env.checks import check_choice
 from toolkit.arrays import Float, Float32
 from toolkit.detection.schemes import SCHEMES
 from toolkit.objects import LABELS, VEHICLE
@@ -74,8 +75,9 @@ class HitDomain:
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < float("inf"):
                 raise ValueError(f"{name} must be a number above 0, got {value!r}")
-        if not all(isinstance(name, str) for name in self.sensors):
+        if isinstance(self.sensors, str) or not all(isinstance(name, str) for name in self.sensors):
             raise ValueError(f"sensors must be names of sensor models, got {self.sensors!r}")
+        object.__setattr__(self, "sensors", tuple(self.sensors))
 
     def outside(
         self, points: Float32[np.ndarray, "C O"], distance: Float32[np.ndarray, "C O"], sensors: Iterable[str] = ()
@@ -131,10 +133,10 @@ class HitModel:
 
     def __post_init__(self) -> None:
         for name, (lowest, highest) in RANGES.items():
-            if not lowest <= getattr(self, name) <= highest:
-                raise ValueError(f"{name} must lie in {lowest:g}..{highest:g}, got {getattr(self, name)}")
-        if self.label not in LABELS:
-            raise ValueError(f"label must be one of {', '.join(LABELS)}, got {self.label!r}")
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, int | float) or not lowest <= value <= highest:
+                raise ValueError(f"{name} must lie in {lowest:g}..{highest:g}, got {value!r}")
+        check_choice("label", self.label, LABELS)
         if not self.scheme or not isinstance(self.scheme, str):
             raise ValueError(f"scheme must be the name of a fusion scheme, got {self.scheme!r}")
         if any(len(row) != len(NUMBERS) for row in self.resampled):
@@ -216,41 +218,20 @@ def _model(given: object, schemes: Collection[str]) -> HitModel:
     names = {field.name for field in fields(HitModel)}
     if not isinstance(given, dict) or set(given) | OPTIONAL != names:
         raise ValueError(f"a model needs exactly {', '.join(sorted(names))}, got {given!s:.80}")
-    row: dict[str, Any] = {"floor": 0.0, "bulk": 0.0, "resampled": [], "domain": None, **given}
-    for name in RANGES:
-        if isinstance(row[name], bool) or not isinstance(row[name], int | float):
-            raise ValueError(f"{name} must be a number, got {row[name]!r}")
-    if row["scheme"] not in schemes or not isinstance(row["source"], str):
+    if given["scheme"] not in schemes or not isinstance(given["source"], str):
         raise ValueError(
-            f"scheme must be one of {', '.join(schemes)} and source a text, got {row['scheme']!r} and "
-            f"{row['source']!r}: for a scheme of your own, pass schemes="
+            f"scheme must be one of {', '.join(schemes)} and source a text, got {given['scheme']!r} and "
+            f"{given['source']!r}: for a scheme of your own, pass schemes="
         )
-    if not isinstance(row.get("label", ""), str):
-        raise ValueError(f"label must be one of {', '.join(LABELS)}, got {row['label']!r}")
-    resampled = row["resampled"]
-    if not isinstance(resampled, list) or not all(isinstance(each, list) for each in resampled):
-        raise ValueError(f"resampled must be lists of numbers, got {resampled!s:.60}")
     try:
-        rows = [tuple(float(number) for number in each) for each in resampled]
-        rows = [(*each, 0.0) if len(each) == len(NUMBERS) - 1 else each for each in rows]  # there was no bulk
-        row |= {"domain": _domain(row["domain"]), "resampled": tuple(rows)}
+        rows = [tuple(float(number) for number in each) for each in given.get("resampled", [])]
+        domain = None if given.get("domain") is None else HitDomain(**given["domain"])
     except TypeError as error:
-        raise ValueError(f"resampled must be numbers and domain a table of {error}") from None
-    model = HitModel(**row | {name: float(row[name]) for name in RANGES})
+        raise ValueError(f"resampled must be lists of numbers and domain a table of numbers, got {error}") from None
+    rows = [(*each, 0.0) if len(each) == len(NUMBERS) - 1 else each for each in rows]  # there was no bulk
+    model = HitModel(**given | {"domain": domain, "resampled": tuple(rows)})
     _ = model.resamples  # in their ranges, too
     return model
-
-
-def _domain(row: object) -> HitDomain | None:
-    if row is None:
-        return None
-    names = [field.name for field in fields(HitDomain)]
-    if not isinstance(row, dict) or set(row) != set(names):
-        raise ValueError(f"domain must be null or have {', '.join(names)}, got {row!s:.60}")
-    if not isinstance(row["sensors"], list):
-        raise ValueError(f"sensors must be a list of names, got {row['sensors']!s:.60}")
-    numbers = {name: float(row[name]) for name in ("farthest", "most_points")}
-    return HitDomain(**row | numbers | {"sensors": tuple(row["sensors"])})
 
 
 def build_domain(

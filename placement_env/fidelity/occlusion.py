@@ -85,7 +85,6 @@ class _Scene:
         self._owner = np.zeros(len(views.still), np.int32)
 
     def part(self, body: int, box: np.ndarray, windows: Windows) -> _Part:
-        """Part of one object seen alone."""
         pixels, sensors, depth, points = self.views.silhouette(body, box, windows)
         if not len(pixels):
             return _Part(pixels, sensors, depth, np.zeros(0, np.bool_), depth, depth)

@@ -128,7 +128,10 @@ class Preparation:
             whole = self.at_thresholds(name, errors)
             levels: tuple[tuple[Fidelity, ...], ...] = (whole,)
             if cases.levels > 1:
-                levels = tuple(self._in_frames(part).at_thresholds(name, errors) for part in self.levels)
+                from placement_env.fidelity.visibility import of_frames
+
+                parts = [self.at(self.setting.pool, of_frames(self.visibility, part)) for part in self.levels]
+                levels = tuple(part.at_thresholds(name, errors) for part in parts)
             profiles.append(ProfileFidelities(whole[0], levels))
         return over_cases(profiles, cases)
 
@@ -173,11 +176,6 @@ class Preparation:
             processes=run,
             classes=setting.counted,
         )
-
-    def _in_frames(self, frames: Int64[np.ndarray, " _"]) -> Preparation:
-        from placement_env.fidelity.visibility import of_frames
-
-        return self.at(self.setting.pool, of_frames(self.visibility, frames))
 
     @cached_property
     def _table(self) -> Table:

@@ -7,11 +7,11 @@ look at neighbouring pixels and may carry points into the crop.
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from hashlib import sha256
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,15 +20,14 @@ from models.training.packed import STEPS_PER_METRE, Rig
 from models.training.packing import FARTHEST, change
 from placement_env.fidelity.traffic import Traffic, build_renderer
 from toolkit.arrays import Float32, Int64, Shaped
-from toolkit.calibration.empty_scene import EmptyScene, SceneLearner
-from toolkit.calibration.scenes import Scenes
+from toolkit.calibration.empty_scene import EmptyScene, SceneLearner, Scenes
 from toolkit.datasets.dataset import CoopDataset
 from toolkit.datasets.readings import ReadRecording, Reads, read_frame, with_errors
 from toolkit.detection.view import Captured
 from toolkit.frame import Frame
 from toolkit.objects import Objects
 from toolkit.points import frame_points
-from toolkit.runtime.cache import Cache, make_key
+from toolkit.runtime.cache import Arrays, Cache, make_key, recall
 from toolkit.runtime.code_digest import code_digest
 from toolkit.sensors.error_profiles import PAPER_ERRORS, ErrorProfile, check_drawn, only_own_noise
 from toolkit.sensors.error_terms import velocities
@@ -132,20 +131,13 @@ class Renders:
 
     def _kept(self, c: int) -> _Packed:
         """Kept render of a candidate, rendered anew if damaged."""
-        if self._cache is None:
-            return self._render(c)
         sensor, kind = self.sensors[c], "whole render" if self._whole else "render"
         key = make_key(kind, _code([sensor]), self.traffic.digest(), sensor.digest)
-        arrays = self._cache.get([key])[0]
-        if arrays is not None:
-            still_pixels, still_depth, *changes = arrays
-            return _Packed(replace(self._rig(c), pixels=(still_pixels,), depth=(still_depth,)), *changes)
-        packed = self._render(c)
-        arrays = (packed.rig.pixels[0], packed.rig.depth[0], packed.pixels, packed.steps, packed.ends)
-        self._cache.put({key: arrays})
-        return packed
+        ((still_pixels, still_depth, *changes),) = recall(self._cache, [key], lambda _: [self._render(c)])
+        return _Packed(replace(self._rig(c), pixels=(still_pixels,), depth=(still_depth,)), *changes)
 
-    def _render(self, c: int) -> _Packed:
+    def _render(self, c: int) -> Arrays:
+        """Pixels and measurements of the empty site, then the fields of `_Packed` beside its rig."""
         renderer, changes = build_renderer(self.traffic).looking([self.sensors[c]]), []
         still = renderer.background[0].ravel().astype(np.float32)
         if self._whole:
@@ -162,7 +154,7 @@ class Renders:
                 found = change(rig, Frame(renderer.sensors, images, snapshot.objects))
                 changes.append((found.pixels[0], found.steps[0]))
         pixels, steps = (np.concatenate(each) for each in zip(*changes, strict=True))
-        return _Packed(rig, pixels, steps, np.cumsum([0, *(len(each) for each, _ in changes)]))
+        return rig.pixels[0], rig.depth[0], pixels, steps, np.cumsum([0, *(len(each) for each, _ in changes)])
 
     def _rig(self, c: int) -> Rig:
         area = tuple(self.site.area.tolist())
@@ -187,11 +179,9 @@ class Recorded:
         from toolkit.sites.files import format_site
 
         parts = [_code(self.sensors), self._noise_seed, format_site(self.site), *_beyond_noise(self.errors)]
-        sha = sha256(" ".join(map(str, parts)).encode())
+        sha = hashlib.sha256(" ".join(map(str, parts)).encode())
         with self.recording.path.open("rb") as file:
-            while block := file.read(1 << 20):
-                sha.update(block)
-        return sha.hexdigest()
+            return hashlib.file_digest(file, lambda: sha).hexdigest()
 
     def clouds(self, k: int, c: int) -> Float32[np.ndarray, "n 3"]:
         """Points of sensor c in frame k, world frame."""
@@ -253,4 +243,4 @@ def _code(sensors: Sequence[Sensor]) -> str:
 def _seed(sensor: Sensor) -> int:
     """Seed of a sensor's noise. It is not `Sensor.digest`, since published figures were measured with this noise."""
     described = json.dumps((repr(sensor.model), sensor.pose.tolist()))
-    return int.from_bytes(sha256(described.encode()).digest()[:8], "big")
+    return int.from_bytes(hashlib.sha256(described.encode()).digest()[:8], "big")

@@ -6,20 +6,22 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import get_args
 
 import numpy as np
 
 from placement_env.candidates.candidates import Candidates
+from placement_env.checks import check_choice
 from placement_env.fidelity.occlusion import Seen, look_at
 from placement_env.fidelity.panorama.ray_table import Lookup
 from placement_env.fidelity.panorama.surround import ScoredItems, Still, Surround, find_place_strips, successive_strips
 from placement_env.fidelity.traffic import Traffic, build_renderer
 from placement_env.fidelity.visibility import Visibility
-from placement_env.setting import Rendering, check_rendering
+from placement_env.setting import Rendering
 from toolkit.arrays import Bool, Float64, Int64
 from toolkit.objects import VEHICLE
 from toolkit.rendering.strips import SuccessiveStrips
-from toolkit.runtime.cache import make_key
+from toolkit.runtime.cache import make_key, recall
 from toolkit.runtime.code_digest import code_digest
 from toolkit.runtime.run import Run
 from toolkit.sensors.sensor import Sensor, SensorModel
@@ -49,7 +51,7 @@ def see(
     """
     if not len(candidates):
         raise ValueError("there must be a candidate to see, got none")
-    check_rendering(rendering)
+    check_choice("rendering", rendering, get_args(Rendering))
     labels, sensors = tuple(sorted(labels)), candidates.sensors
     quick = choose_quick(sensors, traffic, rendering)
     whole = Visibility.unseen(traffic, sensors, labels)
@@ -107,35 +109,18 @@ class _Look:
     traffic: Traffic
     sensors: tuple[Sensor, ...]
     labels: tuple[int, ...]
-    run: Run = Run()
 
     def see(self, blocks: Sequence[Block], run: Run, total: int) -> list[Seen]:
         """Views of each block, from the run's cache or computed now. total: last index of all."""
-        job, tell = (
-            type(self)(self.traffic, self.sensors, self.labels, run),
-            run.stage("poses rendered", len(self.sensors)),
-        )
-        kept = {block: found for block in blocks if (found := job.cached(block)) is not None}
-        made = run.map(job, [block for block in blocks if block not in kept])
-        seen = []
-        for block in blocks:
-            seen.append(kept[block] if block in kept else next(made))
+        tell, seen = run.stage("poses rendered", len(self.sensors)), []
+        found = recall(run.memo, [*map(self.key, blocks)], lambda some: run.map(self, [blocks[k] for k in some]))
+        for block, arrays in zip(blocks, found, strict=True):
+            seen.append(Seen(*arrays))
             if tell:
                 tell(len(self.sensors) * block[1] // total)
         return seen
 
     def __call__(self, block: Block) -> Seen:
-        if (found := self.cached(block)) is None:
-            found = self.look(block)
-            if self.run.memo is not None:
-                self.run.memo.put({self.key(block): found})
-        return found
-
-    def cached(self, block: Block) -> Seen | None:
-        arrays = None if self.run.memo is None else self.run.memo.get([self.key(block)])[0]
-        return None if arrays is None else Seen(*arrays)
-
-    def look(self, block: Block) -> Seen:
         raise NotImplementedError
 
     def key(self, block: Block) -> bytes:
@@ -146,13 +131,13 @@ class _Look:
         return code, self.traffic.digest(), [sensor.digest for sensor in sensors], self.labels
 
     def __reduce__(self) -> tuple[object, ...]:
-        return type(self), (self.traffic, self.sensors, self.labels, self.run)
+        return type(self), (self.traffic, self.sensors, self.labels)
 
 
 class _FullLook(_Look):
     """View of all frames from blocks of sensors."""
 
-    def look(self, block: Block) -> Seen:
+    def __call__(self, block: Block) -> Seen:
         return look_at(self.traffic, build_renderer(self.traffic), self.sensors[slice(*block)], self.labels)
 
     def key(self, block: Block) -> bytes:
@@ -162,7 +147,7 @@ class _FullLook(_Look):
 class _RoundLook(_Look):
     """View of blocks of frames from all sensors."""
 
-    def look(self, block: Block) -> Seen:
+    def __call__(self, block: Block) -> Seen:
         scored = ScoredItems.of(self.traffic, self.traffic.snapshots[slice(*block)], self.labels)
         places, viewpoint = self._places
         seen = Seen(*(np.zeros((len(self.sensors), size), np.float32) for size in (scored.items, *[scored.frames] * 2)))
@@ -199,8 +184,6 @@ class _RoundLook(_Look):
     def _stills(self) -> list[dict[SensorModel, Still]]:
         """Standing scene seen from each place by its sensors' models."""
         stills: list[dict[SensorModel, Still]] = [{} for _ in self._places[0]]
-        for v, model in {
-            (v, sensor.model): None for v, sensor in zip(self._places[1].tolist(), self.sensors, strict=True)
-        }:
+        for v, model in {(v, each.model) for v, each in zip(self._places[1].tolist(), self.sensors, strict=True)}:
             stills[v][model] = Still.of(build_renderer(self.traffic), self.traffic.site, self._places[0][v], model)
         return stills

@@ -70,7 +70,8 @@ class Table:
     """Figures of all 2^C sets of C sensors, by scheme (of `PAPER_SCHEMES`) and IoU threshold (of `IOUS`).
 
     kbit: total of a set in a frame by the paper's codec. `ap` and `recall` are of the first class, more_ap and
-    more_recall of the others. Raises ValueError where the shapes do not fit.
+    more_recall of the others, NaN throughout for a class without an object. Raises ValueError where the shapes do not
+    fit, and for figures that cannot be.
     """
 
     origin: Origin
@@ -87,6 +88,12 @@ class Table:
         others = len(self.origin.classes) - 1
         if others and not self.more_ap.shape == self.more_recall.shape == (others, *shape):
             raise ValueError(f"a table of {self.origin.classes} needs {(others, *shape)}, got {self.more_ap.shape}")
+        for shares in (self.ap, self.recall, *self.more_ap, *self.more_recall):
+            wrong = shares[~((shares >= 0) & (shares <= 1))]
+            if len(wrong) and not np.isnan(shares).all():
+                raise ValueError(f"AP and recall must lie in 0..1, got {wrong[0]:g}")
+        if not ((self.kbit >= 0) & np.isfinite(self.kbit)).all():
+            raise ValueError(f"kbit must be finite and at least 0, got {self.kbit.min():g}")
 
     def column(
         self, scheme: Scheme | str, name: str, iou: float

@@ -17,7 +17,8 @@ import numpy as np
 
 from placement_env.fidelity.traffic import Traffic, scored
 from toolkit.arrays import Bool, Float32, Float64, Int64
-from toolkit.datasets.dataset import CoopDataset, noisy
+from toolkit.datasets.dataset import CoopDataset
+from toolkit.datasets.readings import with_errors
 from toolkit.objects import VEHICLE, Objects
 from toolkit.points import count_on_ground, frame_points, is_beyond
 from toolkit.runtime.files import read_arrays, write_arrays
@@ -113,7 +114,7 @@ class Visibility:
             objects.append(frame.objects[scored(frame.objects, site, labels)])
             clouds = frame_points(frame, area=site)
             points.append(np.array([count_on_ground(cloud, objects[-1].boxes, site) for cloud in clouds]))
-            clouds = frame_points(frame if noise_seed is None else noisy(frame, noise_seed), area=site)
+            clouds = frame_points(frame if noise_seed is None else with_errors(frame, "paper", noise_seed), area=site)
             sent.append([len(cloud) for cloud in clouds])
             beyond = (is_beyond(*pair, site.hybrid_radius) for pair in zip(clouds, recording.sensors, strict=True))
             far.append([mask.sum() for mask in beyond])

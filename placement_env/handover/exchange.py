@@ -1,15 +1,16 @@
 """Files for spreadsheets, GIS tools and coview itself. The same set gives the same bytes.
 
-schedule.csv has a line per sensor (RFC 4180, UTF-8); a text that a spreadsheet would read as a formula begins with an
-apostrophe. plan.geojson is in longitude and latitude (RFC 7946), or in the site's metres if it has no geographic
-reference. Its layers are area, sensor, visible, blind and mount: the unused poles, which coview reads back as poles.
-site.json is the site with the sensors, in the format for `coview simulate`.
+schedule.csv has a line per sensor (RFC 4180, UTF-8); an apostrophe stands before all that a spreadsheet would read as
+a formula, also where it separates cells by semicolons. plan.geojson is in longitude and latitude (RFC 7946), or in the
+site's metres if it has no geographic reference. Its layers are area, sensor, visible, blind and mount: the unused
+poles, which coview reads back as poles. site.json is the site with the sensors, in the format for `coview simulate`.
 """
 
 from __future__ import annotations
 
 import csv
 import io
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -25,7 +26,9 @@ from toolkit.sites.site import Mount, Site
 
 SCHEDULE, MAP, SITE = "schedule.csv", "plan.geojson", "site.json"
 EXCHANGE_FILES = (SCHEDULE, MAP, SITE)
-FORMULA = ("=", "+", "-", "@", "\t", "\r", "\n")  # first characters of a cell that a spreadsheet would compute
+FORMULA = re.compile(  # where a spreadsheet may begin a cell that it computes
+    r"""(^|;|(?<!^)[\t\r\n])(?=["'\s]*[=+\-@\uff1d\uff0b\uff0d\uff20]|^[\t\r\n])"""
+)
 IN_METRES = "the site has no geographic reference: coordinates are metres of the site frame, not longitude and latitude"
 
 
@@ -91,7 +94,7 @@ def schedule_csv(sensors: Sequence[PlannedSensor], currency: str = "") -> str:
 
 def safe_cell(text: str) -> str:
     """Return a cell text that no program reads as formula."""
-    return f"'{text}" if text.startswith(FORMULA) else text
+    return FORMULA.sub(r"\1'", text)
 
 
 def _fixed(value: float, decimals: int) -> str:

@@ -18,8 +18,7 @@ from toolkit.arrays import Bool, Float32, Float64, Int64
 from toolkit.frame import unproject
 from toolkit.geometry import invert, transform
 from toolkit.rendering.renderer import Renderer, SightLines
-from toolkit.rendering.static_scene import build_scenery
-from toolkit.rendering.static_scene import ground as ground_mesh
+from toolkit.rendering.static_scene import build_scenery, ground as ground_mesh
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
 
@@ -151,10 +150,9 @@ def _density(
     """Points of an image in each cell, per m²."""
     xyz, valid = unproject(sensor, image)
     cell = x[1] - x[0]
-    columns, rows = (np.floor((p - m[0]) / cell + 0.5) for p, m in zip(xyz[:2, valid], (x, y), strict=True))
-    within = (columns >= 0) & (columns < len(x)) & (rows >= 0) & (rows < len(y))
-    flat = (rows * len(x) + columns)[within].astype(np.int64)
-    return (np.bincount(flat, minlength=len(x) * len(y)) / cell**2).astype(np.float32).reshape(len(y), len(x))
+    edges = [np.append(middles - cell / 2, middles[-1] + cell / 2) for middles in (y, x)]
+    counts, _, _ = np.histogram2d(xyz[1, valid], xyz[0, valid], bins=edges)
+    return (counts / cell**2).astype(np.float32)
 
 
 def _open_ground(site: Site, targets: Float64[np.ndarray, "ny nx 3"]) -> Bool[np.ndarray, "ny nx"]:

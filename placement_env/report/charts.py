@@ -10,9 +10,9 @@ import numpy as np
 from placement_env.cases import iou_text
 from placement_env.handover.mounted import RATE, LinkLoad
 from placement_env.report import content
-from toolkit.plots.base_map import sensor_labels
 from toolkit.plots.canvas import CHART_INCHES, blank_figure, draw_heading, house_style, pad_limits, shorten, svg_text
 from toolkit.plots.palette import BAR, INK, OUTCOME, SENSORS, PlotStyle
+from toolkit.plots.plan_view import sensor_labels
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -194,7 +194,6 @@ def worth_chart(worth: Sequence[content.SensorWorth]) -> str:
 
 
 def _draw_pairs(axes: Axes, worth: Sequence[content.SensorWorth], names: Sequence[str]) -> None:
-    """Draw the interactions as cells with their figures."""
     if not worth:
         return
     pairs = np.array([[one.synergy.get(other.sensor, np.nan) for other in worth] for one in worth])
@@ -229,7 +228,6 @@ def row_axes(title: str, subtitle: str, names: Sequence[str], *, right: float = 
 
 
 def _write_beside(axes: Axes, row: int, text: str) -> None:
-    """Write text to the right of a row."""
     place: PlotStyle = {"xycoords": ("axes fraction", "data"), "xytext": (8, 0), "textcoords": "offset points"}
     axes.annotate(text, (1, row), **place, va="center", fontsize=7.5, annotation_clip=False)
 

@@ -14,10 +14,9 @@ import shapely
 
 from placement_env.handover.ground import Ground, visible_polygons
 from toolkit.arrays import Bool, Float64
-from toolkit.plots.base_map import draw_poles, draw_sensors, draw_wedges, fill_polygons, map_sheet, name_poles
+from toolkit.plots import plan_view as above
 from toolkit.plots.canvas import house_style, shorten, svg_text
 from toolkit.plots.palette import BLIND, INK, VIEW_COLOURS, point_colours, point_names, sensor_colour
-from toolkit.plots.plan_view import ground_entries, pole_entries, sensor_entries, sensor_places
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
 
@@ -40,28 +39,32 @@ def plan_view(
     a ground of other sensors.
     """
     used, unused = (_places(site, names) for names in (poles, poles_unused))
-    legend = [*ground_entries(site), *pole_entries(used=len(used), unused=len(unused)), *sensor_entries(sensors)]
+    legend = [
+        *above.ground_entries(site),
+        *above.pole_entries(used=len(used), unused=len(unused)),
+        *above.sensor_entries(sensors),
+    ]
     subtitle = "coloured: fields of view up to 25 m, cut off at buildings"
     if ground is not None:
         _check(ground, sensors)
         subtitle = "coloured: ground that each sensor sees, by casting rays at the empty site"
-    places = sensor_places(sensors)
+    places = above.sensor_places(sensors)
     with house_style():
         title, holds = shorten(f"{site.name}: where the sensors stand", 70), np.concatenate([places, used, unused])
-        sheet = map_sheet(site, title, subtitle, holds=holds, legend=legend, inches=MAP_INCHES)
+        sheet = above.map_sheet(site, title, subtitle, holds=holds, legend=legend, inches=MAP_INCHES)
         if ground is None:
-            draw_wedges(sheet.axes, sensors, site.solids)
+            above.draw_wedges(sheet.axes, sensors, site.solids)
         else:
             open_ground = ground.open_ground  # smoothing drops slivers
             calm = [open_ground & (smooth(seen * 1.0, open_ground, ground.cell) > 0.5) for seen in ground.seen]
             smoothed = replace(ground, seen=np.array(calm, bool).reshape(ground.seen.shape))
             for index, polygons in enumerate(visible_polygons(smoothed)):
-                fill_polygons(sheet.axes, polygons, sensor_colour(index), order=2.2, alpha=0.09, edge=1.2)
-        draw_poles(sheet.axes, unused)
-        draw_poles(sheet.axes, used, used=True)
+                above.fill_polygons(sheet.axes, polygons, sensor_colour(index), order=2.2, alpha=0.09, edge=1.2)
+        above.draw_poles(sheet.axes, unused)
+        above.draw_poles(sheet.axes, used, used=True)
         if len(unused) <= NAMED:
-            name_poles(sheet.axes, unused, poles_unused, sheet.points_per_metre, keep_off=places)
-        draw_sensors(sheet.axes, sensors, sheet.points_per_metre)
+            above.name_poles(sheet.axes, unused, poles_unused, sheet.points_per_metre, keep_off=places)
+        above.draw_sensors(sheet.axes, sensors, sheet.points_per_metre)
         return svg_text(sheet.figure, "Plan view of the chosen sensors")
 
 
@@ -112,27 +115,28 @@ class _Cells(NamedTuple):
 def _cell_map(
     site: Site, ground: Ground, sensors: Sequence[Sensor], cells: _Cells, title: str, alt: str, note: str = ""
 ) -> str:
-    """Map with cells, and the edges of the lanes over them."""
     from matplotlib.patches import Patch
 
     _check(ground, sensors)
     count = f"{len(sensors)} sensor{'s' * (len(sensors) != 1)}"
     subtitle = f"N = {count}; rays cast at the empty site, cells of {ground.cell:g} m{note}"
     patches = [(Patch(facecolor=colour, edgecolor="#808080", linewidth=0.5), name) for colour, name in cells.legend]
-    entries, title = [*patches, *sensor_entries(sensors)], shorten(f"{site.name}: {title}", 70)
+    entries, title = [*patches, *above.sensor_entries(sensors)], shorten(f"{site.name}: {title}", 70)
     image = np.concatenate([cells.colours[..., :3], cells.shown[..., None]], axis=-1)
     image = (image * 255).round().astype(np.uint8).repeat(ENLARGED, axis=0).repeat(ENLARGED, axis=1)
     half = ground.cell / 2
     place = (ground.x[0] - half, ground.x[-1] + half, ground.y[0] - half, ground.y[-1] + half)
     with house_style():
-        sheet = map_sheet(site, title, subtitle, holds=sensor_places(sensors), legend=entries, inches=MAP_INCHES)
+        sheet = above.map_sheet(
+            site, title, subtitle, holds=above.sensor_places(sensors), legend=entries, inches=MAP_INCHES
+        )
         limits = {"xlim": sheet.axes.get_xlim(), "ylim": sheet.axes.get_ylim()}
         sheet.axes.imshow(image, extent=place, origin="lower", interpolation="none", zorder=1.2, aspect="auto")
         sheet.axes.set(**limits)
         lanes = shapely.union_all([shapely.Polygon(lane) for lane in site.lanes])
         for line in shapely.get_parts(shapely.boundary(shapely.simplify(lanes, 0.05))):
             sheet.axes.plot(*shapely.get_coordinates(line).T, color=INK, linewidth=0.5, alpha=0.7, zorder=1.4)
-        draw_sensors(sheet.axes, sensors, sheet.points_per_metre)
+        above.draw_sensors(sheet.axes, sensors, sheet.points_per_metre)
         return svg_text(sheet.figure, alt)
 
 
@@ -157,7 +161,6 @@ def smooth(
 
 
 def _places(site: Site, names: Sequence[str]) -> Float64[np.ndarray, "n 2"]:
-    """Positions of mounts of the site."""
     mounts = {mount.name: mount.position[:2] for mount in site.mounts}
     missing = [name for name in names if name not in mounts]
     if missing:

@@ -142,11 +142,7 @@ def train_policy(
     out.mkdir(parents=True, exist_ok=True)
     model, identity = _model(make_env, learning, seed)
     if (out / CHECKPOINT).exists():
-        state = read_checkpoint(out / CHECKPOINT)
-        different = [key for key, value in identity.items() if state.get(key) != value]
-        if different:
-            where = out / CHECKPOINT
-            raise ValueError(f"{where} is of another {' and '.join(different)}: choose another folder or remove it")
+        state = read_checkpoint(out / CHECKPOINT, identity=identity)
         model.policy.load_state_dict(state["policy"])
         model.policy.optimizer.load_state_dict(state["optimiser"])
         model.num_timesteps = state["steps"]
@@ -241,7 +237,6 @@ def rollout(
 
 
 def _score(info: Info) -> Score:
-    """Score of the set that an environment holds."""
     terms = {name: float(term) for name, term in info["reward_terms"].items()}
     subset = np.asarray(info["subset"])
     members = np.flatnonzero(subset) if subset.dtype == bool else subset

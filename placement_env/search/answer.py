@@ -63,10 +63,8 @@ def write_answer(folder: str | Path, order: SearchOrder, answer: Answer) -> str:
     if not answer.met or answer.objective.site is None:
         raise ValueError("only a set of sensors at a site can be handed over, and this is an empty set or has no site")
     objective, members, plain = answer.objective, answer.chosen, answer.objective.setting.place
-    candidates, summary = (
-        objective.candidates,
-        json.dumps(answer.summary, indent=1, allow_nan=False, ensure_ascii=False),
-    )
+    candidates = objective.candidates
+    summary = json.dumps(answer.summary, indent=1, allow_nan=False, ensure_ascii=False)
     if order.curve:
         with writing_together(Path(folder)) as unfinished:
             write_text(unfinished / CURVE_ORIGIN, summary + "\n")
@@ -97,9 +95,7 @@ def kbit_per_frame(
     if made is None:
         raise ValueError("kbit of each frame are known of an objective made from a site: Objective(site)")
     if moved:
-        visibility = see(
-            made.traffic, as_candidates(moved, objective.candidates.mounts), labels=made.setting.counted.labels
-        )
+        visibility = see(made.traffic, as_candidates(moved, objective.candidates), labels=made.setting.counted.labels)
     else:
         known = made.visibility if objective.visibility is None else objective.visibility
         visibility = known.select(members)

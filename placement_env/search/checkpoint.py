@@ -1,8 +1,8 @@
 """States of unfinished searches, kept in a folder, from which a killed search resumes.
 
-A state is one file for each part of a search: JSON values and arrays with a checksum over them, the question and the
-code, replaced whole. A damaged state, or one of another question or other code, is ignored: that part of the search
-starts anew. Other slow results (visibility, renders, detections) are in the cache.
+A state is one file for each part of a search: JSON values and arrays, signed over them, the question and the code with
+the folder's secret, replaced whole. A damaged or forged state, or one of another question or other code, is ignored:
+that part of the search starts anew. Other slow results (visibility, renders, detections) are in the cache.
 """
 
 from __future__ import annotations
@@ -12,12 +12,13 @@ import shutil
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from toolkit.runtime.cache import decode_arrays, encode_arrays, make_key
+from toolkit.runtime.cache import decode_arrays, encode_arrays, make_key, read_secret
 from toolkit.runtime.code_digest import code_digest
 from toolkit.runtime.files import replace_infinite, write_bytes
 from toolkit.runtime.resumable import ShardFolder
@@ -35,8 +36,12 @@ class Checkpoint:
         self, folder: Path | None, *, depends_on: bytes = b"", part: str = "search", every: float = EVERY_S
     ) -> None:
         self.folder, self._depends_on, self._part, self.every = folder, depends_on, part, every
-        self._path, self._key = (folder or Path()) / f"{part}{STATE}", make_key(depends_on.hex(), part)
+        self._path = (folder or Path()) / f"{part}{STATE}"
         self._saved = time.monotonic()
+
+    @cached_property
+    def _key(self) -> bytes:
+        return make_key(self._depends_on.hex(), self._part) + read_secret(self._path.with_name(f"secret{STATE}"))
 
     def part(self, name: str) -> Checkpoint:
         """Checkpoint of a search within this one."""
@@ -74,6 +79,11 @@ class Checkpoint:
 NOWHERE = Checkpoint(None)
 
 
+def find_unfinished(folder: Path, question: Mapping[str, object]) -> ShardFolder:
+    """Return the folder of a search and its question as JSON keeps it."""
+    return ShardFolder(folder, json.loads(json.dumps(replace_infinite(dict(question)))))
+
+
 @contextmanager
 def unfinished(
     folder: Path, question: Mapping[str, object], *, code: str = __name__, overwrite: bool = False
@@ -83,11 +93,10 @@ def unfinished(
     code: module of the search. Raises FileExistsError where the folder holds an unfinished search of another question
     and may not be overwritten, and where another process is working in it.
     """
-    asked = json.loads(json.dumps(replace_infinite(dict(question))))
-    shards = ShardFolder(folder, asked)
+    shards = find_unfinished(folder, question)
     with shards.lock():
         shards.open(overwrite)
-        yield Checkpoint(folder, depends_on=make_key(asked, code_digest(code)))
+        yield Checkpoint(folder, depends_on=make_key(shards.plan, code_digest(code)))
         for path in folder.glob(f"*{STATE}"):
             shutil.rmtree(path) if path.is_dir() else path.unlink()
         shards.remove()

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from placement_env.candidates.candidates import Axes, Candidates, aim_sensor, aims
+from placement_env.candidates.candidates import Candidates, aim_sensor, aims
 from placement_env.objective import Objective, Score
 from placement_env.search import greedy
 from placement_env.search.checkpoint import NOWHERE, Checkpoint, KeptState
@@ -28,7 +28,6 @@ from placement_env.search.result import Certificate, Result, load_score
 from placement_env.setting import Weights
 from toolkit.arrays import Float64
 from toolkit.sensors.sensor import Sensor
-from toolkit.sites.site import Mount
 
 if TYPE_CHECKING:
     from placement_env.fidelity.panorama.live import LiveView
@@ -175,16 +174,16 @@ def build_pose_scorer(preparation: Preparation, weights: Weights = FREE, *, live
     """
     from placement_env.fidelity.seeing import see
 
-    mounts, run = preparation.setting.pool.mounts, preparation.run
+    quiet = replace(preparation.run, cache=None, progress=None)
 
     def score_poses(sets: Sequence[Poses]) -> list[Score | None]:
         sensors = [sensor for chosen in sets for sensor in chosen]
-        candidates = as_candidates(sensors, mounts, preparation.setting.pool.axes)
+        candidates = as_candidates(sensors, preparation.setting.pool)
         if live is not None:
             seen = live.see(candidates)
         else:
             labels = preparation.setting.counted.labels
-            seen = see(preparation.traffic, candidates, labels=labels, run=replace(run, cache=None, progress=None))
+            seen = see(preparation.traffic, candidates, labels=labels, run=quiet)
         objective = Objective.of_moved(preparation, candidates, seen, weights)
         subsets = np.repeat(np.arange(len(sets)), [len(chosen) for chosen in sets]) == np.arange(len(sets))[:, None]
         objective.scores(subsets)
@@ -194,22 +193,13 @@ def build_pose_scorer(preparation: Preparation, weights: Weights = FREE, *, live
     return score_poses
 
 
-def as_candidates(sensors: Sequence[Sensor], mounts: tuple[Mount, ...], priced: Axes | None = None) -> Candidates:
-    """Any sensors as candidates on the mounts whose feet are nearest, seen from above.
-
-    Each name gets a number in front. priced: prices of their models, None for nothing.
-    """
-    feet = np.array([mount.position[:2] for mount in mounts])
+def as_candidates(sensors: Sequence[Sensor], pool: Candidates) -> Candidates:
+    """Any sensors as candidates on the mounts whose feet are nearest, seen from above, with a number in their names."""
+    feet = np.array([mount.position[:2] for mount in pool.mounts])
     spots = np.array([sensor.position[:2] for sensor in sensors])
     mount = np.linalg.norm(spots[:, None] - feet, axis=2).argmin(axis=1)
-    heights, headings, tilts = np.array([angles(sensor) for sensor in sensors]).T
-    models = tuple(dict.fromkeys(sensor.model for sensor in sensors))
-    count = np.arange(len(sensors))
-    model = np.array([models.index(sensor.model) for sensor in sensors])
-    factors = np.column_stack([mount, count, count, count, model]).astype(np.int64)
-    numbered = tuple(replace(sensor, name=f"{i}_{sensor.name}") for i, sensor in enumerate(sensors))
-    axes = Axes(heights, headings, tilts, models, () if priced is None else priced.select_prices(models))
-    return Candidates(numbered, mounts, factors, axes)
+    numbered = [replace(sensor, name=f"{i}_{sensor.name}") for i, sensor in enumerate(sensors)]
+    return Candidates.of_poses(numbered, mount, np.array([angles(sensor) for sensor in sensors]), pool)
 
 
 def angles(sensor: Sensor) -> tuple[float, float, float]:

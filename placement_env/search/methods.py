@@ -8,6 +8,7 @@ from importlib import import_module
 from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
+from placement_env.checks import check_choice
 from placement_env.search.exact.exhaustive import LARGEST
 
 if TYPE_CHECKING:
@@ -59,8 +60,7 @@ def usual_method(fidelity: str, *, verify: bool = False, at_least: bool = False)
 
 def check_search(method: str, fidelity: str, candidates: Candidates, cases: Cases | None = None) -> None:
     """Raise ValueError where a method cannot search these candidates, ImportError where its package is missing."""
-    if method not in METHODS:
-        raise ValueError(f"method must be one of {', '.join(METHODS)}, got {method!r}")
+    check_choice("method", method, METHODS)
     needs = METHODS[method]
     if needs.needs and not find_spec(needs.needs):
         raise ImportError(f"method {method} needs {needs.needs}: pip install coview[{needs.extra}]")

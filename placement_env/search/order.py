@@ -17,7 +17,7 @@ from placement_env.fidelity.preparation import check_scorable
 from placement_env.fidelity.table import hash_site
 from placement_env.objective import Objective, Score
 from placement_env.protocol import Doubting, FidelityName
-from placement_env.search.checkpoint import NOWHERE, Checkpoint, unfinished
+from placement_env.search.checkpoint import NOWHERE, Checkpoint, find_unfinished, unfinished
 from placement_env.search.exact.cheapest import Demand
 from placement_env.search.methods import METHODS, check_search, load_search
 from placement_env.search.portfolio.curve import CurvePoint, budget_curve, list_amounts
@@ -118,6 +118,11 @@ class SearchOrder:
             "most_price": setting.most_price,
         }
 
+    def resumes(self, out: Path) -> bool:
+        """True where a search with this question was killed that had not ended normally."""
+        kept = find_unfinished(out.with_name(out.name + UNFINISHED), self.question)
+        return kept.found == kept.plan
+
     @contextmanager
     def keeping(self, out: Path | None, *, overwrite: bool = False) -> Iterator[tuple[SearchOrder, Checkpoint]]:
         """The order with the checkpoint of its answer in a folder, None for nowhere. The block must write the answer.
@@ -169,25 +174,18 @@ def run_search(order: SearchOrder, checkpoint: Checkpoint = NOWHERE) -> Answer:
         final_frames=min(JUDGED_FRAMES, frames),
         setting=order.setting.with_fidelity(order.judge) if order.method == PORTFOLIO else None,
     )
-    limits = {"seconds": order.seconds, "evaluations": order.evaluations}
+    limits: Summary = {"seed": order.run.seed, "seconds": order.seconds, "evaluations": order.evaluations}
     if order.curve:
         most = objective.most_price
         amounts = () if math.isinf(most) else list_amounts(objective, order.budget, most)
         points = budget_curve(
-            objective,
-            order.budget,
-            amounts=amounts,
-            seed=order.run.seed,
-            seconds=order.seconds,
-            evaluations=order.evaluations,
-            judging=judging,
-            checkpoint=checkpoint,
+            objective, order.budget, amounts=amounts, judging=judging, checkpoint=checkpoint, **limits
         )
         return _report_curve(order, objective, points)
     own: Summary = {} if order.demand is None else {"demand": order.demand}
     own |= {"judging": judging} if order.method == PORTFOLIO else {}
     own |= {"checkpoint": checkpoint} if METHODS[order.method].resumes else {}
-    result = load_search(order.method)(objective, order.budget, seed=order.run.seed, **limits, **own)
+    result = load_search(order.method)(objective, order.budget, **limits, **own)
     chosen = result.best.subset
     by_errors = ap_at_profiles(objective, chosen, result.sensors)
     summary, lines = _report(objective, result)
@@ -209,7 +207,6 @@ def run_search(order: SearchOrder, checkpoint: Checkpoint = NOWHERE) -> Answer:
 
 
 def _report(objective: Objective, result: Result) -> tuple[Summary, list[str]]:
-    """Summary of a result, and its lines."""
     best, assessment = result.best, result.assessment
     sensors = describe_sensors(_names(objective, best.subset), result.sensors)
     doubts = describe_doubts(objective, best.subset)

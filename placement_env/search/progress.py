@@ -4,27 +4,17 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
 from placement_env.checks import check_whole
-from placement_env.objective import Objective, Score
+from placement_env.objective import Objective, Score, Scores
 from placement_env.search.checkpoint import KeptState
 from placement_env.search.result import Certificate, History, Result
 from toolkit.arrays import Bool, Float64, Int
 
 MOST_AT_ONCE = 4096  # sets scored between two looks at the clock, at most
 PACE_S = 0.5  # seconds of scoring between two looks at the clock, about
-
-
-class Figures(NamedTuple):
-    """Scores of n sets. Sets beyond the limits have reward -inf and NaN for the rest."""
-
-    reward: Float64[np.ndarray, " n"]
-    ap: Float64[np.ndarray, " n"]
-    kbit: Float64[np.ndarray, " n"]
-    price: Float64[np.ndarray, " n"]
 
 
 class Limits:
@@ -98,18 +88,18 @@ class Progress:
         self.best, self.reward = as_rows([state["best"]], self.size)[0], float(state["reward"])
         self.objective.scores(self.best[None])
 
-    def figures(self, subsets: Bool[np.ndarray, "n C"]) -> Figures:
-        """Score sets, feasible or not, within the limits."""
+    def figures(self, subsets: Bool[np.ndarray, "n C"]) -> Scores:
+        """Score sets, feasible or not. Those beyond the limits have reward -inf and NaN for the rest."""
         n = len(subsets)
-        figures = Figures(np.full(n, -np.inf), *(np.full(n, np.nan) for _ in range(3)))
+        columns = np.full((6, n), np.nan)
+        figures = Scores(*columns, np.zeros(n, np.bool_))  # type: ignore[call-arg]
+        figures.reward[:] = -np.inf
         done = 0
         while done < n and not self.spent:
             room = int(min(n - done, self._block, self.limits.evaluations - self.limits.count))
             rows = slice(done, done + room)
             began = time.monotonic()
-            scores = self.objective.scores(subsets[rows])
-            for name, column in figures._asdict().items():
-                column[rows] = getattr(scores, name)
+            columns[:, rows] = self.objective.scores(subsets[rows])[:6]
             took = max(time.monotonic() - began, 1e-9)  # one set may take 0.1 ms, or a minute
             affordable = min(PACE_S, max(0.0, self.limits.seconds - self.limits.elapsed)) * room / took
             self._block = int(np.clip(affordable, 1, min(MOST_AT_ONCE, 4 * self._block)))

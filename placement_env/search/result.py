@@ -184,7 +184,6 @@ def _describe_sensor(sensor: Sensor) -> _Row:
 
 
 def _build_result(content: _Row) -> Result:
-    """Result from the values of its file."""
     history, certificate, assessment = content["history"], content["certificate"], content["assessment"]
     rows = {
         "best": load_score(content["best"]),

@@ -3,18 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from placement_env.checks import check_whole
 from placement_env.fidelity.over_cases import CasesFidelity
 from placement_env.objective import Objective, Score
 from placement_env.protocol import ByFrames
-from placement_env.racing import Verified, verify
+from placement_env.racing import find_best
 from placement_env.search.progress import Progress, as_rows
 from placement_env.search.result import Result
-from toolkit.arrays import Bool, Int64, Shaped
+from toolkit.arrays import Bool, Float64, Int64, Shaped
 from toolkit.sensors.sensor import Sensor
+
+
+@dataclass(frozen=True, eq=False)
+class Verified:
+    """Best k sets by a fast reward, ranked by the accurate one, with both rewards."""
+
+    sets: Bool[np.ndarray, "k C"]
+    fast: Float64[np.ndarray, " k"]
+    accurate: Float64[np.ndarray, " k"]
 
 
 def verified(
@@ -23,9 +33,11 @@ def verified(
     """The `best` of a set and its feasible neighbours, ranked by the accurate reward.
 
     The fast fidelity's error exceeds the effect of one sensor's pose, so a neighbour may be the better set. Where the
-    accurate fidelity can score some of the frames, the `entrants` best sets by the fast reward race. Raises ValueError
-    where the candidates differ.
+    accurate fidelity can score some of the frames, the `entrants` best sets by the fast reward race. Sets that tie with
+    the last of the best by the fast reward are ranked too. Raises ValueError where the candidates differ, and for
+    `best` below 1.
     """
+    check_whole("best", best, least=1)
     if fast.candidates.digest() != accurate.candidates.digest():
         raise ValueError("both objectives must choose from the same candidates: make the second from the first's")
     sets = neighbours(subset, len(fast.candidates))
@@ -33,7 +45,11 @@ def verified(
     if isinstance(accurate.scored_by, ByFrames):
         sets = sets[np.argsort(-fast.scores(sets).reward, kind="stable")[:entrants]]
         sets = sets[accurate.race(sets, keep=best).winners]
-    return verify(lambda s: fast.scores(s).reward, lambda s: accurate.scores(s).reward, sets, best=best)
+    guesses = fast.scores(sets).reward
+    few = find_best(guesses, best)
+    figures = accurate.scores(sets[few]).reward
+    ranked = find_best(figures, len(few))
+    return Verified(sets[few[ranked]], guesses[few[ranked]], figures[ranked])
 
 
 def verify_best(fast: Objective, accurate: Objective, result: Result) -> tuple[Score, int]:

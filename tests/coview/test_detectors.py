@@ -30,8 +30,7 @@ def test_backgrounds_are_known_by_name_and_of_the_scenery():
 
 def test_cluster_knows_its_background_anyhow(monkeypatch):
     x, y = np.meshgrid(np.arange(0, 3, 0.1), np.arange(0, 3, 0.1))
-    ground = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
-    clusters = ClusterDetector(Background.learn(ground))
+    clusters = ClusterDetector(Background.learn(np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])))
     at_site = SimpleNamespace(site=load_site("tjunction"))
     monkeypatch.setattr(ClusterDetector, "of", staticmethod(lambda recording: clusters))
     assert recording_detector("cluster+background", at_site) is clusters

@@ -13,6 +13,7 @@ from coview.main import COMMANDS
 from toolkit.runtime.parallel import WorkLost
 from toolkit.runtime.run import Run
 
+SHELL = "import os, sys; os.execv('/bin/sh', ['sh', '-c', sys.argv[1], sys.executable])"
 REPOSITORY = Path(coview.__file__).parents[1]
 
 
@@ -65,6 +66,14 @@ def test_a_closed_pipe_ends_quietly(tmp_path):
     for arguments in (["--help"], ["site", "show", "tjunction"]):
         done = process("-c", f"{closed} main({arguments!r})", cwd=tmp_path)
         assert (done.returncode, done.stderr) == (141, "")
+
+
+@pytest.mark.parametrize("closed", ["<&- >&-", "2>&-", "<&- >&- 2>&-", "2>/dev/full"])
+def test_streams_that_are_closed_or_full_change_no_code(closed, tmp_path):
+    for arguments, code in (("--version", 0), ("site show tjunction", 0), ("site show nowhere", 2)):
+        command = f'exec "$0" -m coview {arguments} {closed}'
+        done = process("-c", SHELL, command, cwd=tmp_path)
+        assert (done.returncode, done.stderr) == (code, "" if "2>" in closed or not code else done.stderr)
 
 
 @pytest.mark.parametrize("name", ["models", "toolkit", "placement_env"])

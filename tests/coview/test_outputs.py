@@ -1,8 +1,27 @@
-"""Where a command may write."""
+"""Where a command may write, and what it prints."""
+
+import ast
+from functools import partial
+from pathlib import Path
 
 import pytest
 
-from coview.outputs import check_file, check_folder
+import coview
+from coview.outputs import check_file, check_folder, claim, report, say
+
+
+def test_what_steers_a_terminal_is_shown_and_not_done(capsys):
+    say("a\x1b]0;title\x07 b\u202e c\x9b2J d\udcff e\r f\x7f\n\tStra\u00dfe \u4e2d \U0001f600")
+    report(ValueError("no sensor \x1b[2Jnorth"))
+    printed = capsys.readouterr()
+    assert printed.out == r"a\x1b]0;title\x07 b\u202e c\x9b2J d\udcff e\r f\x7f" + "\n\tStra\u00dfe \u4e2d \U0001f600\n"
+    assert printed.err == "coview: no sensor \\x1b[2Jnorth\n"
+
+
+def test_commands_print_through_one_function():
+    for path in sorted((Path(coview.__file__).parent / "commands").rglob("*.py")):
+        calls = [node.func for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Call)]
+        assert "print" not in {call.id for call in calls if isinstance(call, ast.Name)}, path
 
 
 def test_what_may_be_written_and_what_may_not(tmp_path):
@@ -32,3 +51,33 @@ def test_folders_that_may_not_be_written(tmp_path, monkeypatch):
     monkeypatch.setattr("coview.outputs.os.access", lambda *_: False)
     with pytest.raises(PermissionError, match="may not be written"):
         check_file(tmp_path / "file")
+
+
+def test_a_stopped_run_may_replace_its_own_files_and_nobody_writes_beside_it(tmp_path):
+    out = tmp_path / "out"
+    check = partial(check_folder, out, holds="rows.json")
+
+    def run(asked, error=None, writes=True, overwrite=False):
+        with claim(out, asked, check, overwrite=overwrite) as again:
+            with pytest.raises(FileExistsError, match="another run is writing"), claim(out, asked, check):
+                pass
+            if writes:
+                out.mkdir(exist_ok=True)
+                (out / "rows.json").write_text(f"{asked}")
+            if error:
+                raise error
+            return again
+
+    with pytest.raises(ValueError, match="mine"):
+        run("first", ValueError("mine"), writes=False)
+    assert not list(tmp_path.iterdir())
+    with pytest.raises(KeyboardInterrupt):
+        run("first", KeyboardInterrupt())
+    with pytest.raises(FileExistsError, match="--overwrite"):
+        run("another")
+    assert run("first")
+    assert [each.name for each in tmp_path.iterdir()] == ["out"]
+    with pytest.raises(FileExistsError, match="--overwrite"):  # finished
+        run("first")
+    assert run("another", overwrite=True)
+    assert [each.name for each in tmp_path.iterdir()] == ["out"]

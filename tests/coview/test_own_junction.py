@@ -13,8 +13,7 @@ from placement_env.candidates.poles import load_poles
 from toolkit.sites.files import load_site
 
 ROOT = Path(__file__).parents[2]
-SHARED = Path(os.environ.get("COVIEW_SHARED", ROOT.parent / "shared"))
-TOWN = SHARED / "carla" / "Town01.xodr"
+TOWN = Path(os.environ.get("COVIEW_SHARED", ROOT.parent / "shared")) / "carla" / "Town01.xodr"
 carla = pytest.mark.skipif(not TOWN.is_file(), reason="the CARLA maps are not here")
 
 OSM = ("--osm", ROOT / "docs" / "own-junction.osm", "--centre", 8.0, 49.5, "--size", 70, 50)

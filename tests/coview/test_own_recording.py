@@ -126,8 +126,7 @@ def test_schemes_on_lidars_that_are_put_right(lidars, tmp_path, run):
     assert 0.2 < content["poses"]["west"]["turned_deg"] < 0.8
     early, foreground = (content["schemes"][name]["kbit_per_sensor"] for name in ("early", "foreground"))
     assert foreground < early / 15
-    worth = [row["ap"] for row in rows(tmp_path / "table.json", "BEV 0.5")]
-    assert min(worth) > 0.5
+    assert min([row["ap"] for row in rows(tmp_path / "table.json", "BEV 0.5")]) > 0.5
 
 
 def test_lidars_are_calibrated_by_each_other(lidars, tmp_path, run, refused):
@@ -137,8 +136,7 @@ def test_lidars_are_calibrated_by_each_other(lidars, tmp_path, run, refused):
     assert "west: turned by 0." in said
     found = read_poses(tmp_path / "poses.json")
     true = pose(6.0, -9.0, 4.5, yaw=2.0)
-    believed = next(read(lidars, "folder")).clouds[1].world_SE3_sensor
-    assert np.abs(believed - true).max() > 0.05
+    assert np.abs(next(read(lidars, "folder")).clouds[1].world_SE3_sensor - true).max() > 0.05
     assert np.abs(found["west"][:3, :3] - true[:3, :3]).max() < 0.003
     right = list(read(tmp_path / "right", "folder"))
     assert len(right) == 5

@@ -19,11 +19,12 @@ LOADS = """
 import coview
 from models.detector import SHIPPED, load_detector
 from placement_env.fidelity.hit_model import shipped_model
+from placement_env.fidelity.table import load_table
 assert not coview.__file__.startswith({tree!r}), coview.__file__
 for path in SHIPPED.glob("*.safetensors"):
     load_detector(path.stem)
 for name in ("tjunction", "roundabout"):
-    print(coview.load_site(name).name, coview.load_table(name).origin.site, shipped_model("early", 0.7, name).scheme)
+    print(coview.load_site(name).name, load_table(name).origin.site, shipped_model("early", 0.7, name).scheme)
 """
 
 

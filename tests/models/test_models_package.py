@@ -16,6 +16,6 @@ def test_importing_models_loads_torch_numpy_h5py_and_shapely_at_most():
     heavy = "open3d", "libsumo", "gymnasium", "matplotlib", "safetensors", "jaxtyping"
     code = "import sys, importlib; sys.modules.update(dict.fromkeys({heavy}, None));" + (
         "[importlib.import_module('models.' + name) for name in "
-        "('network.sparse', 'detector', 'published', 'network.voxels', 'training.losses', 'training.samples', 'train')]"
+        "('network.sparse', 'detector', 'published', 'network.grid', 'training.losses', 'training.samples', 'train')]"
     )
     run(code.replace("{heavy}", repr(heavy)))

@@ -9,8 +9,7 @@ import torch
 from torch import nn
 from torch.nn import functional as F
 
-from models import published
-from models.config import VoxelNetConfig
+from models import config, published
 from models.network.voxelnet import VoxelNet
 from models.published import load_published
 
@@ -194,7 +193,7 @@ def test_the_layout_is_the_documented_one_however_it_was_trained(network, tmp_pa
     state = network.state_dict()
     assert len(state) == 145
     assert sum(parameter.numel() for parameter in network.parameters()) == 9_460_194
-    ours = VoxelNet(VoxelNetConfig.published("tjunction")).state_dict()
+    ours = VoxelNet(config.VoxelNetConfig.published("tjunction")).state_dict()
     assert {published.name_in_paper(name) for name in ours} == set(state)
     prefixed = {f"module.{name}": tensor for name, tensor in network.state_dict().items()}
     assert load_published(checkpoint(tmp_path / "c.pth", prefixed), "roundabout").site == "roundabout"
@@ -213,7 +212,7 @@ def test_frames_turn_alike_and_digests_change():
     carla = cloud("tjunction", 50)
     there = published.to_network(carla, "tjunction", "carla")
     np.testing.assert_allclose(published.to_network(to_site(carla, "tjunction"), "tjunction"), there, atol=1e-4)
-    network = VoxelNet(VoxelNetConfig.published("tjunction"))
+    network = VoxelNet(config.VoxelNetConfig.published("tjunction"))
 
     def digest(**settings):
         return published.PublishedDetector(network, "tjunction", **settings).digest
@@ -292,14 +291,13 @@ def test_published_decoding_gives_the_documented_detections(network, tmp_path, s
     assert len(load_published(path, "tjunction")(site)) >= len(detector(site))
 
 
-def _without(name):
-    return lambda state: {key: tensor for key, tensor in state.items() if key != name}
-
-
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (_without("_rpn.conv2_2.bn1.bias"), "lacks _rpn.conv2_2.bn1.bias: it holds 144 tensors where .* 145"),
+        (
+            lambda state: {key: tensor for key, tensor in state.items() if key != "_rpn.conv2_2.bn1.bias"},
+            "lacks _rpn.conv2_2.bn1.bias: it holds 144 tensors where .* 145",
+        ),
         (lambda state: state | {"more": torch.zeros(1)}, "has more besides"),
         (
             lambda state: state | {"_rpn.deconv1.weight": torch.zeros(1, 2)},

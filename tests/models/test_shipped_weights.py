@@ -12,10 +12,8 @@ from toolkit.datasets.simulation import simulate_dataset
 from toolkit.detection.evaluation import Comparison, evaluate_recording
 from toolkit.runtime.run import Run
 
-WEIGHTS = sorted(Path(SHIPPED).rglob("*.safetensors"))
 
-
-@pytest.mark.parametrize("path", WEIGHTS, ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", sorted(Path(SHIPPED).rglob("*.safetensors")), ids=lambda path: path.stem)
 def test_the_header_says_where_they_come_from(path):
     _, header = load_weights(path)
     assert header.site == path.stem

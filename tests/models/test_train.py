@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import torch
 
+from coview.main import main
 from models.config import VoxelNetConfig, road_users
 from models.network.voxelnet import VoxelNet
 from models.train import WEIGHTS, commit, run, second_stages
@@ -24,8 +25,6 @@ REPOSITORY = Path(__file__).parents[2]
 
 
 def test_the_command_leaves_weights_and_curves(packed_file, tmp_path, same_weights):
-    from coview.main import main
-
     options = ["--data", str(packed_file), "--epochs", "0.4", "--device", "cpu", "--out", str(tmp_path)]
     with pytest.raises(SystemExit) as ended:
         main(["train", "general", *options, "--validate", str(packed_file), "--validate-frames", "1", "--json"])

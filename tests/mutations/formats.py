@@ -1,31 +1,66 @@
 """Every file format that is read: how to make a small sound file of it, how it is damaged, and what reads it."""
 
+import gzip
 import importlib
+import io
 import json
+import shutil
 import sqlite3
+import tempfile
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import h5py
 import layout_formats as layouts
 import network_formats as networks
 import numpy as np
 import point_formats as points
+import shapely
+import structured
 from mutants import BYTES, HDF5, JSON, SAFETENSORS, TEXT, Mutation
+
+from models.training.packed import PackedFrames
+from models.training.packing import pack, recording
+from placement_env.candidates.poles import load_keep_out, load_poles
+from placement_env.candidates.sensor_catalogue import load_sensor_catalogue
+from placement_env.fidelity.detector import IOUS
+from placement_env.fidelity.hit_model import FOLDER
+from placement_env.fidelity.table import Origin, Table, save_table
+from toolkit.bodies.meshes import MeshEntry, take_mesh, take_meshes
+from toolkit.datasets.dataset import CoopDataset
+from toolkit.datasets.doctor import diagnose_file
+from toolkit.datasets.readings import Reads
+from toolkit.datasets.recording import Header, Scene, encode
+from toolkit.detection.evaluation import Comparison, evaluate_recording
+from toolkit.detection.schemes import PAPER_SCHEMES as SCHEMES
+from toolkit.detection.survey import survey
+from toolkit.frame import Frame
+from toolkit.geometry import look, pose
+from toolkit.objects import Detections, Objects
+from toolkit.runtime.cache import Cache, make_key
+from toolkit.runtime.files import name_errors, write_arrays
+from toolkit.sensors.models import DepthCamera, SpinningLidar
+from toolkit.sensors.sensor import Sensor
+from toolkit.sites import opendrive, osm
+from toolkit.sites.files import load_site, save_site
+from toolkit.sites.georeference import inverse_project
+from toolkit.sites.site import Site, Solid
 
 
 @dataclass(frozen=True)
 class Format:
     """make: writes a sound file; read: all that a command does with it until it computes; share: of the mutants, 1 for
-    an ordinary one; owns: whether reading may put the file aside or write into it."""
+    an ordinary one; owns: whether reading may put the file aside or write into it; structured: damage that knows it."""
 
-    make: Callable[[Path], None]
+    make: Callable[[Path], object]
     read: Callable[[Path], object]
     mutations: tuple[Mutation, ...] = BYTES
     share: float = 1.0
     owns: bool = False
+    structured: tuple[Mutation, ...] = ()
 
 
 def calls(name: str) -> Callable[[Path], object]:
@@ -34,6 +69,41 @@ def calls(name: str) -> Callable[[Path], object]:
 
 
 def formats() -> dict[str, Format]:
+    """Every format by the name of its sound file."""
+    return {name: replace(kind, structured=known_damage(name)) for name, kind in _formats().items()}
+
+
+def known_damage(name: str) -> tuple[Mutation, ...]:
+    """Mutations that know the format of a file; none where there are none."""
+    if name in layouts.FILES:
+        _, name, general = layouts.FILES[name]
+        if general is JSON:
+            return structured.STRUCTURED_JSON
+    for endings, mutations in (
+        ((".pcd.bin", ".bin"), (structured.bin_change,)),
+        ((".hdf5", ".packed"), structured.STRUCTURED_HDF5),
+        ((".json", ".geojson", ".gltf"), structured.STRUCTURED_JSON),
+        ((".yaml",), structured.STRUCTURED_YAML),
+        ((".osm.gz",), (structured.osm_gz_change,)),
+        ((".osm", ".xodr"), structured.STRUCTURED_XML),
+        ((".toml",), structured.STRUCTURED_TOML),
+        (("y.ply",), (structured.ply_change,)),
+        (("t.ply",), (structured.ply_change, structured.text_change)),
+        (("text.pcd",), (structured.pcd_change, structured.text_change)),
+        ((".pcd",), (structured.pcd_change,)),
+        ((".npz",), (structured.npz_change,)),
+        ((".npy",), (structured.npy_change,)),
+        ((".feather",), (structured.feather_change,)),
+        ((".glb",), (structured.glb_change,)),
+        ((".stl",), (structured.stl_change,)),
+        ((".xyz", ".csv", ".txt", ".obj", ".off"), structured.STRUCTURED_TEXT),
+    ):
+        if name.endswith(endings):
+            return mutations
+    return ()
+
+
+def _formats() -> dict[str, Format]:
     read_weights = calls("models.weight_files:load_weights")
     clouds = {
         "binary.ply": points.ply,
@@ -71,6 +141,9 @@ def formats() -> dict[str, Format]:
         "site.json": Format(_site, calls("toolkit.sites.files:load_site"), JSON, 2),
         "poles.geojson": Format(_poles, _read_poles, JSON, 2),
         "map.osm": Format(_osm, _read_osm, TEXT, 2),
+        "map.osm.gz": Format(_osm_packed, _read_osm),
+        "sensors.toml": Format(_catalogue, _read_catalogue, TEXT),
+        "meshes.toml": Format(_mesh_catalogue, _read_mesh_catalogue, TEXT),
         "map.xodr": Format(_opendrive, _read_opendrive, TEXT),
         "table.npz": Format(
             _table, calls("placement_env.fidelity.table:load_table"), (*BYTES, _another_table, _another_table), 1
@@ -78,10 +151,10 @@ def formats() -> dict[str, Format]:
         "surrogate.json": Format(_surrogate, calls("placement_env.fidelity.hit_model:load_models"), JSON),
         "answers.sqlite": Format(_cache, _read_cache, BYTES, 1, owns=True),
         **{
-            name: Format(make, calls("toolkit.bodies.meshes:load_mesh"), TEXT if name.endswith(texts) else BYTES, 0.7)
+            name: Format(make, _read_mesh, TEXT if name.endswith(texts) else BYTES, 0.7)
             for name, make in meshes.items()
         },
-        "mesh.gltf": Format(points.text_mesh, calls("toolkit.bodies.meshes:load_mesh"), JSON, 0.7),
+        "mesh.gltf": Format(points.text_mesh, _read_mesh, JSON, 0.7),
         **{
             name: Format(layouts.maker(name), layouts.reader(name), mutations, 0.4)
             for name, (_, _, mutations) in layouts.FILES.items()
@@ -91,13 +164,6 @@ def formats() -> dict[str, Format]:
 
 def _frames(shared: bool) -> tuple[Any, list[Any]]:
     """A site and three frames of two cameras and a lidar, or of two cameras alone, over two cars and a truck."""
-    from toolkit.frame import Frame
-    from toolkit.geometry import look, pose
-    from toolkit.objects import Objects
-    from toolkit.sensors.models import DepthCamera, SpinningLidar
-    from toolkit.sensors.sensor import Sensor
-    from toolkit.sites.site import Site, Solid
-
     camera = DepthCamera(width=40, height=30, stride=2)
     sensors: tuple[Sensor, ...] = (
         Sensor("north", camera, look((-14.0, 0.0, 5.0), 0.0, 0.4)),
@@ -117,8 +183,6 @@ def _frames(shared: bool) -> tuple[Any, list[Any]]:
 
 
 def _recording(path: Path) -> None:
-    from toolkit.datasets.recording import Header, Scene, encode
-
     site, frames = _frames(shared=False)
     scenes = [Scene(frame, np.zeros(len(frame.objects), np.int64)) for frame in frames]
     path.write_bytes(encode(Header(site, frames[0].sensors, ("car",)), scenes))
@@ -126,11 +190,6 @@ def _recording(path: Path) -> None:
 
 def _published(path: Path) -> None:
     """In the published layout alone, at a built-in site."""
-    import h5py
-
-    from toolkit.datasets.recording import Header, Scene, encode
-    from toolkit.sites.files import load_site
-
     _, frames = _frames(shared=True)
     scenes = [Scene(frame, np.zeros(len(frame.objects), np.int64)) for frame in frames]
     path.write_bytes(encode(Header(load_site("tjunction"), frames[0].sensors), scenes))
@@ -143,13 +202,6 @@ def _published(path: Path) -> None:
 
 def _read_recording(path: Path) -> None:
     """As `doctor`, `survey` and `evaluate` read it."""
-    from toolkit.datasets.dataset import CoopDataset
-    from toolkit.datasets.doctor import diagnose_file
-    from toolkit.datasets.readings import Reads
-    from toolkit.detection.evaluation import Comparison, evaluate_recording
-    from toolkit.detection.survey import survey
-    from toolkit.objects import Detections
-
     for finding in diagnose_file(path):
         one_line(str(finding))
     with CoopDataset(path) as dataset:
@@ -162,16 +214,12 @@ def _read_recording(path: Path) -> None:
 
 
 def _packed(path: Path) -> None:
-    from models.training.packing import pack, recording
-
     site, frames = _frames(shared=False)
     empty = [np.zeros(sensor.model.shape, np.float32) + 17 for sensor in frames[0].sensors]
     pack([recording(frames, site.area, 4.0, empty=empty)], path)
 
 
 def _read_packed(path: Path) -> None:
-    from models.training.packed import PackedFrames
-
     packed = PackedFrames(path)
     for k in range(len(packed)):
         packed.points(k, np.random.default_rng(0))
@@ -179,8 +227,6 @@ def _read_packed(path: Path) -> None:
 
 
 def _site(path: Path) -> None:
-    from toolkit.sites.files import save_site
-
     save_site(_frames(shared=False)[0], path)
 
 
@@ -197,16 +243,12 @@ def _poles(path: Path) -> None:
 
 
 def _read_poles(path: Path) -> None:
-    from placement_env.candidates.poles import load_keep_out, load_poles
-
     site = _frames(shared=True)[0]
     load_poles(path, site)
     load_keep_out(path, site)
 
 
 def _osm(path: Path) -> None:
-    from toolkit.sites.georeference import inverse_project
-
     places = [(-90, 0), (0, 0), (90, 0), (0, -90), (5, 90), (20, 20), (40, 20), (40, 40), (20, 40), (12, 9), (-9, 12)]
     degrees = inverse_project(np.array(places, float), (13.4, 52.5))
     nodes = [f'<node id="{i}" lat="{lat:.7f}" lon="{lon:.7f}"/>' for i, (lon, lat) in enumerate(degrees.tolist(), 1)]
@@ -228,12 +270,42 @@ def _osm(path: Path) -> None:
     path.write_text("\n".join(['<?xml version="1.0"?>', '<osm version="0.6">', *nodes, relation, "</osm>", ""]))
 
 
+def _osm_packed(path: Path) -> None:
+    _osm(path)
+    path.write_bytes(gzip.compress(path.read_bytes()))
+
+
+def _catalogue(path: Path) -> None:
+    path.write_text(
+        'currency = "EUR"\npole_price = 4000\n[[sensor]]\nname = "camera"\nmodel = "DepthCamera"\nprice = 1500\n'
+        'fov_deg = 90\nwidth = 320\nheight = 240\n[[sensor]]\nname = "lidar"\nmodel = "SpinningLidar"\n'
+        "price = 6000\nchannels = 64\nazimuth_step_deg = 0.2\nmax_range = 100\n"
+    )
+
+
+def _read_catalogue(path: Path) -> None:
+    """Read it, and cast the rays of its models as a search does first."""
+    for each in load_sensor_catalogue(path).models:
+        assert each.model.rays().ndim == 3
+
+
+def _mesh_catalogue(path: Path) -> None:
+    path.write_text('[[mesh]]\nfile = "box.stl"\nlabel = "vehicle"\nup = "z"\nforward = "x"\nscale = 1.0\n')
+
+
+def _read_mesh(path: Path) -> None:
+    take_mesh(path, Path(path.name), MeshEntry())
+
+
+def _read_mesh_catalogue(path: Path) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        points.mesh(Path(folder, "box.stl"))
+        shutil.copy(path, Path(folder, "meshes.toml"))
+        take_meshes(folder)
+
+
 def _read_osm(path: Path) -> None:
     """Run all of `import_osm` but SUMO's netconvert, which sees only what is written anew."""
-    import shapely
-
-    from toolkit.sites import osm
-
     town, window = osm.read_map(path, (13.4, 52.5), 0.3), shapely.box(-60, -60, 60, 60)
     pieces, _ = osm.roads(town, window)
     osm.write_osm(pieces, town)
@@ -264,11 +336,6 @@ def _opendrive(path: Path) -> None:
 
 def _read_opendrive(path: Path) -> None:
     """Run all of `import_opendrive` but SUMO's netconvert."""
-    import shapely
-
-    from toolkit.runtime.files import name_errors
-    from toolkit.sites import opendrive
-
     with name_errors(path):
         root = opendrive.read_opendrive(path, (0.0, 0.0))
         window = shapely.box(-80, -80, 80, 80)
@@ -280,10 +347,6 @@ def _read_opendrive(path: Path) -> None:
 
 
 def _table(path: Path) -> None:
-    from placement_env.fidelity.detector import IOUS
-    from placement_env.fidelity.table import Origin, Table, save_table
-    from toolkit.detection.schemes import PAPER_SCHEMES as SCHEMES
-
     ap = np.linspace(0, 1, 8 * len(SCHEMES) * len(IOUS)).reshape(8, len(SCHEMES), len(IOUS))
     origin = Origin("yard", ("a", "b", "c"), "p", 3, 9, "r", "d", 0, "c")
     save_table(Table(origin, ap, ap.copy(), ap[..., 0].copy()), path)
@@ -291,11 +354,6 @@ def _table(path: Path) -> None:
 
 def _another_table(content: bytes, rng: np.random.Generator) -> tuple[str, bytes]:
     """Sound arrays that make no table."""
-    import io
-    import tempfile
-
-    from toolkit.runtime.files import write_arrays
-
     with np.load(io.BytesIO(content)) as file:
         arrays = {name: file[name] for name in file}
     name = sorted(arrays)[int(rng.integers(len(arrays)))]
@@ -314,14 +372,10 @@ def _another_table(content: bytes, rng: np.random.Generator) -> tuple[str, bytes
 
 
 def _surrogate(path: Path) -> None:
-    from placement_env.fidelity.hit_model import FOLDER
-
     path.write_text(json.dumps(json.loads((FOLDER / "general.json").read_text())[:2]))
 
 
 def _cache(path: Path) -> None:
-    from toolkit.runtime.cache import Cache, make_key
-
     cache = Cache(path)
     cache.put({make_key(k): (np.arange(20.0 * k),) for k in range(20)})
     cache.close()
@@ -330,8 +384,6 @@ def _cache(path: Path) -> None:
 
 
 def _read_cache(path: Path) -> None:
-    from toolkit.runtime.cache import Cache, make_key
-
     cache = Cache(path)
     for k, value in enumerate(cache.get([make_key(k) for k in range(20)])):
         if value is not None and not np.array_equal(value[0], np.arange(20.0 * k)):

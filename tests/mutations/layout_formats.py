@@ -14,6 +14,18 @@ from typing import Any
 
 import numpy as np
 from mutants import BYTES, HDF5, JSON, TEXT, Mutation
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+
+from toolkit.datasets.layouts import rosbag as writing
+from toolkit.datasets.layouts.rosbag import CLOUD, TF
+from toolkit.datasets.recordings import Part, open_recording, write_recording
+from toolkit.detection.label_doctor import diagnose_labels
+from toolkit.detection.survey import survey
+from toolkit.frame import Frame, SensorCloud
+from toolkit.geometry import pose
+from toolkit.objects import Objects
+from toolkit.point_files import pcd_bytes
 
 FILES: dict[str, tuple[str, str, tuple[Mutation, ...]]] = {  # name of the format: layout, its file, what damages it
     "in-folder-labels": ("folder", "labels.json", JSON),
@@ -53,10 +65,6 @@ NAMED = {"pair": "dair", "ros1": "rosbag", "ros2": "rosbag", "sqlite": "rosbag"}
 
 def samples(count: int = 3) -> list[Any]:
     """Two lidars above flat ground, over cars, a cyclist and a truck that drive."""
-    from toolkit.frame import Frame, SensorCloud
-    from toolkit.geometry import pose
-    from toolkit.objects import Objects
-
     rng = np.random.default_rng(5)
     sizes = np.tile([0.8, 4, 1.8, 1.6], (6, 1))
     boxes = np.column_stack([np.linspace(-15, 15, 6), np.tile([-4.0, 4.0], 3), sizes, np.linspace(-3, 3, 6)])
@@ -80,8 +88,6 @@ def samples(count: int = 3) -> list[Any]:
 
 
 def write(layout: str, folder: Path) -> Path:
-    from toolkit.datasets.recordings import write_recording
-
     own: dict[str, Callable[[Path], Path]] = {
         "pair": _pair,
         "rcooper": _rcooper,
@@ -100,10 +106,6 @@ def read(layout: str, opened: Path) -> None:
     """All that commands do with a recording before they compute."""
     from formats import one_line
 
-    from toolkit.datasets.recordings import Part, open_recording, write_recording
-    from toolkit.detection.label_doctor import diagnose_labels
-    from toolkit.detection.survey import survey
-
     some = list(open_recording(opened, NAMED.get(layout, layout)))
     for sample in some:
         if not (np.isfinite(sample.points()).all() and np.isfinite(sample.objects.boxes).all()):
@@ -116,13 +118,9 @@ def read(layout: str, opened: Path) -> None:
         write_recording(some, Path(folder, "again.hdf5"), "hdf5")
 
 
-def maker(name: str) -> Callable[[Path], None]:
+def maker(name: str) -> Callable[[Path], object]:
     layout, place, _ = FILES[name]
-
-    def make(path: Path) -> None:
-        path.write_bytes((_sound(layout)[0] / place).read_bytes())
-
-    return make
+    return lambda path: path.write_bytes((_sound(layout)[0] / place).read_bytes())
 
 
 def reader(name: str) -> Callable[[Path], None]:
@@ -151,8 +149,6 @@ def _sound(layout: str) -> tuple[Path, Path, object]:
 
 
 def _cloud(path: Path, seed: int = 0) -> None:
-    from toolkit.point_files import pcd_bytes
-
     rng = np.random.default_rng(seed)
     path.parent.mkdir(parents=True, exist_ok=True)
     points = np.column_stack([rng.uniform(-20, 20, (300, 2)), rng.normal(-5, 0.01, 300)]).astype(np.float32)
@@ -208,12 +204,6 @@ def _rcooper(folder: Path) -> Path:
 
 
 def _ros2(folder: Path, sqlite: bool = False) -> Path:
-    from rosbags.rosbag2 import StoragePlugin, Writer
-    from rosbags.typesys import Stores, get_typestore
-
-    from toolkit.datasets.layouts import rosbag as writing
-    from toolkit.datasets.layouts.rosbag import CLOUD, TF
-
     store, kinds = get_typestore(Stores.ROS2_HUMBLE), (TF, CLOUD)
     plugin = StoragePlugin.SQLITE3 if sqlite else StoragePlugin.MCAP
     with Writer(folder / "bag", version=9, storage_plugin=plugin) as writer:
@@ -229,9 +219,6 @@ def _ros2(folder: Path, sqlite: bool = False) -> Path:
 
 def _ros1(folder: Path) -> Path:
     from rosbags.rosbag1 import Writer
-    from rosbags.typesys import Stores, get_typestore
-
-    from toolkit.datasets.layouts.rosbag import CLOUD
 
     store, rng = get_typestore(Stores.ROS1_NOETIC), np.random.default_rng(0)
     types = store.types

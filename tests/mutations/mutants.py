@@ -68,10 +68,8 @@ def renumbered(content: bytes, rng: np.random.Generator) -> tuple[str, bytes]:
     early = [number for number in found if number.start() < 1024]
     chosen = early if early and rng.random() < 0.5 else found
     number, other = chosen[int(rng.integers(len(chosen)))], _NUMBERS[int(rng.integers(len(_NUMBERS)))]
-    return (
-        f"{number[0][:20]!r} at {number.start()} is {other!r}",
-        content[: number.start()] + other + content[number.end() :],
-    )
+    first, last = number.span()
+    return f"{number[0][:20]!r} at {first} is {other!r}", content[:first] + other + content[last:]
 
 
 def rejoined(content: bytes, rng: np.random.Generator) -> tuple[str, bytes]:
@@ -162,10 +160,8 @@ def _change_attribute(node: Any, name: str, rng: np.random.Generator) -> str:
     values: list[Any] = [
         *("north", "", b"\xff\xfe", np.nan, np.inf, -1, 0, 1.5, 1e300, 10**12, True, 1 + 2j),
         *(np.zeros(0), np.zeros((2, 3)), np.array(["a", "b"], h5py.string_dtype()), h5py.Empty("f8")),
-        *(
-            *(np.full((4, 4), np.nan), np.eye(3), np.zeros((), [("a", "f8")]), "[" * 20000, '{"a": NaN}', "[1, {}]"),
-            "null",
-        ),
+        *(np.full((4, 4), np.nan), np.eye(3), np.zeros((), [("a", "f8")]), "[" * 20000, '{"a": NaN}', "[1, {}]"),
+        "null",
     ]
     if rng.random() < 0.15:
         del node.attrs[name]
@@ -230,8 +226,7 @@ def _change_dataset(file: h5py.File, name: str, rng: np.random.Generator) -> str
         shape = (10**9, *was.shape[1:]) if was.ndim else (10**12,)
         dtype = was.dtype
         del file[name]
-        made = file.create_dataset(name, shape, dtype, chunks=True)
-        made.attrs.update(attributes)
+        file.create_dataset(name, shape, dtype, chunks=True).attrs.update(attributes)
         return f"claims shape {shape}"
     what = list(changes)[int(rng.integers(len(changes)))]
     try:
@@ -246,8 +241,7 @@ def _change_dataset(file: h5py.File, name: str, rng: np.random.Generator) -> str
 
 def _filled(values: np.ndarray, number: float, rng: np.random.Generator) -> np.ndarray:
     changed = np.array(values)
-    place = tuple(int(rng.integers(n)) for n in changed.shape)
-    return _fitting(changed, number, place)
+    return _fitting(changed, number, tuple(int(rng.integers(n)) for n in changed.shape))
 
 
 def _fitting(changed: np.ndarray, number: float, place: Any) -> np.ndarray:

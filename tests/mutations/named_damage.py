@@ -17,13 +17,7 @@ import numpy as np
 
 sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[2])]
 
-Spoil = Callable[[Path], None]
-
-
-def main() -> None:
-    print("| file | what was done | what the user sees |\n|---|---|---|")
-    for name, what, line in lines():
-        print(f"| {name} | {what} | {line.replace('|', '/')} |")
+Spoil = Callable[[Path], object]
 
 
 def lines() -> Iterator[tuple[str, str, str]]:
@@ -50,17 +44,11 @@ def _cut(path: Path) -> None:
 
 
 def _text(content: str) -> Spoil:
-    def spoil(path: Path) -> None:
-        path.write_text(content)
-
-    return spoil
+    return lambda path: path.write_text(content)
 
 
 def _replaced(old: str, new: str) -> Spoil:
-    def spoil(path: Path) -> None:
-        path.write_bytes(path.read_bytes().replace(old.encode(), new.encode(), 1))
-
-    return spoil
+    return lambda path: path.write_bytes(path.read_bytes().replace(old.encode(), new.encode(), 1))
 
 
 def _hdf5(change: Callable[[h5py.File], Any]) -> Spoil:
@@ -148,4 +136,6 @@ CASES: dict[str, dict[str, Spoil]] = {
 }
 
 if __name__ == "__main__":
-    main()
+    print("| file | what was done | what the user sees |\n|---|---|---|")
+    for name, what, line in lines():
+        print(f"| {name} | {what} | {line.replace('|', '/')} |")

@@ -4,13 +4,16 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
+import torch
+
+from models.config import VoxelNetConfig, road_users
+from models.network.voxelnet import VoxelNet
+from models.published import load_published
+from models.training.loop import PRESETS
+from models.weight_files import Header, save_weights
+
 
 def network() -> Any:
-    import torch
-
-    from models.config import VoxelNetConfig
-    from models.network.voxelnet import VoxelNet
-
     torch.manual_seed(0)
     return VoxelNet(
         VoxelNetConfig(
@@ -27,19 +30,11 @@ def network() -> Any:
 
 
 def weights(path: Path) -> None:
-    from models.weight_files import Header, save_weights
-
     save_weights(path, network(), Header("yard", 3, "abc", {"0.7": 0.5}))
 
 
 def class_weights(path: Path) -> None:
     """Of several classes, with a second stage and a calibration."""
-    import torch
-
-    from models.config import road_users
-    from models.network.voxelnet import VoxelNet
-    from models.weight_files import Header, save_weights
-
     torch.manual_seed(0)
     classes: dict[str, Any] = {**road_users(), "faces": ("heavy",), "calibration": ((1.2, -0.1),) * 4}
     classes["rivalry"] = ((1.1, -0.2, 0.0, 0.5, 0.0, 1.0),) * 4
@@ -49,22 +44,14 @@ def class_weights(path: Path) -> None:
 
 
 def published_checkpoint(path: Path) -> None:
-    import torch
-
     torch.save({"epoch": 3, "state_dict": {f"module.{k}": v for k, v in network().state_dict().items()}}, path)
 
 
 def read_published_checkpoint(path: Path) -> None:
-    from models.published import load_published
-
     load_published(path, "tjunction")
 
 
 def checkpoint(path: Path) -> None:
-    import torch
-
-    from models.training.loop import PRESETS
-
     made = network()
     state = {
         "format": 1,
@@ -78,7 +65,6 @@ def checkpoint(path: Path) -> None:
 
 
 def read_checkpoint(path: Path) -> None:
-    from models.config import VoxelNetConfig
     from models.weight_files import checkpoint_errors, read_checkpoint
 
     state = read_checkpoint(path)

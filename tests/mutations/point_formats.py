@@ -6,6 +6,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import open3d as o3d
+import pyarrow
+import trimesh
+
+from toolkit.clouds import from_points, save
+from toolkit.datasets.cloud_files import fuse_files
+from toolkit.geometry import pose
 
 
 def points() -> np.ndarray:
@@ -13,30 +20,20 @@ def points() -> np.ndarray:
 
 
 def cloud() -> Any:
-    import open3d as o3d
-
-    from toolkit.clouds import from_points
-
     cloud = from_points(points(), np.arange(200) % 3)
     cloud.point["intensity"] = o3d.core.Tensor.from_numpy(np.linspace(0, 1, 200, dtype=np.float32)[:, None].copy())
     return cloud
 
 
 def ply(path: Path) -> None:
-    import open3d as o3d
-
     o3d.t.io.write_point_cloud(path, cloud())
 
 
 def ply_text(path: Path) -> None:
-    import open3d as o3d
-
     o3d.t.io.write_point_cloud(path, cloud(), write_ascii=True)
 
 
 def open3d_pcd(path: Path) -> None:
-    from toolkit.clouds import save
-
     save(cloud(), path)
 
 
@@ -84,7 +81,6 @@ def bin(path: Path) -> None:
 
 
 def feather(path: Path) -> None:
-    import pyarrow
     from pyarrow import feather
 
     columns = dict(zip("xyz", points().T, strict=True)) | {"laser_number": np.arange(200, dtype=np.uint8)}
@@ -92,14 +88,13 @@ def feather(path: Path) -> None:
 
 
 def read_cloud(path: Path) -> None:
-    from toolkit.datasets.cloud_files import fuse_files
-
-    fuse_files([path], [np.eye(4)])
+    """Read points, which must be numbers."""
+    fused = fuse_files([path], [np.eye(4)]).point.positions.numpy()
+    if not np.isfinite(fused).all():
+        raise RuntimeError("points of no numbers were read")
 
 
 def two_poses() -> dict[str, Any]:
-    from toolkit.geometry import pose
-
     return {"north": pose(1.0, 2.0, 5.0, yaw=1.0).tolist(), "south": pose(4.0, 2.0, 5.0, yaw=-1.0)[:3].tolist()}
 
 
@@ -120,14 +115,10 @@ def read_poses(path: Path) -> None:
 
 
 def mesh(path: Path) -> None:
-    import trimesh
-
     trimesh.creation.box((4.4, 1.8, 1.5)).export(path)
 
 
 def text_mesh(path: Path) -> None:
     """glTF in JSON, its buffer within it."""
-    import trimesh
-
     files = trimesh.creation.box((4.4, 1.8, 1.5)).export(file_type="gltf", embed_buffers=True)
     path.write_bytes(files["model.gltf"])

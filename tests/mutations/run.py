@@ -1,7 +1,8 @@
 """Damages every file format in every way and counts: `python tests/mutations/run.py 1500` prints the table.
 
-A reader may read a damaged file or refuse it with a ValueError or OSError of one line; it may do nothing else, take at
-most 20 s, and leave the file as it is. Readers run in a process of their own, so that a crash is counted and named.
+With `--structured` the damage knows the format; `--read` lists what was read all the same. A reader may read a damaged
+file or refuse it with a ValueError or OSError of one line; it may do nothing else, take at most 20 s and 2 GB, and
+leave the file as it is. Readers run in a process of their own, so that a crash is counted and named.
 """
 
 import argparse
@@ -22,7 +23,8 @@ import numpy as np
 from formats import Format, formats, one_line
 
 LONGEST = 20.0  # s that a reader may take
-MEMORY = 24 << 30  # bytes that a process may map; a damaged file must not ask for the whole machine
+MAPPED = 24 << 30  # bytes that a process may map; a damaged file must not ask for the whole machine
+MEMORY = 2 << 30  # bytes that reading one file may take
 Case = tuple[str, int]  # name of the format, number of the mutant
 
 
@@ -31,24 +33,29 @@ def main() -> None:
     parser.add_argument("mutants", type=int, nargs="?", default=400)
     parser.add_argument("--formats", nargs="*", help="part of the names of those wanted, all if not given")
     parser.add_argument("--number", type=int, help="only this mutant of each format, with its traceback")
+    parser.add_argument("--structured", action="store_true", help="damage that knows the format")
+    parser.add_argument("--read", action="store_true", help="list what was read all the same")
     parser.add_argument("--worker", nargs="*", help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.worker is not None:
-        _work([(name, int(number)) for name, number in (case.rsplit(":", 1) for case in given.worker)])
+        cases = [(name, int(number)) for name, number in (case.rsplit(":", 1) for case in given.worker)]
+        _work(cases, given.structured)
         return
-    cases = planned(given.mutants, given.formats)
+    cases = planned(given.mutants, given.formats, given.structured)
     if given.number is not None:
         cases = [(name, given.number) for name in dict.fromkeys(name for name, _ in cases)]
-    failures = examined(cases)
+    failures, read = examined(cases, given.structured)
     print(table(cases, failures))
+    for name, what in sorted(read) if given.read else ():
+        print(f"read: {name}: {what}")
     for (name, number), why in failures.items():
         print(f"\n{name}:{number} {why}")
     sys.exit(bool(failures))
 
 
-def planned(mutants: int, wanted: Sequence[str] | None = None) -> list[Case]:
-    """At least so many mutants, shared out among the formats."""
-    every = formats()
+def planned(mutants: int, wanted: Sequence[str] | None = None, structured: bool = False) -> list[Case]:
+    """At least so many mutants, shared out among the formats, those that damage knows where `structured`."""
+    every = {name: kind for name, kind in formats().items() if kind.structured or not structured}
     each = mutants / sum(kind.share for kind in every.values())
     return [
         (name, number)
@@ -58,16 +65,18 @@ def planned(mutants: int, wanted: Sequence[str] | None = None) -> list[Case]:
     ]
 
 
-def examined(cases: Sequence[Case]) -> dict[Case, str]:
-    """Which cases fail and how, each read in another process, which is begun anew where it dies."""
+def examined(cases: Sequence[Case], structured: bool = False) -> tuple[dict[Case, str], list[tuple[str, str]]]:
+    """Which cases fail and how, each read in another process, which is begun anew where it dies; what was read."""
     failures: dict[Case, str] = {}
+    read: list[tuple[str, str]] = []
+    option = ["--structured"] if structured else []
     waiting = list(cases)
     environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2]), "OMP_NUM_THREADS": "1"}
     while waiting:
         names = [f"{name}:{number}" for name, number in waiting]
         with tempfile.TemporaryFile() as said:
             done = subprocess.run(
-                [sys.executable, __file__, "--worker", *names],
+                [sys.executable, __file__, *option, "--worker", *names],
                 stdout=subprocess.PIPE,
                 stderr=said,
                 env=environment,
@@ -78,13 +87,15 @@ def examined(cases: Sequence[Case]) -> dict[Case, str]:
             last_words = said.read().decode(errors="replace")[-1500:]
         lines = [line for line in done.stdout.decode(errors="replace").splitlines() if line.startswith(("ok ", "no "))]
         for case, line in zip(waiting, lines, strict=False):
+            if line.startswith("ok read "):
+                read.append((case[0], line.removeprefix("ok read ")))
             if line.startswith("no "):
                 failures[case] = line.removeprefix("no ").replace("\\n", "\n")
         if len(lines) < len(waiting):
             crashed = f"crash or hang, exit code {done.returncode}: {last_words}"
             failures[waiting[len(lines)]] = crashed
         waiting = waiting[len(lines) + 1 :]
-    return failures
+    return failures, read
 
 
 def table(cases: Iterable[Case], failures: Iterable[Case]) -> str:
@@ -95,8 +106,8 @@ def table(cases: Iterable[Case], failures: Iterable[Case]) -> str:
     return "\n".join([*head, *rows, f"| all | {whole} | {whole - bad} | {bad} |"])
 
 
-def _work(cases: Sequence[Case]) -> None:
-    resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+def _work(cases: Sequence[Case], structured: bool) -> None:
+    resource.setrlimit(resource.RLIMIT_AS, (MAPPED, MAPPED))
     every = formats()
     sound: dict[str, bytes] = {}
     with tempfile.TemporaryDirectory() as folder:
@@ -106,19 +117,22 @@ def _work(cases: Sequence[Case]) -> None:
                 every[name].read(Path(folder, name)) if name != "published.pth" else None
                 sound[name] = Path(folder, name).read_bytes()
                 Path(folder, name).unlink()
-            print(_verdict(every[name], name, number, sound[name]).replace("\n", "\\n"), flush=True)
+            print(_verdict(every[name], name, number, sound[name], structured).replace("\n", "\\n"), flush=True)
 
 
-def _verdict(kind: Format, name: str, number: int, sound: bytes) -> str:
+def _verdict(kind: Format, name: str, number: int, sound: bytes, structured: bool) -> str:
     rng = np.random.default_rng([crc32(name.encode()), number])
-    mutation = kind.mutations[int(rng.integers(len(kind.mutations)))]
+    mutations = kind.structured if structured else kind.mutations
+    mutation = mutations[int(rng.integers(len(mutations)))]
     what, content = mutation(sound, rng)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, name)
         path.write_bytes(content)
         faulthandler.dump_traceback_later(LONGEST, exit=True)
+        before, read = peak(), ""
         try:
             kind.read(path)
+            read = "read "
         except (ValueError, OSError) as error:
             try:
                 one_line(str(error))
@@ -128,10 +142,17 @@ def _verdict(kind: Format, name: str, number: int, sound: bytes) -> str:
             return f"no {what}: {''.join(traceback.format_exc().splitlines(keepends=True)[-9:])}"
         finally:
             faulthandler.cancel_dump_traceback_later()
+        if (more := peak() - before) > MEMORY:
+            return f"no {what}: took {more / 1e9:.1f} GB"
         same = [each.name for each in Path(folder).iterdir()] == [name] and path.read_bytes() == content
         if not (kind.owns or same):
             return f"no {what}: the file was touched, {hashlib.sha256(content).hexdigest()[:8]}"
-    return f"ok {what}"
+    return f"ok {read}{what}"
+
+
+def peak() -> int:
+    """Most bytes of memory that this process has held."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
 
 
 if __name__ == "__main__":

@@ -135,8 +135,7 @@ class Street:
 
     def clouds(self, k, c):
         places = [*CARS[SEES[c]], *([GHOST] if c == 2 else [])]
-        rows = [[x, y, 0.75] for x, y in places for _ in range(25)]
-        return np.array(rows, np.float32).reshape(-1, 3)
+        return np.array([[x, y, 0.75] for x, y in places for _ in range(25)], np.float32).reshape(-1, 3)
 
     def objects(self, k):
         boxes = np.column_stack([CARS, np.full(4, 0.75), np.tile(CAR, (4, 1))])

@@ -11,7 +11,7 @@ from toolkit.sensors.error_profiles import POOR, TYPICAL, ErrorProfile
     [
         ({"failing": 3}, "failing must be 0 to 2 sensors, got 3"),
         ({"failing": True}, "failing must be 0 to 2 sensors, got True"),
-        ({"failures": "median"}, "failures must be mean or worst, got 'median'"),
+        ({"failures": "median"}, "failures must be one of mean, worst, got 'median'"),
         ({"levels": 5}, "traffic has 1 to 4 levels, got 5"),
         ({"errors": ("poor", "paper", "poor")}, "different ones, got poor, paper, poor: name each once"),
         ({"errors": ("typical", ErrorProfile("ours", TYPICAL.terms))}, "different ones, got typical, ours"),

@@ -216,9 +216,7 @@ def test_the_detector_is_scored_class_by_class(scheme):
 
 
 def test_classes_do_not_mix_in_a_memo_and_a_small_one_has_its_iou(tmp_path):
-    fresh = {
-        name: detected(classes)(SETS).ap for name, classes in (("mean", MEAN), ("worst", WORST), ("one", VEHICLES))
-    }
+    fresh = {name: detected(some)(SETS).ap for name, some in (("mean", MEAN), ("worst", WORST), ("one", VEHICLES))}
     for name, classes in (("one", VEHICLES), ("worst", WORST), ("mean", MEAN), ("one", VEHICLES)):
         np.testing.assert_array_equal(detected(classes, memo=tmp_path / "memo")(SETS).ap, fresh[name])
     strict = Classes(NAMES, ious=(None, 0.7, None))
@@ -295,8 +293,7 @@ def test_searches_find_the_set_of_the_best_worst_class(make):
         figures = {VEHICLES: each[:, 0], MEAN: each @ np.array(MEAN.weights), WORST: each.min(axis=1)}[classes]
         found = exhaustive.search(objective, 3)
         assert found.best.reward == pytest.approx(figures.max())
-        best = np.isin(np.arange(9), found.best.subset)
-        row = int((sets == best).all(axis=1).argmax())
+        row = int((sets == np.isin(np.arange(9), found.best.subset)).all(axis=1).argmax())
         assert list(found.best.class_ap.values()) == pytest.approx(each[row, : len(classes)].tolist())
         for other in (greedy.search(objective, 3), swap.search(objective, 3, seed=0)):
             assert other.best.reward <= found.best.reward + 1e-12
@@ -347,11 +344,7 @@ def test_a_model_of_each_class_is_fitted_to_the_detector():
     seen = Visibility(points, np.full(points.shape, 20, np.float32), frame, boxes, sent, sent, labels)
     models = tuple(each.model for each in fit_detected([(seen, found, SETS[1:])], source="street"))
     assert [(one.label, one.iou) for one in models] == [
-        ("vehicle", 0.7),
-        ("vehicle", 0.8),
-        ("vehicle", 0.9),
-        ("cyclist", 0.5),
-        ("pedestrian", 0.5),
+        *(("vehicle", 0.7), ("vehicle", 0.8), ("vehicle", 0.9), ("cyclist", 0.5), ("pedestrian", 0.5))
     ]
     guess = Surrogate(seen, "early", [models[0], *models[3:]], classes=MEAN).by_class(SETS).recall
     assert np.abs(guess - found.by_class(SETS).recall).mean(axis=0).max() < 0.12

@@ -29,7 +29,6 @@ CAR = np.array([4.4, 1.9, 1.5])
 SCHEMES = ("early", "late", "hybrid")
 SETS = all_subsets(4)
 FEW = np.array([0, 1, 6, 11, 15])  # rows of SETS, enough where all sets are treated alike
-HEADINGS = (0.3, 1.9, 3.4, 5.0)
 FRAMES = 3
 
 
@@ -37,7 +36,7 @@ def site_at(x=0.0, y=0.0):
     places = [(-17.0, -11.0), (16.0, -12.0), (15.0, 13.0), (-16.0, 12.0)]
     sensors = tuple(
         Sensor(f"s{i}", DepthCamera(), look((x + u, y + v, 5.0), heading, 0.3))
-        for i, ((u, v), heading) in enumerate(zip(places, HEADINGS, strict=True))
+        for i, ((u, v), heading) in enumerate(zip(places, (0.3, 1.9, 3.4, 5.0), strict=True))
     )
     return Site("square", np.array([x - 18.0, y - 18.0, x + 18.0, y + 18.0]), sensors=sensors)
 
@@ -57,8 +56,7 @@ class Scene:
     ghosts: tuple[int, ...] = ()  # frames in which nothing is there, and yet there are points
 
     def _boxes(self, k):
-        rng = np.random.default_rng([7, self.order[k]])
-        x, y = (rng.permutation(36)[:7] // np.array([[6], [1]])) % 6
+        x, y = (np.random.default_rng([7, self.order[k]]).permutation(36)[:7] // np.array([[6], [1]])) % 6
         middles = np.stack([x, y], axis=1) * CELL - 15.0 + self.origin
         return np.column_stack([middles, np.full(7, 0.75), np.tile(CAR, (7, 1)), np.zeros(7)])
 

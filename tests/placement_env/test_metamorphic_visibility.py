@@ -163,9 +163,7 @@ def test_frames_walls_points_and_names_change_nothing_else(seen):
         boxes = seen.boxes[seen.frame == k]
         for c in range(len(candidates)):
             counted = count_points(renders.clouds(k, c), boxes)
-            np.testing.assert_allclose(
-                counted, seen.points[c, seen.frame == k], rtol=0.1, atol=8
-            )  # and ground at its foot
+            np.testing.assert_allclose(counted, seen.points[c, seen.frame == k], rtol=0.1, atol=8)  # and its ground
 
 
 def test_order_and_sensors_that_look_away_change_nothing_but_the_price(seen, scored):

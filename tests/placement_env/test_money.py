@@ -94,8 +94,7 @@ def test_cpsat_finds_the_best_cover_for_the_money(priced, make, seed):
     pytest.importorskip("ortools")
     for most in (1.5, 3.0, 4.5):
         objective = priced(most, seed)
-        seen = objective.scored_by.seen
-        points = np.where(seen, 100.0, 0.0).astype(np.float32)
+        points = np.where(objective.scored_by.seen, 100.0, 0.0).astype(np.float32)
         sent = np.zeros((len(points), 1), np.float32)
         frame, boxes = np.zeros(points.shape[1], np.int64), np.ones((points.shape[1], 7))
         visibility = Visibility(points, np.zeros_like(points), frame, boxes, sent, sent)

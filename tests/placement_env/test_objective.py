@@ -5,8 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from placement_env.candidates.candidates import Axes, Candidates
 from placement_env.candidates.pool import pool
@@ -37,9 +36,7 @@ class Counting:
 @cache
 def candidates(mounts: int = 3, headings: int = 2, capacity: float = 2000.0, price: float = 2.0) -> Candidates:
     site = Site("plain", np.array([-20.0, -20.0, 20.0, 20.0]))
-    poles = [
-        Mount(f"m{i}", np.array([10.0 * i - 10, 12.0, 0.0]), price=price, capacity=capacity) for i in range(mounts)
-    ]
+    poles = [Mount(f"m{i}", np.array([10.0 * i - 10, 12, 0]), price=price, capacity=capacity) for i in range(mounts)]
     return pool(
         site, heights=(5.0,), headings=headings, tilts=(0.3,), models=(DepthCamera(),), mounts=poles, blind=True
     )
@@ -108,8 +105,7 @@ def test_objectives_sum_terms_by_hand_and_say_where_scores_come_from():
 @given(st.lists(st.sets(st.integers(0, 5)), max_size=12))
 def test_many_at_once_are_the_same_as_one_by_one(sets: list[set[int]]) -> None:
     some, other = objective(Weights(0.001, 0.01)), objective(Weights(0.001, 0.01))
-    rows = np.array([some.row(members) for members in sets], bool).reshape(-1, 6)
-    together = some.scores(rows)
+    together = some.scores(np.array([some.row(members) for members in sets], bool).reshape(-1, 6))
     alone = [other.score(members) for members in sets]
     assert together.reward.tolist() == [score.reward for score in alone]
     assert some.scored_by.asked == len({frozenset(members) for members in sets} - {frozenset()})  # type: ignore[attr-defined]

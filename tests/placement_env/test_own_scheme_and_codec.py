@@ -19,8 +19,7 @@ from placement_env.fidelity.seeing import see
 from placement_env.fidelity.surrogate import Surrogate
 from placement_env.fidelity.table import TableFidelity, load_table
 from placement_env.objective import Objective
-from placement_env.search import greedy
-from placement_env.search.cmaes import build_pose_scorer
+from placement_env.search import cmaes, greedy
 from placement_env.setting import Setting
 from placement_env.subsets import all_subsets
 from toolkit.boxes import count_points
@@ -79,10 +78,10 @@ class Centimetres:
     def decode_points(self, message, /):
         return self._unpacked(message, 3).astype(np.float32)
 
-    def encode_boxes(self, detections, /):
+    def encode_boxes(self, detections, origin, /):
         return self._packed(np.column_stack([detections.boxes, detections.scores]))
 
-    def decode_boxes(self, message, /):
+    def decode_boxes(self, message, sensor, /):
         rows = self._unpacked(message, 8)
         return Detections(rows[:, :7], rows[:, 7])
 
@@ -155,15 +154,15 @@ def test_they_fit_the_protocols_and_a_site_takes_both_by_name():
     paper = Objective(Setting("tjunction", fidelity="coverage"), Run(frames=2))
     assert greedy.search(objective, 2).best.kbit < greedy.search(paper, 2).best.kbit
     assert objective.preparation is not None
-    (moved,) = build_pose_scorer(objective.preparation)([objective.candidates.sensors[:1]])
+    (moved,) = cmaes.build_pose_scorer(objective.preparation)([objective.candidates.sensors[:1]])
     assert moved.kbit == objective.score([0]).kbit
     capacity = 1.5 * float(objective.sent[0])  # the paper's codec takes 2.4 times as much
     mounts = tuple(replace(mount, capacity=capacity) for mount in objective.candidates.mounts)
     made = objective.preparation
     narrow = replace(made, setting=replace(made.setting, candidates=replace(objective.candidates, mounts=mounts)))
-    assert build_pose_scorer(narrow)([objective.candidates.sensors[:1]]) != [None]
+    assert cmaes.build_pose_scorer(narrow)([objective.candidates.sensors[:1]]) != [None]
     costly = replace(narrow, setting=replace(narrow.setting, codec=PAPER))
-    assert build_pose_scorer(costly)([objective.candidates.sensors[:1]]) == [None]
+    assert cmaes.build_pose_scorer(costly)([objective.candidates.sensors[:1]]) == [None]
     by_detector = Objective(
         Setting(
             "tjunction", scheme=Thinned(), fidelity="detector", codec=Centimetres(), detector=Places(np.zeros((0, 7)))
@@ -195,9 +194,7 @@ def test_evaluation_takes_both_and_what_arrives_is_let_through(recording, detect
 def test_the_detector_fidelity_scores_what_evaluation_scores(recording, renders, detector):
     """To the scores alone: noise is drawn otherwise for candidates than for a recording's sensors."""
     detected = Detected(renders, detector, Thinned(), codec=Centimetres())
-    rows = evaluate_recording(
-        recording, detector, Comparison(schemes=[Thinned()], codec=Centimetres(), iou_thresholds=[0.7])
-    )
+    rows = evaluate_recording(recording, detector, Comparison([Thinned()], codec=Centimetres(), iou_thresholds=[0.7]))
     estimate = detected(np.ones((1, len(renders.sensors)), bool))
     assert estimate.ap[0] == pytest.approx(rows[0].ap, abs=0.1)
     assert estimate.kbit[0] / len(renders.sensors) == pytest.approx(rows[0].kbit_per_sensor, rel=0.02)

@@ -113,18 +113,12 @@ def test_classes_have_rows_figures_and_tables():
 
 
 def test_files_of_curves_are_named_by_class(tmp_path):
-    rows = mixed(["vehicle", "pedestrian"], iou_thresholds=[0.5])
-    evaluation.save_evaluation(rows, tmp_path)
+    evaluation.save_evaluation(mixed(["vehicle", "pedestrian"], iou_thresholds=[0.5]), tmp_path)
     assert {path.name for path in tmp_path.iterdir()} == {
         "table.json",
         *evaluation.curve_files(["vehicle", "pedestrian"], [0.5]),
     }
     assert list(evaluation.curve_files(["vehicle", "cyclist"])) == [
-        "pr_0.7.png",
-        "pr_0.8.png",
-        "pr_0.9.png",
-        "pr_cyclist_0.25.png",
-        "pr_cyclist_0.5.png",
-        "pr_cyclist_0.7.png",
+        *("pr_0.7.png", "pr_0.8.png", "pr_0.9.png", "pr_cyclist_0.25.png", "pr_cyclist_0.5.png", "pr_cyclist_0.7.png")
     ]
     assert json.loads((tmp_path / "table.json").read_text())["classes"][1]["label"] == "pedestrian"

@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from hypothesis.extra.numpy import arrays
 
 from toolkit.geometry import check_pose, check_slope, invert, level_motion, level_rows, look, pose, tilt_rows, transform

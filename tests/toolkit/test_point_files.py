@@ -3,7 +3,7 @@ import open3d as o3d
 import pytest
 
 from toolkit.clouds import attributes, from_attributes
-from toolkit.point_files import decompress_lzf, name_attributes, read_pcd
+from toolkit.point_files import decompress_lzf, name_attributes, read_pcd, read_ply
 
 RNG = np.random.default_rng(0)
 MADE: dict[str, np.ndarray] = {
@@ -88,8 +88,12 @@ XYZ = [("x", "F", 4, 1), ("y", "F", 4, 1), ("z", "F", 4, 1)]
         (header([*XYZ, ("x", "F", 4, 1)], 1, "binary") + bytes(16), "one name"),
         (header([*XYZ, ("f", "F", 2, 1)], 1, "binary") + bytes(14), "TYPE and SIZE"),
         (header(XYZ, 10**12, "binary") + bytes(12), "cut off, 12 of"),
-        (header(XYZ, 2, "ascii") + b"1 2 3 4", "cut off, 4 of 6"),
+        (header(XYZ, 2, "ascii") + b"1 2 3", "cut off, 1 of 2"),
         (header(XYZ, 1, "ascii") + b"1 2 north", "not a number"),
+        (header(XYZ, 9000, "ascii") + b"1 2 3\n" * 8999 + b"1 2 x" + b"y" * 3_000_000, "not a number"),
+        (header(XYZ, 1, "ascii") + b"1 2 3\n4 5 6", "2 of 1 rows"),
+        (header(XYZ, 1, "binary") + bytes(24), "says 1 points, 12 bytes, but 24"),
+        (header(XYZ, 1, "ascii").replace(b"POINTS 1", b"POINTS 9") + b"1 2 3", "one number of points"),
         (header(XYZ, 1, "zip") + bytes(12), "DATA must be"),
         (header(XYZ, 1, "binary_compressed") + np.array([4, 99], "<u4").tobytes() + bytes(4), "take 12 bytes, but 99"),
         (header(XYZ, 1, "binary_compressed") + np.array([4, 12], "<u4").tobytes() + bytes(4), "are damaged"),
@@ -112,3 +116,71 @@ def test_normals_have_the_type_of_positions(names):
     )
     assert made["normals"].shape == (4, 3)
     assert made["normals"].dtype == made["positions"].dtype == np.float32
+
+
+LISTS = "element face 2\nproperty list uchar int corners\nelement camera 1\nproperty double f\n"
+LISTED = {
+    ">": b"\1" + bytes(4) + b"\2" + bytes(16),
+    "<": b"\1" + bytes(4) + b"\2" + bytes(16),
+    "": b"1 7\n2 7 7\n0.5\n",
+}
+PLY_NAMES = {"": "ascii", "<": "binary_little_endian", ">": "binary_big_endian"}
+
+
+def ply(order, before="", count=2, newline="\n"):
+    """Header of points x, y, z, intensity."""
+    axes = "".join(f"property float {axis}\n" for axis in "xyz")
+    points = f"element vertex {count}\n{axes}property uchar intensity\nend_header\n"
+    return f"ply\nformat {PLY_NAMES[order]} 1.0\n{before}{points}".replace("\n", newline).encode()
+
+
+def ply_rows(order):
+    if not order:
+        return b"0 1 2 7\n4 5 6 8\n"
+    rows = np.zeros(2, [("xyz", f"{order}f4", 3), ("intensity", "u1")])
+    rows["xyz"], rows["intensity"] = [[0, 1, 2], [4, 5, 6]], [7, 8]
+    return rows.tobytes()
+
+
+@pytest.mark.parametrize("order", ["", "<", ">"])
+@pytest.mark.parametrize("newline", ["\n", "\r\n"])
+@pytest.mark.parametrize("before", ["", f"comment {'x' * 3000}\n", LISTS])
+def test_ply_of_every_order_with_what_stands_before_its_points(tmp_path, order, newline, before):
+    """A long comment ended the process in Open3D, an element before the points became points."""
+    listed = LISTED[order] if before == LISTS else b""
+    (tmp_path / "a.ply").write_bytes(ply(order, before, newline=newline) + listed + ply_rows(order))
+    read = read_ply(tmp_path / "a.ply")
+    assert read["positions"].tolist() == [[0, 1, 2], [4, 5, 6]]
+    assert read["positions"].dtype == np.float32
+    assert read["intensity"].tolist() == [[7], [8]]
+
+
+@pytest.mark.parametrize("way", [{"write_ascii": True}, {}])
+def test_ply_of_open3d_is_read_as_it_was(tmp_path, way):
+    o3d.t.io.write_point_cloud(tmp_path / "a.ply", from_attributes(MADE), **way)
+    read = read_ply(tmp_path / "a.ply")
+    for name in ("positions", "normals", "colors", "intensity", "sensor"):
+        np.testing.assert_allclose(read[name], MADE[name], rtol=1e-4, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        *((b"ply", "no header"), (ply("") + b"0 1 2 7\n4 north 6 8\n", "not a number")),
+        *((ply("") + b"0 1 2 7\n", "cut off, 1 of 2"), (ply("") + b"0 1 2 7\n" * 3, "3 of 2 rows")),
+        *((ply("") + b"0 1 2 300\n" * 2, "does not fit"), (ply("<") + bytes(25), "cut off, 25 of 26")),
+        *((ply("<") + bytes(99), "2 points, 26 bytes, but 99"), (ply("", count="many"), "whole numbers")),
+        *((ply("<", count=10**15), "cut off"), (ply("<", LISTS) + b"\xff" + bytes(9), "cut off")),
+        *((ply("<", LISTS.replace("face 2", "face 9999999")), "points first"), (ply("", count=-1), "no count below")),
+        *(
+            (ply("<").replace(b"float z", b"float w"), "x, y and z"),
+            (ply("<").replace(b"uchar", b"half"), "unknown type"),
+        ),
+        (ply("<", "element camera 1\n" + "property char c\n" * 2000), "more than 1000 properties"),
+    ],
+)
+def test_damaged_ply_is_one_line(tmp_path, content, says):
+    (tmp_path / "a.ply").write_bytes(content)
+    with pytest.raises(ValueError, match=says) as error:
+        read_ply(tmp_path / "a.ply")
+    assert "\n" not in str(error.value)

@@ -112,8 +112,7 @@ def test_points_move_and_areas_near_by_count():
 def test_slopes_are_cropped_and_detected_in_as_level_ground():
     slope = (0.06, -0.02)
     steep = Site("steep", np.array([-50.0, -50, 50, 50]), height=3.0, relief=Relief(0.0, 0, slope))
-    rng = np.random.default_rng(4)
-    flat = rng.uniform([-45, -45, -1], [45, 45, 5], (400, 3))
+    flat = np.random.default_rng(4).uniform([-45, -45, -1], [45, 45, 5], (400, 3))
     boxes = np.array([[10.0, 5, 1, 20, 30, 2, 0.4], [-20, -20, 1, 25, 25, 2, 1.0]])
     kept = is_inside(flat, steep.area, 3.0)
     world = tilt_rows(flat, slope)

@@ -13,25 +13,12 @@ from functools import cache
 
 import numpy as np
 
-from toolkit.bodies import people
+from toolkit.bodies import drawn_cars, people
 from toolkit.bodies.body import Body, make_boxed_body
-from toolkit.bodies.drawn_cars import (
-    CAR_KINDS,
-    CARRIED,
-    NOTHING,
-    TRAILERS,
-    build_block_car,
-    draw_load,
-    draw_proportions,
-    loft_car,
-    mirrors,
-    mound,
-    plank,
-    trailer,
-)
-from toolkit.bodies.people import AT_AN_EAR, PUSHING, Figure, hold, pair, person, rider, scale_mesh, standing, striding
-from toolkit.bodies.vehicles import make_wheel
-from toolkit.mesh import Mesh, Vector, box, flip_sides, loft, merge, shift, tube
+from toolkit.bodies.drawn_cars import mound, plank
+from toolkit.bodies.people import AT_AN_EAR, PUSHING, Figure, hold, pair, person, rider, striding
+from toolkit.bodies.vehicles import loft_shell, make_axles, make_wheel
+from toolkit.mesh import Mesh, Vector, box, flip_sides, merge, place, scale_mesh, stand, tube
 from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE, label_index
 
 SUPERSTRUCTURES = {"box": 0.32, "curtain": 0.12, "flatbed": 0.16, "tipper": 0.13}  # and their shares
@@ -68,7 +55,7 @@ def _semi_trailer(rng: np.random.Generator) -> Built:
     radius = float(rng.uniform(0.46, 0.53))
     rows = [length / 2 - 1.4, front - 0.6, *(-length / 2 + float(rng.uniform(1.6, 2.6)) + 1.35 * k for k in range(3))]
     chassis = plank((length - 1.2, 0.9, 0.3), -0.3, 0.0, floor - 0.3)
-    return f"articulated_{kind}", merge([cab, load, chassis, *_wheels(rows, width, radius)]), mirror
+    return f"articulated_{kind}", merge([cab, load, chassis, *make_axles(rows, width - 0.04, radius, 12)]), mirror
 
 
 def _cab(front: float, width: float, height: float, deep: float, rng: np.random.Generator) -> tuple[Mesh, Mesh]:
@@ -83,25 +70,15 @@ def _cab(front: float, width: float, height: float, deep: float, rng: np.random.
         (x - 0.3 * rake, width - corner, low, height - 0.3 * (height - sill)),
         (x, width - 2 * corner, low, sill),
     ]
-    parts = [_loft_chamfered(rings)]
+    parts = [loft_shell(rings, 0.06, 2)]
     if nose:
-        parts.append(_loft_chamfered([(x - 0.3, 0.9 * width, low, sill), (front, 0.75 * width, low, sill - 0.25)]))
+        parts.append(loft_shell([(x - 0.3, 0.9 * width, low, sill), (front, 0.75 * width, low, sill - 0.25)], 0.06, 2))
     if rng.random() < 0.25:
         parts.append(plank((0.5 * deep, 0.8 * width, float(rng.uniform(0.3, 0.6))), x - 0.6 * deep, 0.0, height - 0.03))
     high, out = float(rng.uniform(0.25, 0.5)), float(rng.uniform(0.1, 0.28))
     size = float(rng.uniform(0.06, 0.2)), out + 0.04, high
     mirror = box(size, (x - 0.2, width / 2 + out / 2 - 0.02, 0.68 * height))
     return merge(parts), merge([mirror, flip_sides(mirror)])
-
-
-def _loft_chamfered(stations: list[tuple[float, float, float, float]]) -> Mesh:
-    """Loft through chamfered rectangles (x, width, floor, roof), rear to front."""
-    rings = []
-    for x, width, low, top in stations:
-        y, c = width / 2, 0.06
-        ring = [(-y + c, low), (y - c, low), (y, low + c), (y, top - c), (y - c, top), (c - y, top)]
-        rings.append([(x, *point) for point in (*ring, (-y, top - c), (-y, low + c))])
-    return loft(np.array(rings))
 
 
 def _superstructure(
@@ -114,10 +91,10 @@ def _superstructure(
     top = float(np.clip(cab + rng.uniform(-0.2, 1.0), floor + 1.0, 4.0))
     if kind in ("box", "curtain", "container"):
         sides = width if kind != "container" else min(width, 2.44)
-        return kind, merge([deck, _loft_chamfered([(rear, sides, floor, top), (front, sides, floor, top)])])
+        return kind, merge([deck, loft_shell([(rear, sides, floor, top), (front, sides, floor, top)], 0.06, 2)])
     if kind == "refuse":
         rings = [(rear, 0.9 * width, floor - 0.2, floor + 1.2), (rear + 0.2 * length, width, floor, top)]
-        return kind, merge([deck, _loft_chamfered([*rings, (front, width, floor, top - 0.15)])])
+        return kind, merge([deck, loft_shell([*rings, (front, width, floor, top - 0.15)], 0.06, 2)])
     if kind == "tank":
         radius = min(width / 2, float(rng.uniform(0.75, 1.2)))
         line = [(x, 0.0, floor + radius) for x in (rear, rear + 0.15, front - 0.15, front)]
@@ -146,14 +123,7 @@ def _chassis(length: float, width: float, floor: float, rng: np.random.Generator
     rows = [length / 2 - float(rng.uniform(1.0, 1.45)), last, *([last + 2.3 * radius + 0.2] if length > 8.5 else [])]
     frame = plank((length - 0.8, 0.85, 0.28), -0.3, 0.0, floor - 0.3)
     guard = plank((0.12, 0.93 * width, 0.14), -length / 2 + 0.1, 0.0, float(rng.uniform(0.4, 0.55)))
-    return [frame, guard, *_wheels(rows, width, radius)]
-
-
-def _wheels(rows: list[float], width: float, radius: float) -> list[Mesh]:
-    """Pair of wheels at every x."""
-    one = make_wheel(0.0, width / 2 - 0.15 - 0.02, radius, 0.3, 12)
-    wheels = [shift(one, x) for x in rows]
-    return wheels + [flip_sides(wheel) for wheel in wheels]
+    return [frame, guard, *make_axles(rows, width - 0.04, radius, 12)]
 
 
 def _bus(rng: np.random.Generator) -> Built:
@@ -179,7 +149,7 @@ def _bus(rng: np.random.Generator) -> Built:
         bellows = [(fold - 0.7, width), (fold - 0.65, 0.9 * width), (fold + 0.65, 0.9 * width), (fold + 0.7, width)]
         folds = ((at, wide, 0.1 if wide < width else 0, 0.12 if wide < width else 0) for at, wide in bellows)
         rings[3:3] = [(at, wide, low + sill, height - lid) for at, wide, sill, lid in folds]
-    parts = [_loft_chamfered(rings)]
+    parts = [loft_shell(rings, 0.06, 2)]
     for share in rng.uniform(-0.6, 0.7, int(rng.integers(0, 3))).tolist():
         size = (float(rng.uniform(1.2, 2.6)), 0.65 * width, float(rng.uniform(0.15, 0.35)))
         parts.append(plank(size, share * (x - 1.5), 0.0, height - 0.03))
@@ -190,7 +160,7 @@ def _bus(rng: np.random.Generator) -> Built:
     at = x + float(rng.uniform(-0.3, -0.1))
     mirror = box((0.14, out + 0.06, high), (at, 0.48 * width + out / 2, low + 0.6 * (height - low)))
     kind = "bendy_bus" if bendy else "minibus" if length < 8 else "bus"
-    return kind, merge([*parts, *_wheels(rows, width, radius)]), merge([mirror, flip_sides(mirror)])
+    return kind, merge([*parts, *make_axles(rows, width - 0.04, radius, 12)]), merge([mirror, flip_sides(mirror)])
 
 
 PEOPLE = ("adult", "child", "pram", "walker", "wheelchair")
@@ -200,21 +170,21 @@ def draw_person(rng: np.random.Generator) -> tuple[str, Mesh]:
     """Draw a person on foot or in a wheelchair, and its kind. Facing +x, soles or wheels on z = 0."""
     chance = rng.random()
     if chance < 0.035:
-        return "wheelchair", standing(_wheelchair(rng))
+        return "wheelchair", stand(_wheelchair(rng))
     if chance < 0.2:
         height = float(rng.uniform(0.95, 1.55))
         parts = [person(_walking(rng, stout=rng.uniform(0.92, 1.12)), height)]
         parts += [people.backpack(height)] if rng.random() < 0.3 else []
-        return "child", standing(merge(parts))
+        return "child", stand(merge(parts))
     height = float(np.clip(rng.normal(1.71, 0.09), 1.48, 2.02))
     if chance < 0.25:
         pushing = person(hold(_walking(rng), *PUSHING), height)
-        return "pram", standing(merge([pushing, scale_mesh(people.pushchair(height), float(rng.uniform(0.85, 1.1)))]))
+        return "pram", stand(merge([pushing, scale_mesh(people.pushchair(height), float(rng.uniform(0.85, 1.1)))]))
     if chance < 0.27:
         legs = [tube([(x, y, 0.05), (0.35, y, 0.52 * height)], 0.015, 5) for x in (0.3, 0.75) for y in (-0.25, 0.25)]
         wheels = [make_wheel(x, y, 0.09, 0.04, 8) for x in (0.3, 0.75) for y in (-0.25, 0.25)]
         pushing = person(hold(_walking(rng, lean=0.06), *PUSHING), height)
-        return "walker", standing(merge([pushing, *legs, *wheels, plank((0.25, 0.46, 0.05), 0.5, 0.0, 0.5)]))
+        return "walker", stand(merge([pushing, *legs, *wheels, plank((0.25, 0.46, 0.05), 0.5, 0.0, 0.5)]))
     figure = _walking(rng, stout=float(np.clip(rng.normal(1.0, 0.13), 0.8, 1.4)))
     parts = [person(figure, height)]
     wears, carries = rng.random(2)
@@ -224,7 +194,7 @@ def draw_person(rng: np.random.Generator) -> tuple[str, Mesh]:
         parts.append(people.hat(height))
     extras = {0.08: people.backpack, 0.2: people.bag, 0.25: people.umbrella, 0.28: people.stick, 0.32: people.trolley}
     parts += [extra(height) for least, extra in extras.items() if carries < least][:1]
-    return "adult", standing(merge(parts))
+    return "adult", stand(merge(parts))
 
 
 def draw_pose(rng: np.random.Generator, stout: float) -> Figure:
@@ -267,7 +237,7 @@ def _wheelchair(rng: np.random.Generator) -> Mesh:
     parts = [person(figure, height), *wheels, *(flip_sides(wheel) for wheel in wheels), *chair]
     if rng.random() < 0.3:
         pushing = hold(_walking(rng), *PUSHING)
-        parts.append(shift(person(pushing, float(rng.uniform(1.55, 1.85))), -0.75))
+        parts.append(place(person(pushing, float(rng.uniform(1.55, 1.85))), -0.75))
     return merge(parts)
 
 
@@ -279,7 +249,7 @@ def draw_two_wheeler(rng: np.random.Generator) -> tuple[str, Mesh]:
     """Draw a two-wheeler, and its kind. x forward, wheels on z = 0."""
     kinds = (_bicycle, _e_scooter, _motorcycle, _scooter)
     kind, mesh = kinds[int(rng.choice(4, p=(0.55, 0.15, 0.17, 0.13)))](rng)
-    return kind, standing(mesh)
+    return kind, stand(mesh)
 
 
 def _bicycle(rng: np.random.Generator) -> tuple[str, Mesh]:
@@ -291,11 +261,11 @@ def _bicycle(rng: np.random.Generator) -> tuple[str, Mesh]:
         scale = float(np.clip(height / 1.74 + rng.uniform(-0.07, 0.07), 0.85, 1.12))
     sporty = float(rng.uniform(0, 1))  # 0 upright, 1 bent over a racing bar
     bike = scale_mesh(_bare_bicycle(int(rng.integers(31, 37)) / 100), scale)
-    parts, kind = [_longer(bike, float(rng.uniform(0.95, 1.08)))], "bicycle"
+    parts, kind = [scale_mesh(bike, (float(rng.uniform(0.95, 1.08)), 1, 1))], "bicycle"
     extra = rng.random()
     if scale > 0.84 and extra < 0.1:
         size = rng.uniform((0.45, 0.4, 0.3), (0.9, 0.65, 0.6))
-        parts = [_longer(bike, 1.3), plank(tuple(size.tolist()), 0.5 + 0.2 * size[0], 0.0, 0.42)]
+        parts = [scale_mesh(bike, (1.3, 1, 1)), plank(tuple(size.tolist()), 0.5 + 0.2 * size[0], 0.0, 0.42)]
         kind = "cargo_bicycle"
     elif extra < 0.3:
         parts.append(plank((0.36, float(rng.uniform(0.25, 0.42)), 0.32), -0.6 * scale, 0.0, 0.68 * scale))
@@ -320,13 +290,13 @@ def _e_scooter(rng: np.random.Generator) -> tuple[str, Mesh]:
     stout = draw_pose(rng, float(rng.uniform(0.85, 1.2))).stout
     ankles = (0.06, 0.025, 0.035), (-0.12, -0.025, 0.035)
     figure = Figure(ankles=ankles, elbows=pair(0.03, 0.15, 0.66), hands=hand, stout=stout)
-    parts.append(shift(standing(person(figure, height)), -0.12, 0.0, radius + 0.06))
+    parts.append(place(stand(person(figure, height)), -0.12, 0.0, radius + 0.06))
     return "e_scooter", merge(parts)
 
 
 def _motorcycle(rng: np.random.Generator) -> tuple[str, Mesh]:
     fairing, scale = bool(rng.random() < 0.5), float(rng.uniform(0.88, 1.12))
-    bike = _longer(scale_mesh(_bare_motorcycle(fairing), scale), float(rng.uniform(0.94, 1.1)))
+    bike = scale_mesh(scale_mesh(_bare_motorcycle(fairing), scale), (float(rng.uniform(0.94, 1.1)), 1, 1))
     if rng.random() < RIDERLESS:
         return "motorcycle_alone", bike
     bent, height = float(rng.uniform(0, 1)), float(np.clip(rng.normal(1.77, 0.07), 1.58, 1.98))
@@ -337,7 +307,7 @@ def _motorcycle(rng: np.random.Generator) -> tuple[str, Mesh]:
 
 def _scooter(rng: np.random.Generator) -> tuple[str, Mesh]:
     scale = float(rng.uniform(0.9, 1.12))
-    bike = _longer(scale_mesh(_bare_scooter(), scale), float(rng.uniform(0.95, 1.08)))
+    bike = scale_mesh(scale_mesh(_bare_scooter(), scale), (float(rng.uniform(0.95, 1.08)), 1, 1))
     if rng.random() < RIDERLESS:
         return "scooter_alone", bike
     height = float(np.clip(rng.normal(1.71, 0.09), 1.5, 1.98))
@@ -360,10 +330,6 @@ def _second(on: list[Mesh], behind: float, rng: np.random.Generator) -> list[Mes
 _bare_bicycle, _bare_motorcycle, _bare_scooter = cache(people.bicycle), cache(people.motorcycle), cache(people.scooter)
 
 
-def _longer(mesh: Mesh, factor: float) -> Mesh:
-    return Mesh(mesh.vertices * [factor, 1.0, 1.0], mesh.triangles)
-
-
 BLOCKS = 0.25  # of the cars are built of plain blocks
 TOWING = 0.1  # of the heavy vehicles are cars with a trailer
 
@@ -382,11 +348,15 @@ def draw_body(label: int | str, rng: np.random.Generator) -> Body:
 
 def possible_names() -> tuple[str, ...]:
     """Names that drawn bodies may have: class and kind."""
-    cars = [kind.name for kind in CAR_KINDS]
-    towing = [f"{car}_with_{behind}" for car in cars for behind in TRAILERS]
+    cars = [kind.name for kind in drawn_cars.CAR_KINDS]
+    towing = [f"{car}_with_{behind}" for car in cars for behind in drawn_cars.TRAILERS]
     trucks = [name for form in ("{}_truck", "articulated_{}") for name in map(form.format, SUPERSTRUCTURES)]
     kinds = {
-        VEHICLE: [*cars, *(f"block_{car}" for car in cars), *(f"{car}_{load}" for car in cars for load in CARRIED)],
+        VEHICLE: [
+            *cars,
+            *(f"block_{car}" for car in cars),
+            *(f"{car}_{load}" for car in cars for load in drawn_cars.CARRIED),
+        ],
         CYCLIST: [*TWO_WHEELERS, *(f"{kind}_alone" for kind in TWO_WHEELERS)],
         PEDESTRIAN: PEOPLE,
         HEAVY: [*trucks, *BUSES, *towing],
@@ -395,25 +365,25 @@ def possible_names() -> tuple[str, ...]:
 
 
 def _car(rng: np.random.Generator) -> Built:
-    shape = draw_proportions(rng)
+    shape = drawn_cars.draw_proportions(rng)
     if rng.random() < BLOCKS:
-        return f"block_{shape.kind}", build_block_car(shape, rng), mirrors(shape, rng)
-    carried, load = draw_load(shape, rng)
+        return f"block_{shape.kind}", drawn_cars.build_block_car(shape, rng), drawn_cars.mirrors(shape, rng)
+    carried, load = drawn_cars.draw_load(shape, rng)
     name = f"{shape.kind}_{carried}" if carried else shape.kind
-    return name, merge([loft_car(shape), load]), mirrors(shape, rng)
+    return name, merge([drawn_cars.loft_car(shape), load]), drawn_cars.mirrors(shape, rng)
 
 
 def _heavy(rng: np.random.Generator) -> Built:
     if rng.random() >= TOWING:
         return draw_heavy(rng)
-    shape = draw_proportions(rng)
-    kind, behind = trailer(shape, rng)
-    return f"{shape.kind}_with_{kind}", merge([loft_car(shape), behind]), mirrors(shape, rng)
+    shape = drawn_cars.draw_proportions(rng)
+    kind, behind = drawn_cars.trailer(shape, rng)
+    return f"{shape.kind}_with_{kind}", merge([drawn_cars.loft_car(shape), behind]), drawn_cars.mirrors(shape, rng)
 
 
 _DRAW = {
     VEHICLE: _car,
-    CYCLIST: lambda rng: (*draw_two_wheeler(rng), NOTHING),
-    PEDESTRIAN: lambda rng: (*draw_person(rng), NOTHING),
+    CYCLIST: lambda rng: (*draw_two_wheeler(rng), drawn_cars.NOTHING),
+    PEDESTRIAN: lambda rng: (*draw_person(rng), drawn_cars.NOTHING),
     HEAVY: _heavy,
 }

@@ -12,13 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from toolkit.arrays import Float64
-from toolkit.bodies.vehicles import Proportions, loft_parts, make_wheel, parse_profile
-from toolkit.mesh import Mesh, box, ellipsoid, flip_sides, loft, merge, place, shift, tube
+from toolkit.bodies.vehicles import CAR_PROFILES, Profile, Proportions, loft_parts, make_wheel
+from toolkit.mesh import Mesh, box, ellipsoid, flip_sides, loft, merge, place, stand, tube
 
 LENGTHS, WIDTHS, HEIGHTS = (3.0, 6.0), (1.45, 2.2), (1.25, 2.6)  # m, of the body without mirrors and roof loads
 _GRID = np.linspace(0, 1, 61)  # of profiles, 0 front to 1 rear
-
-ProfileCorner = tuple[float | int, float | int]
 
 
 @dataclass(frozen=True)
@@ -30,48 +28,36 @@ class Kind:
     length: tuple[float, float]  # m
     width: tuple[float, float]  # m, at the shortest and the longest
     height: tuple[float, float]  # m
-    profile: tuple[ProfileCorner, ...]  # distance from the front and height of the top, as parts of length and height
+    profile: Profile  # distance from the front and height of the top, as parts of length and height
     wheel: tuple[float, float]  # radius (m)
     lean: tuple[float, float]  # of the sides above the belt, as parts of the half width
     belt: tuple[float, float] = (0.56, 0.66)
     clearance: tuple[float, float] = (0.13, 0.2)
 
 
-# name, share, then from .. to: length, width, height, wheel, lean, belt, clearance; below it the profile
+# name, share, then from .. to: length, width, height, wheel, lean, belt, clearance
 _KINDS = """
 kei       0.07 3    3.5  1.45 1.56 1.45 1.95 0.25 0.3  0.05 0.14 0.5  0.6  0.13 0.2
-    0 0.34, 0.02 0.44, 0.15 0.53, 0.3 0.96, 0.42 1, 0.93 0.985, 0.985 0.66, 1 0.42
 city      0.09 3.1  3.8  1.5  1.72 1.4  1.62 0.27 0.31 0.14 0.24 0.56 0.66 0.13 0.2
-    0 0.36, 0.02 0.46, 0.22 0.61, 0.41 0.965, 0.55 1, 0.87 0.955, 0.97 0.62, 1 0.48
 hatchback 0.16 3.75 4.5  1.66 1.86 1.4  1.6  0.29 0.34 0.16 0.27 0.56 0.66 0.13 0.2
-    0 0.38, 0.02 0.47, 0.24 0.62, 0.43 0.965, 0.56 1, 0.85 0.955, 0.965 0.62, 1 0.5
 sedan     0.14 4.1  5.3  1.66 1.94 1.36 1.55 0.3  0.36 0.17 0.28 0.56 0.66 0.13 0.2
-    0 0.38, 0.02 0.48, 0.27 0.63, 0.42 0.965, 0.53 1, 0.68 0.955, 0.85 0.7, 0.98 0.66, 1 0.5
 estate    0.09 4.2  5.05 1.68 1.92 1.4  1.58 0.3  0.35 0.14 0.24 0.56 0.66 0.13 0.2
-    0 0.38, 0.02 0.48, 0.26 0.63, 0.4 0.965, 0.52 1, 0.9 0.95, 0.985 0.63, 1 0.48
 suv       0.16 3.9  5.2  1.72 2.03 1.5  1.95 0.33 0.41 0.13 0.25 0.57 0.67 0.17 0.25
-    0 0.42, 0.015 0.54, 0.24 0.64, 0.37 0.965, 0.48 1, 0.89 0.96, 0.975 0.62, 1 0.5
 offroader 0.04 3.4  5    1.62 2    1.65 2.1  0.35 0.44 0.03 0.12 0.56 0.63 0.2  0.3
-    0 0.44, 0.01 0.58, 0.27 0.63, 0.335 0.97, 0.4 1, 0.96 0.985, 0.985 0.8, 1 0.4
 minivan   0.07 4    5.3  1.7  2    1.58 1.95 0.3  0.35 0.1  0.2  0.52 0.6  0.13 0.2
-    0 0.36, 0.02 0.45, 0.16 0.57, 0.35 0.96, 0.48 1, 0.91 0.965, 0.98 0.6, 1 0.46
 van       0.08 4.3  6    1.75 2.14 1.78 2.6  0.31 0.37 0.03 0.13 0.46 0.58 0.13 0.2
-    0 0.3, 0.015 0.42, 0.1 0.53, 0.24 0.955, 0.33 1, 0.975 0.985, 0.99 0.7, 1 0.4
 pickup    0.05 4.6  6    1.7  2.12 1.6  2.02 0.34 0.43 0.1  0.2  0.58 0.65 0.2  0.3
-    0 0.46, 0.015 0.58, 0.23 0.655, 0.34 0.97, 0.44 1, 0.555 0.97, 0.61 0.62, 0.985 0.61, 1 0.5
 coupe     0.05 3.6  4.9  1.64 2    1.25 1.42 0.3  0.36 0.22 0.34 0.6  0.68 0.1  0.15
-    0 0.36, 0.03 0.48, 0.34 0.7, 0.5 0.975, 0.56 1, 0.66 0.965, 0.9 0.74, 0.985 0.71, 1 0.52
 """
 
 
-def _parse_kind(figures: str, profile: str) -> Kind:
+def _parse_kind(figures: str) -> Kind:
     name, share, *cells = figures.split()
     length, width, height, *rest = zip(map(float, cells[::2]), map(float, cells[1::2]), strict=True)
-    return Kind(name, float(share), length, width, height, parse_profile(profile), *rest)
+    return Kind(name, float(share), length, width, height, CAR_PROFILES[name], *rest)
 
 
-_KIND_LINES = _KINDS.strip().splitlines()
-CAR_KINDS = tuple(map(_parse_kind, _KIND_LINES[::2], _KIND_LINES[1::2]))
+CAR_KINDS = tuple(map(_parse_kind, _KINDS.strip().splitlines()))
 _SHARES = np.array([kind.share for kind in CAR_KINDS]) / sum(kind.share for kind in CAR_KINDS)
 
 
@@ -111,7 +97,7 @@ def _profile(kind: Kind, rng: np.random.Generator) -> Float64[np.ndarray, "k 2"]
     return np.column_stack([stations, heights / heights.max()])
 
 
-def _jitter_corners(profile: tuple[ProfileCorner, ...], rng: np.random.Generator) -> Float64[np.ndarray, "k 2"]:
+def _jitter_corners(profile: Profile, rng: np.random.Generator) -> Float64[np.ndarray, "k 2"]:
     corners = np.array(profile)
     corners[2:-2, 0] += rng.normal(0, 0.012) + rng.normal(0, 0.012, len(corners) - 4)
     corners[:, 1] += np.clip(rng.normal(0, 0.02, len(corners)), -0.04, 0.04) * (corners[:, 1] < 0.93)
@@ -148,8 +134,7 @@ def build_block_car(shape: Proportions, rng: np.random.Generator) -> Mesh:
         wheel = make_wheel(length / 2 - axle, half - breadth / 2 - 0.005, shape.wheel, breadth, sides)
         wheels += [wheel, flip_sides(wheel)]
     parts = merge([_blocks(lower, length), _blocks(upper, length), *wheels])
-    standing = Mesh(parts.vertices - [0.0, 0.0, parts.vertices[:, 2].min()], parts.triangles)
-    return stretch(standing, (length, shape.width, shape.height))
+    return stretch(stand(parts), (length, shape.width, shape.height))
 
 
 def stretch(mesh: Mesh, size: tuple[float, float, float]) -> Mesh:
@@ -234,8 +219,8 @@ def draw_load(shape: Proportions, rng: np.random.Generator) -> tuple[str, Mesh]:
         return "rails", merge([rail, flip_sides(rail)])
     if shape.kind == "offroader" and chance < 0.6:
         x, breadth = -shape.length / 2 - 0.08, rng.uniform(0.16, 0.24)
-        spare = place(make_wheel(0.0, 0.0, 0.92 * shape.wheel, breadth), yaw=np.pi / 2)
-        return "spare_wheel", shift(spare, x, 0.0, 0.36 * shape.height)
+        spare = make_wheel(0.0, 0.0, 0.92 * shape.wheel, breadth)
+        return "spare_wheel", place(spare, x, 0.0, 0.36 * shape.height, yaw=np.pi / 2)
     return "", NOTHING
 
 

@@ -22,8 +22,6 @@ HELD_OUT = CAR_NAMES[-5:]  # cars that no shipped detector has been trained on
 FLEETS = ("catalogue", "own", "meshes", "both")
 LARGEST_DRAW = 60  # that a draw of bodies is enough for; in longer traffic they come again
 
-_ORDER = (VEHICLE, CYCLIST, PEDESTRIAN, HEAVY)  # of classes in the catalogue
-
 # How many are spawned of each class: at first, and per frame (30 objects, each seen in four frames), some to spare.
 _SPAWNED = {VEHICLE: (26, 3.9), CYCLIST: (12, 1.4), PEDESTRIAN: (18, 2.2), HEAVY: (6, 0.5)}
 
@@ -39,9 +37,9 @@ def catalogue(meshes: str | Path | None = None, held_out: bool = False) -> tuple
     ours = tuple(body for body in _procedural() if body.label != VEHICLE or (body.name in HELD_OUT) == held_out)
     if meshes is None:
         return ours
-    from toolkit.bodies.meshes import load_meshes
+    from toolkit.bodies.meshes import take_meshes
 
-    return ours + load_meshes(meshes)
+    return ours + tuple(taken.body for taken in take_meshes(meshes))
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,4 +119,4 @@ def _procedural() -> tuple[Body, ...]:
     without = ((CYCLIST, two_wheelers()), (PEDESTRIAN, pedestrians()))
     bodies = [make_boxed_body(name, label, *meshes) for label, group in with_mirrors for name, meshes in group.items()]
     bodies += [make_body(name, label, *mesh) for label, group in without for name, mesh in group.items()]
-    return tuple(sorted(bodies, key=lambda body: _ORDER.index(body.label)))
+    return tuple(sorted(bodies, key=lambda body: body.label))

@@ -19,8 +19,8 @@ Only `file` must be there.
 
 from __future__ import annotations
 
-import tomllib
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -28,7 +28,9 @@ import numpy as np
 
 from toolkit.arrays import Bool, Float64, Int64
 from toolkit.bodies.body import Body, make_body
+from toolkit.mesh import Mesh, Span, scale_mesh
 from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE
+from toolkit.runtime.files import name_errors, parse_toml
 
 _POINTS, _CELLS = 30_000, 32
 _COARSE = 16  # cells along an axis in which symmetry is judged
@@ -47,12 +49,12 @@ class Shape(NamedTuple):
     ahead: float  # how much lower the front is than the rear, as a part of the height
 
 
-def measure_shape(vertices: Float64[np.ndarray, "k 3"], triangles: Int64[np.ndarray, "m 3"]) -> Shape:
+def measure_shape(mesh: Mesh) -> Shape:
     """Measure a mesh that stands with z up and x forward. Raises ValueError for a flat one."""
-    low, size = vertices.min(axis=0), np.ptp(vertices, axis=0)
+    low, size = mesh.vertices.min(axis=0), np.ptp(mesh.vertices, axis=0)
     if not (size > 0).all():
         raise ValueError("has no volume")
-    points = surface_points(vertices, triangles)
+    points = surface_points(mesh)
     unit = np.clip((points - low) / size, 0, 1 - 1e-9)
     cells = (unit * _CELLS).astype(np.int64)
     fills = np.array([_fill_outline(np.delete(cells, axis, axis=1)).mean() for axis in range(3)])
@@ -100,30 +102,26 @@ def find_wrong_stand(shape: Shape, label: int) -> str | None:
     return None
 
 
-def surface_points(
-    vertices: Float64[np.ndarray, "k 3"], triangles: Int64[np.ndarray, "m 3"], count: int = _POINTS
-) -> Float64[np.ndarray, "n 3"]:
+def surface_points(mesh: Mesh) -> Float64[np.ndarray, "n 3"]:
     """Points spread evenly over the triangles, the same each time, and the corners."""
-    a, b, c = np.moveaxis(vertices[triangles], 1, 0)
+    a, b, c = np.moveaxis(mesh.vertices[mesh.triangles], 1, 0)
     areas = np.linalg.norm(np.cross(b - a, c - a), axis=1)
     if not areas.sum() > 0:
         raise ValueError("has no surface")
     rng = np.random.default_rng(0)
-    chosen = np.searchsorted(np.cumsum(areas), (np.arange(count) + 0.5) / count * areas.sum()).clip(max=len(a) - 1)
-    u, v = rng.random((2, count, 1))
+    chosen = np.searchsorted(np.cumsum(areas), (np.arange(_POINTS) + 0.5) / _POINTS * areas.sum()).clip(max=len(a) - 1)
+    u, v = rng.random((2, _POINTS, 1))
     u, v = np.where(u + v > 1, 1 - u, u), np.where(u + v > 1, 1 - v, v)
-    return np.concatenate([a[chosen] + u * (b - a)[chosen] + v * (c - a)[chosen], vertices])
+    return np.concatenate([a[chosen] + u * (b - a)[chosen] + v * (c - a)[chosen], mesh.vertices])
 
 
-def mirror_span(
-    vertices: Float64[np.ndarray, "k 3"], triangles: Int64[np.ndarray, "m 3"]
-) -> tuple[float, float] | None:
+def mirror_span(mesh: Mesh) -> Span | None:
     """Range of y (m) of a vehicle's body without wing mirrors; None where none sticks out by 3 cm or more.
 
     A mirror sticks out within 30 cm of the outermost point, above the wheels, in the front six tenths.
     """
-    points = surface_points(vertices, triangles)
-    low, size = vertices.min(axis=0), np.ptp(vertices, axis=0)
+    points = surface_points(mesh)
+    low, size = mesh.vertices.min(axis=0), np.ptp(mesh.vertices, axis=0)
     x, z = points[:, 0], points[:, 2] - low[2]
     sides = []
     for side in (-1.0, 1.0):
@@ -193,10 +191,8 @@ def read_mesh_table(folder: Path) -> dict[Path, MeshEntry]:
     path = folder / TABLE
     if not path.is_file():
         return {}
-    try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ValueError(f"{path}: not valid TOML ({error}): repair or remove it") from None
+    with name_errors(path):
+        content = parse_toml(path.read_bytes())
     rows = content.get("mesh")
     if set(content) != {"mesh"} or not isinstance(rows, list):
         raise ValueError(f"{path}: must hold [[mesh]] entries alone, got {sorted(content)}")
@@ -225,10 +221,9 @@ def _entry(row: dict[str, Any], where: str) -> MeshEntry:
     if scale is not None and (isinstance(scale, bool) or not isinstance(scale, int | float) or not 0 < scale < 1e6):
         raise ValueError(f"{where}: scale must be a number above 0, metres of one unit, got {scale!r}")
     label = row.get("label")
-    if label is not None and label not in LABELS:
+    if label not in (None, *LABELS):
         raise ValueError(f"{where}: label must be one of {', '.join(LABELS)}, got {label!r}")
-    number = None if label is None else LABELS.index(label)
-    return MeshEntry(number, up, forward, None if scale is None else float(scale))
+    return MeshEntry(None if label is None else LABELS.index(label), up, forward, scale and float(scale))
 
 
 SUFFIXES = (".obj", ".ply", ".stl", ".off", ".glb", ".gltf")
@@ -256,11 +251,6 @@ class TakenMesh(NamedTuple):
     how: str
 
 
-def load_meshes(folder: str | Path) -> tuple[Body, ...]:
-    """Load a body per mesh file in `folder` and below, in order of paths. Raises what `take_meshes` raises."""
-    return tuple(taken.body for taken in take_meshes(folder))
-
-
 def take_meshes(folder: str | Path, *, mirrors: bool = False) -> tuple[TakenMesh, ...]:
     """Load the mesh files in `folder` and below, and say how each was taken.
 
@@ -276,41 +266,35 @@ def take_meshes(folder: str | Path, *, mirrors: bool = False) -> tuple[TakenMesh
     table = read_mesh_table(folder)
     names = [path.relative_to(folder) for path in paths]
     entries = [table.get(name, MeshEntry()) for name in names]
-    return tuple(_take_mesh(*each, mirrors) for each in zip(paths, names, entries, strict=True))
+    return tuple(take_mesh(*each, mirrors=mirrors) for each in zip(paths, names, entries, strict=True))
 
 
-def load_mesh(path: str | Path, called: str | Path | None = None) -> Body:
-    """Load the body of one file. called: path whose folders and name give its class and name."""
-    path = Path(path)
-    return _take_mesh(path, Path(called or path.name), MeshEntry(), mirrors=False).body
-
-
-def _take_mesh(path: Path, called: Path, entry: MeshEntry, mirrors: bool) -> TakenMesh:
-    vertices, triangles = _read(path)
-    vertices = vertices * (entry.scale or 1.0)
+def take_mesh(path: Path, called: Path, entry: MeshEntry, *, mirrors: bool = False) -> TakenMesh:
+    """Load one file. called: path whose folders and name give its class and name."""
+    mesh = scale_mesh(_read(path), entry.scale or 1.0)
     named = _find_label(called) if entry.label is None else entry.label
     labels = tuple(PLAUSIBLE) if named is None else (named,)
     gltf = path.suffix.lower() in (".glb", ".gltf")
     turns = [entry.turn] if entry.has_frame else [_Y_UP_Z_FORWARD, np.eye(3)] if gltf else [np.eye(3)]
     doubts = []
     for turn in turns:
-        turned = vertices @ turn.T
-        fitting = [label for label in labels if _plausible(np.ptp(turned, axis=0), label)]
+        turned = Mesh(mesh.vertices @ turn.T, mesh.triangles)
+        fitting = [label for label in labels if _plausible(np.ptp(turned.vertices, axis=0), label)]
         if not fitting:
             continue
         try:
-            shape = measure_shape(turned, triangles)
+            shape = measure_shape(turned)
         except ValueError as error:
             raise ValueError(f"{path}: {error}: export it again as a closed triangle mesh") from None
         clear = [label for label in fitting if named is not None or is_clearly(shape, label)]
         doubt = find_wrong_stand(shape, clear[0]) if clear and not entry.has_frame else None
         if len(clear) == 1 and doubt is None:
-            body = _body(called.with_suffix("").as_posix(), clear[0], turned, triangles, mirrors)
+            body = _body(called.with_suffix("").as_posix(), clear[0], turned, mirrors)
             return TakenMesh(called.as_posix(), body, _how(body, shape, entry, named, turn))
         may_be = " or ".join(f"a {LABELS[label]}" if label != HEAVY else "a heavy vehicle" for label in fitting)
         doubts.append(doubt or f"by its size it may be {may_be}, but its shape is not clearly that of one")
-    size = " x ".join(f"{extent:.4g}" for extent in np.ptp(vertices, axis=0))
-    remedy = _remedy(vertices, triangles, named)
+    size = " x ".join(f"{extent:.4g}" for extent in np.ptp(mesh.vertices, axis=0))
+    remedy = _remedy(mesh, named)
     if doubts:
         folders = f"put it into a folder {'/, '.join(LABELS)}/, or say in {TABLE} what it is, what is up and forward"
         raise ValueError(f"{path}: {size} (x, y, z): {doubts[0]}: {remedy or folders}")
@@ -319,10 +303,10 @@ def _take_mesh(path: Path, called: Path, entry: MeshEntry, mirrors: bool) -> Tak
     raise ValueError(f"{path}: {size} (x, y, z) does not fit {wanted} in metres, x forward, z up: {remedy}")
 
 
-def _body(name: str, label: int, vertices: np.ndarray, triangles: np.ndarray, mirrors: bool) -> Body:
-    whole = make_body(name, label, vertices, triangles)
+def _body(name: str, label: int, mesh: Mesh, mirrors: bool) -> Body:
+    whole = make_body(name, label, *mesh)
     may_stick_out = not mirrors and label in (VEHICLE, HEAVY)
-    span = mirror_span(whole.vertices.astype(np.float64), triangles) if may_stick_out else None
+    span = mirror_span(Mesh(whole.vertices.astype(np.float64), mesh.triangles)) if may_stick_out else None
     if span is None:
         return whole
     aside, (length, _, height) = np.array([0, sum(span) / 2, 0], np.float32), whole.size
@@ -346,13 +330,13 @@ def _how(body: Body, shape: Shape, entry: MeshEntry, named: int | None, turn: np
     return f"{LABELS[body.label]} ({known}), {size} m, {frame}{scale}{mirrors}"
 
 
-def _read(path: Path) -> tuple[Float64[np.ndarray, "k 3"], Int64[np.ndarray, "m 3"]]:
+def _read(path: Path) -> Mesh:
     """Vertices in use and triangles of a file."""
     import trimesh
 
     try:
-        mesh = trimesh.load_mesh(path, process=False)
-        triangles, vertices = np.asarray(mesh.faces, np.int64), np.asarray(mesh.vertices, np.float64)
+        loaded = trimesh.load_mesh(path, process=False)
+        triangles, vertices = np.asarray(loaded.faces, np.int64), np.asarray(loaded.vertices, np.float64)
     except Exception as error:  # in a damaged file its parsers meet anything: struct, key, index, recursion errors, ...
         reason = " ".join(str(error).split())[:160] or type(error).__name__
         raise ValueError(f"{path}: the mesh is damaged or empty ({reason}): export it again") from None
@@ -363,7 +347,7 @@ def _read(path: Path) -> tuple[Float64[np.ndarray, "k 3"], Int64[np.ndarray, "m 
     used, corners = np.unique(triangles, return_inverse=True)
     if not np.isfinite(vertices[used]).all():
         raise ValueError(f"{path}: holds vertices that are NaN or infinite: repair it or export it again")
-    return vertices[used], corners.reshape(-1, 3)
+    return Mesh(vertices[used], corners.reshape(-1, 3))
 
 
 def _find_label(called: Path) -> int | None:
@@ -376,23 +360,21 @@ def _plausible(size: Float64[np.ndarray, "3"], label: int) -> bool:
     return all(low <= extent <= high for extent, (low, high) in zip(size, PLAUSIBLE[label], strict=True))
 
 
-def _remedy(vertices: np.ndarray, triangles: np.ndarray, named: int | None) -> str:
+def _remedy(mesh: Mesh, named: int | None) -> str:
     """Describe units or orientation that would make it plausible, if any."""
-    readings = [(f"it seems to be {axes} forward, turn it", turn, 1.0) for axes, turn in _TURNS.items()]
-    for unit, metres in _UNITS.items():
-        readings.append((f"it seems to be in {unit}, scale it by {metres}", np.eye(3), metres))
-        for axes, turn in _TURNS.items():
-            what = f"it seems to be in {unit}, {axes} forward: scale it by {metres} and turn it"
-            readings.append((what, turn, metres))
     best, remedy = (np.inf, np.inf), ""
-    for what, turn, scale in readings:
-        read = vertices @ turn.T * scale
-        size = np.ptp(read, axis=0)
+    for (unit, scale), (axes, turn) in product([("", 1.0), *_UNITS.items()], [("", np.eye(3)), *_TURNS.items()]):
+        what = (
+            f"in {unit}, {axes} forward: scale it by {scale} and turn it" if axes else f"in {unit}, scale it by {scale}"
+        )
+        what = what if unit else f"{axes} forward, turn it"
+        read = Mesh(mesh.vertices @ turn.T * scale, mesh.triangles)
+        size = np.ptp(read.vertices, axis=0)
         for label in PLAUSIBLE if named is None else (named,):
             off = (float(scale != 1), float(np.abs(np.log(size / _TYPICAL[label])).max()))
             if not _plausible(size, label) or off >= best:
                 continue
-            shape = measure_shape(read, triangles)
+            shape = measure_shape(read)
             if find_wrong_stand(shape, label) is None and (named is not None or is_clearly(shape, label)):
-                best, remedy = off, what
+                best, remedy = off, f"it seems to be {what}"
     return remedy

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from toolkit.bodies.vehicles import make_wheel
-from toolkit.mesh import Mesh, Vector, box, ellipsoid, flip_sides, loft, merge, place, tube
+from toolkit.mesh import Mesh, Span, Vector, box, ellipsoid, flip_sides, loft, merge, place, scale_mesh, stand, tube
 
 Pair = tuple[Vector, Vector]  # left and right
 
@@ -156,20 +156,10 @@ def pedestrians() -> dict[str, Mesh]:
     }
     made = {}
     for name, (figure, height, extra) in people.items():
-        body = standing(person(figure, height))
+        body = stand(person(figure, height))
         body = scale_mesh(body, height / body.vertices[:, 2].max())
         made[name] = merge([body, *([extra(height)] if extra else [])])
     return made
-
-
-def standing(mesh: Mesh) -> Mesh:
-    """Move a mesh onto z = 0."""
-    return Mesh(mesh.vertices - [0.0, 0.0, mesh.vertices[:, 2].min()], mesh.triangles)
-
-
-def scale_mesh(mesh: Mesh, factor: float) -> Mesh:
-    """Scale a mesh about the origin."""
-    return Mesh(mesh.vertices * factor, mesh.triangles)
 
 
 def _beyond(point: Vector, x: float, y: float, z: float) -> Vector:
@@ -192,13 +182,7 @@ def two_wheelers() -> dict[str, Mesh]:
 
 
 def rider(
-    height: float,
-    saddle: float,
-    grip: Vector,
-    *,
-    upright: float,
-    stout: float = 1.0,
-    rest: tuple[float, float] | None = None,
+    height: float, saddle: float, grip: Vector, *, upright: float, stout: float = 1.0, rest: Span | None = None
 ) -> Mesh:
     """Person on a saddle, hands at `grip` and its mirror image.
 

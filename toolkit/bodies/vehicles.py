@@ -7,21 +7,15 @@ into the flanks.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from toolkit.arrays import Float64
-from toolkit.mesh import Mesh, box, ellipsoid, flip_sides, loft, merge, shift, tube
+from toolkit.mesh import Mesh, box, ellipsoid, flip_sides, loft, merge, place, stand, tube
 
-
-def parse_profile(text: str) -> tuple[tuple[float, float], ...]:
-    """Parse pairs of distance from the front and height, as parts of length and height.
-
-    >>> parse_profile("0 0.38, 1 0.5")
-    ((0.0, 0.38), (1.0, 0.5))
-    """
-    return tuple((float(x), float(z)) for x, z in (pair.split() for pair in text.split(",")))
+Profile = tuple[tuple[float, float], ...]  # distance from the front and height of the top, as parts of both
 
 
 def _spread(count: int, step: int = 1) -> Float64[np.ndarray, " n"]:
@@ -83,7 +77,7 @@ def loft_parts(shape: Proportions) -> Mesh:
     one = make_wheel(0.0, 0.0, shape.wheel, breadth)
     for axle in shape.axles:
         y = float(shape.half_width(np.array([axle / shape.length]))[0]) * 0.985
-        wheel = shift(one, shape.length / 2 - axle, y - breadth / 2)
+        wheel = place(one, shape.length / 2 - axle, y - breadth / 2)
         parts += [wheel, flip_sides(wheel)]
     return merge(parts)
 
@@ -124,20 +118,24 @@ def _half_sections(shape: Proportions, s: Float64[np.ndarray, " n"]) -> Float64[
 def make_wheel(x: float, y: float, radius: float, breadth: float, sides: int = 12) -> Mesh:
     """Make a wheel with its axle along y, standing on z = 0."""
     line = np.column_stack([np.full(4, x), np.array([-0.5, -0.42, 0.42, 0.5]) * breadth + y, np.full(4, radius)])
-    wheel = tube(line, np.array([0.86, 1, 1, 0.86]) * radius, sides)
-    return Mesh(wheel.vertices - [0.0, 0.0, wheel.vertices[:, 2].min()], wheel.triangles)
+    return stand(tube(line, np.array([0.86, 1, 1, 0.86]) * radius, sides))
 
 
-_PROFILES = {
-    style: parse_profile(text)
+CAR_PROFILES: dict[str, Profile] = {
+    style: tuple((float(x), float(z)) for x, z in map(str.split, text.split(",")))
     for style, text in {
+        "kei": "0 0.34, 0.02 0.44, 0.15 0.53, 0.3 0.96, 0.42 1, 0.93 0.985, 0.985 0.66, 1 0.42",
+        "city": "0 0.36, 0.02 0.46, 0.22 0.61, 0.41 0.965, 0.55 1, 0.87 0.955, 0.97 0.62, 1 0.48",
         "hatchback": "0 0.38, 0.02 0.47, 0.24 0.62, 0.43 0.965, 0.56 1, 0.85 0.955, 0.965 0.62, 1 0.5",
         "sedan": "0 0.38, 0.02 0.48, 0.27 0.63, 0.42 0.965, 0.53 1, 0.68 0.955, 0.85 0.7, 0.98 0.66, 1 0.5",
         "estate": "0 0.38, 0.02 0.48, 0.26 0.63, 0.4 0.965, 0.52 1, 0.9 0.95, 0.985 0.63, 1 0.48",
         "suv": "0 0.42, 0.015 0.54, 0.24 0.64, 0.37 0.965, 0.48 1, 0.89 0.96, 0.975 0.62, 1 0.5",
-        "van": "0 0.32, 0.015 0.42, 0.1 0.53, 0.24 0.955, 0.33 1, 0.975 0.985, 0.99 0.7, 1 0.4",
+        "offroader": "0 0.44, 0.01 0.58, 0.27 0.63, 0.335 0.97, 0.4 1, 0.96 0.985, 0.985 0.8, 1 0.4",
         "minivan": "0 0.36, 0.02 0.45, 0.16 0.57, 0.35 0.96, 0.48 1, 0.91 0.965, 0.98 0.6, 1 0.46",
+        "van": "0 0.3, 0.015 0.42, 0.1 0.53, 0.24 0.955, 0.33 1, 0.975 0.985, 0.99 0.7, 1 0.4",
+        "blunt_van": "0 0.32, 0.015 0.42, 0.1 0.53, 0.24 0.955, 0.33 1, 0.975 0.985, 0.99 0.7, 1 0.4",
         "pickup": "0 0.46, 0.015 0.58, 0.23 0.655, 0.34 0.97, 0.44 1, 0.555 0.97, 0.61 0.62, 0.985 0.61, 1 0.5",
+        "coupe": "0 0.36, 0.03 0.48, 0.34 0.7, 0.5 0.975, 0.56 1, 0.66 0.965, 0.9 0.74, 0.985 0.71, 1 0.52",
         "sports": "0 0.38, 0.03 0.48, 0.34 0.7, 0.5 0.975, 0.56 1, 0.66 0.965, 0.9 0.74, 0.985 0.71, 1 0.52",
     }.items()
 }
@@ -162,8 +160,8 @@ compact_suv        suv        4.18  1.79  1.6   2.6   0.34  0.2   0.62  0.22  0.
 family_suv         suv        4.55  1.86  1.67  2.7   0.36  0.21  0.62  0.22  0.16  0       rails
 large_suv          suv        5.02  1.91  1.8   2.98  0.39  0.23  0.62  0.19  0.16  0
 offroader          suv        4.3   1.84  1.9   2.58  0.41  0.26  0.6   0.09  0.07  -0.01
-delivery_van       van        5.1   1.92  1.98  3.1   0.34  0.2   0.55  0.12  0.1   0
-high_roof_van      van        5.55  1.91  2.28  3.3   0.35  0.21  0.52  0.1   0.09  -0.02
+delivery_van       blunt_van  5.1   1.92  1.98  3.1   0.34  0.2   0.55  0.12  0.1   0
+high_roof_van      blunt_van  5.55  1.91  2.28  3.3   0.35  0.21  0.52  0.1   0.09  -0.02
 people_carrier     minivan    4.75  1.84  1.74  2.88  0.33  0.17  0.56  0.17  0.16  0       rails
 double_cab_pickup  pickup     5.32  1.87  1.79  3.15  0.39  0.25  0.62  0.18  0.09  0
 coupe              sports     4.4   1.82  1.32  2.55  0.33  0.14  0.62  0.3   0.2   0
@@ -183,14 +181,14 @@ def _parse_car(row: str) -> tuple[str, tuple[Mesh, Mesh]]:
     """Name of a car, and the meshes of it and of its wing mirrors, wheels on z = 0."""
     name, style, *cells = row.split()
     length, width, height, wheelbase, wheel, clearance, belt, lean, rounding, rake = map(float, cells[:10])
-    pickup, profile = style == "pickup", np.array(_PROFILES[style])
+    pickup, profile = style == "pickup", np.array(CAR_PROFILES[style])
     profile[2:-2, 0] += rake
     overhang = (length - wheelbase) * (0.40 if pickup else 0.44)  # the front one is shorter, a pickup's rear is long
     axles, bed = (overhang, overhang + wheelbase), (0.625 + rake, 0.985, 0.8) if pickup else None
     figures = (0.62, 0.62), 0.035, 0.055, 0.018, 7, 0.06, 0.14, 0.12, bed, _CATALOGUE_SPREAD  # from `ends` on
     measures = (length, width, height, profile, axles, wheel, clearance, belt, lean, (rounding, rounding))
     shape = Proportions(style, *measures, *figures)
-    glass = length * (0.5 - _PROFILES[style][2][0] - max(rake, 0.0) - 0.035)
+    glass = length * (0.5 - CAR_PROFILES[style][2][0] - max(rake, 0.0) - 0.035)
     mirror = ellipsoid((glass, width / 2 + 0.005, belt * height + 0.04), (0.09, 0.10, 0.075), 3, 6)
     parts = [loft_parts(shape)]
     if cells[10:] == ["rails"]:
@@ -213,20 +211,20 @@ def trucks() -> dict[str, tuple[Mesh, Mesh]]:
     large, small, tipper = (7.6, 2.35, 2.5), (6.3, 2.05, 2.25), (7.9, 2.4, 2.75)
     city, midi = (12.0, 2.55, 3.0), (8.9, 2.35, 2.85)
     built = {
-        "box_truck": [_cab(*large), _cargo(7.6, 5.6, 2.45, 3.35), *_axles(7.6, 2.4, 0.45, (1.3, 5.6))],
-        "small_box_truck": [_cab(*small, 1.7), _cargo(6.3, 4.35, 2.15, 2.95), *_axles(6.3, 2.1, 0.37, (1.1, 4.7))],
-        "tipper": [_cab(*tipper), _skip(7.9, 5.5), *_axles(7.9, 2.45, 0.50, (1.35, 5.3, 6.6))],
-        "city_bus": [_bus(*city), *_axles(12.0, 2.5, 0.48, (2.7, 8.6))],
-        "midibus": [_bus(*midi), *_axles(8.9, 2.3, 0.42, (2.2, 6.6))],
+        "box_truck": [_cab(*large), _cargo(7.6, 5.6, 2.45, 3.35), *make_axles((2.5, -1.8), 2.4, 0.45)],
+        "small_box_truck": [_cab(*small, 1.7), _cargo(6.3, 4.35, 2.15, 2.95), *make_axles((2.05, -1.55), 2.1, 0.37)],
+        "tipper": [_cab(*tipper), _skip(7.9, 5.5), *make_axles((2.6, -1.35, -2.65), 2.45, 0.50)],
+        "city_bus": [_bus(*city), *make_axles((3.3, -2.6), 2.5, 0.48)],
+        "midibus": [_bus(*midi), *make_axles((2.25, -2.15), 2.3, 0.42)],
     }
     mirrors = [*(_cab_mirror(*cab) for cab in (large, small, tipper)), *(_bus_mirror(*bus) for bus in (city, midi))]
     pairs = zip(built.items(), mirrors, strict=True)
     return {name: (merge(parts), merge([mirror, flip_sides(mirror)])) for (name, parts), mirror in pairs}
 
 
-def _shell(stations: list[tuple[float, float, float, float]], corner: float) -> Mesh:
-    """Loft through rounded rectangles (x, width, floor, roof)."""
-    quarter, rings = np.linspace(0, np.pi / 2, 3), []
+def loft_shell(stations: list[tuple[float, float, float, float]], corner: float, points: int = 3) -> Mesh:
+    """Loft through rounded rectangles (x, width, floor, roof), rear to front, with some points to a corner (m)."""
+    quarter, rings = np.linspace(0, np.pi / 2, points), []
     for x, width, z0, z1 in stations:
         y, r = width / 2, corner
         middles = ((y - r, z1 - r), (r - y, z1 - r), (r - y, z0 + r), (y - r, z0 + r))
@@ -244,7 +242,7 @@ def _cab(length: float, width: float, height: float, deep: float = 2.0) -> Mesh:
     front = length / 2
     stations = [(front - deep, width, 0.55, height), (front - 0.55, width, 0.45, height)]
     stations += [(front - 0.25, width, 0.40, height - 0.12), (front - 0.07, width * 0.96, 0.40, height - 0.75)]
-    return _shell([*stations, (front, width * 0.88, 0.45, height - 1.25)], 0.09)
+    return loft_shell([*stations, (front, width * 0.88, 0.45, height - 1.25)], 0.09)
 
 
 def _cab_mirror(length: float, width: float, height: float) -> Mesh:
@@ -253,7 +251,7 @@ def _cab_mirror(length: float, width: float, height: float) -> Mesh:
 
 def _cargo(length: float, deep: float, width: float, top: float) -> Mesh:
     rear = -length / 2
-    load = _shell([(rear, width, 0.95, top), (rear + deep, width, 0.95, top)], 0.04)
+    load = loft_shell([(rear, width, 0.95, top), (rear + deep, width, 0.95, top)], 0.04)
     guard = box((0.12, width * 0.95, 0.14), (rear + 0.1, 0, 0.5))
     return merge([load, box((length - 0.9, 0.85, 0.28), (-0.35, 0, 0.80)), guard])
 
@@ -275,9 +273,9 @@ def _bus(length: float, width: float, height: float) -> Mesh:
     ends = [(-x, width * 0.9, 0.4, height - 0.25), (-x + 0.12, width, 0.32, height - 0.06)]
     ends += [(-x + 0.4, width, 0.30, height), (x - 0.5, width, 0.30, height)]
     ends += [(x - 0.12, width * 0.98, 0.30, height - 0.10), (x, width * 0.90, 0.35, height - 0.45)]
-    body, wide = _shell(ends, 0.13), width + 0.04
+    body, wide = loft_shell(ends, 0.13), width + 0.04
     pillar = box((0.14, wide, height - belt - 0.45), (0, 0, (belt + height - 0.25) / 2))
-    pillars = [shift(pillar, p) for p in np.arange(-x + 0.8, x - 0.7, 1.45)]
+    pillars = [place(pillar, p) for p in np.arange(-x + 0.8, x - 0.7, 1.45)]
     skirt = box((length - 0.9, wide, belt - 0.4), (0, 0, (belt + 0.4) / 2 + 0.02))
     units = [box((1.8, 1.5, 0.22), (p, 0, height + 0.08)) for p in (-x * 0.5, x * 0.35)]
     return merge([body, *pillars, skirt, *units])
@@ -289,7 +287,7 @@ def _bus_mirror(length: float, width: float, height: float) -> Mesh:
     return tube(path, [0.03, 0.05, 0.09], 6)
 
 
-def _axles(length: float, width: float, radius: float, behind_front: tuple[float, ...]) -> list[Mesh]:
-    breadth = 0.3
-    wheels = [make_wheel(length / 2 - d, width / 2 - breadth / 2, radius, breadth, 14) for d in behind_front]
+def make_axles(places: Iterable[float], width: float, radius: float, sides: int = 14) -> list[Mesh]:
+    """Wheels 0.3 m broad on both sides of a vehicle of a width, at every x."""
+    wheels = [make_wheel(x, width / 2 - 0.15, radius, 0.3, sides) for x in places]
     return wheels + [flip_sides(wheel) for wheel in wheels]

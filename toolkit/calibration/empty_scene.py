@@ -15,30 +15,31 @@ sensor model's own. Road users close to a surface fall into its cluster. So if a
 one at that distance, the densest stretch of the cluster takes its place. The more frequent of the two is `first`. A
 parked car that is away a tenth of the time is not in the scene; one that never leaves is.
 
-`SceneAdaptation` lets a scene follow slow changes.
+`Scenes` learns those of a recording on demand; clouds of a sensor become images of one grid first
+(`toolkit.datasets.lidar_grid`). Sensors must stand still. `SceneAdaptation` lets a scene follow slow changes.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+import warnings
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from hashlib import sha256
-from itertools import product
+from itertools import chain, islice, product
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from toolkit.arrays import Bool, Float, Float32, Float64
-from toolkit.frame import Frames
+from toolkit.arrays import Float, Float32, Float64, ImageMask, ImageRanges
+from toolkit.datasets.lidar_grid import CloudImage, LidarGrid, find_grid, rasterize_cloud
+from toolkit.frame import Frame, Frames, SensorCloud
 from toolkit.runtime.files import parse_json, read_arrays, write_arrays
-from toolkit.sensors.models import make_model
+from toolkit.sensors.models import RowLidar, make_model
 from toolkit.sensors.sensor import Sensor, SensorModel, is_return
-
-_Image = Float32[np.ndarray, "rows columns"]
-_Mask = Bool[np.ndarray, "rows columns"]
 
 SAMPLE = 128  # images kept of a sensor
 SIGMAS = 4.0  # spreads: a measurement this near a median shows the empty scene
@@ -65,12 +66,12 @@ class EmptyScene:
 
     name: str
     model: SensorModel
-    first: _Image  # median measurement, 0 where nothing returns
-    spread: _Image  # its standard deviation
-    share: _Image  # fraction of the frames that show it
-    second: _Image  # the same for the other measurement of the scene: NaN, 0 and 0 where it has only one
-    second_spread: _Image
-    second_share: _Image
+    first: ImageRanges  # median measurement, 0 where nothing returns
+    spread: ImageRanges  # its standard deviation
+    share: ImageRanges  # fraction of the frames that show it
+    second: ImageRanges  # the same for the other measurement of the scene: NaN, 0 and 0 where it has only one
+    second_spread: ImageRanges
+    second_share: ImageRanges
     frames: int  # that it was learnt from
 
     def __post_init__(self) -> None:
@@ -87,7 +88,7 @@ class EmptyScene:
             raise ValueError(f"an empty scene needs at least one frame, got {self.frames}")
 
     @staticmethod
-    def of(sensor: Sensor, image: _Image) -> EmptyScene:
+    def of(sensor: Sensor, image: ImageRanges) -> EmptyScene:
         """Scene of a noise-free render, with the model's spread."""
         first = np.where(is_return(image, sensor.model.max_range), image, 0).astype(np.float32)
         spread = np.where(first > 0, sensor.model.deviation(first), 0).astype(np.float32)
@@ -103,7 +104,7 @@ class EmptyScene:
             digest.update(np.ascontiguousarray(getattr(self, image)).tobytes())
         return digest.hexdigest()
 
-    def shows(self, measurement: Float[np.ndarray, "rows columns"], sigmas: float = SIGMAS) -> _Mask:
+    def shows(self, measurement: Float[np.ndarray, "rows columns"], sigmas: float = SIGMAS) -> ImageMask:
         """Mark pixels within `sigmas` spreads of one of its medians, or with no return where that may be."""
         self.check_shape(measurement)
         there = is_return(measurement, self.model.max_range)
@@ -114,14 +115,8 @@ class EmptyScene:
     def check_shape(self, measurement: Float[np.ndarray, "..."]) -> None:
         """Raise ValueError unless an image has the scene's shape."""
         if measurement.shape != self.first.shape:
-            raise ValueError(
-                f"the empty scene of {self.name!r} has {self.first.shape} pixels, got an image of {measurement.shape}: "
-                "pass an image of the same sensor"
-            )
-
-    def with_name(self, name: str) -> EmptyScene:
-        """Return the scene for a sensor of another name."""
-        return replace(self, name=name)
+            shapes = f"{self.first.shape} pixels, got an image of {measurement.shape}"
+            raise ValueError(f"the empty scene of {self.name!r} has {shapes}: pass an image of the same sensor")
 
 
 class SceneLearner:
@@ -198,15 +193,134 @@ def load_empty_scenes(path: str | Path) -> tuple[EmptyScene, ...]:
     arrays, scenes = read_arrays(path), []
     try:
         for k, each in enumerate(parse_json(str(arrays["scenes"]))):
-            values = {key: value for key, value in each["model"].items() if key != "class"}
-            model, images = (
-                make_model(each["model"]["class"], values),
-                {name: arrays[f"{k}_{name}"] for name in _IMAGES},
-            )
+            values = dict(each["model"])
+            model = make_model(values.pop("class"), values)
+            images = {name: arrays[f"{k}_{name}"] for name in _IMAGES}
             scenes.append(EmptyScene(each["name"], model, frames=each["frames"], **images))
         return tuple(scenes)
     except (KeyError, TypeError, AttributeError, ValueError) as error:
         raise ValueError(f"{path} has no empty scenes ({error}): write them with save_empty_scenes") from None
+
+
+GRID_SAMPLES = 8  # first frames, used to find the grids
+FEW_SAMPLES = 5  # with fewer frames, standing road users are taken for the scene
+STANDS_STILL = 0.5  # m that a sensor may be off its first place in the map
+_KEPT_PIXELS = 1 << 26  # of all images kept of one sensor
+
+
+@dataclass(frozen=True, eq=False)
+class LearntScene:
+    """Empty scene of one sensor."""
+
+    scene: EmptyScene
+    grid: LidarGrid | None = None  # of the images of its clouds
+    points: int = 0  # number of points of its clouds
+    left_out: dict[str, int] = field(default_factory=dict)  # those that its images do not show, by kind
+
+
+@dataclass(eq=False)
+class Scenes:
+    """Empty scenes of a recording's sensors, all learnt when the first is asked for (`used`).
+
+    given: scenes in place of those the recording shows, found by the sensors' names; sample: images kept of each sensor
+    at most. Raises ValueError, when asked, for an unknown sensor, one that moves, and clouds that make no image; warns
+    if frames of clouds are few.
+    """
+
+    recording: Frames
+    given: Sequence[EmptyScene] | None = None
+    sample: int = field(default=SAMPLE, kw_only=True)
+    used: bool = field(default=False, init=False)
+
+    def __call__(self, sensor: int) -> EmptyScene:
+        """Empty scene of a sensor by number."""
+        return self[self._names[sensor]].scene
+
+    def __getitem__(self, name: str) -> LearntScene:
+        """Scene and grid of the sensor of that name."""
+        if name not in self.every:
+            raise ValueError(f"there are empty scenes of {', '.join(self.every) or 'no sensor'}, none of {name}")
+        return self.every[name]
+
+    def image(self, cloud: SensorCloud) -> CloudImage:
+        """Return a cloud in the grid of its sensor."""
+        return rasterize_cloud(cloud, self.grid(cloud.name))
+
+    def grid(self, name: str) -> LidarGrid:
+        """Grid of the clouds of a sensor. Raises ValueError if its scene was learnt from images of its own."""
+        learnt = self[name]
+        if learnt.grid is None:
+            raise ValueError(f"the scene of {name!r} was learnt from images of {learnt.scene.model}, not from clouds")
+        return learnt.grid
+
+    @property
+    def digests(self) -> list[str]:
+        """Digests of all scenes, none if unused."""
+        return [learnt.scene.digest for learnt in self.every.values()] if self.used else []
+
+    @cached_property
+    def _names(self) -> tuple[str, ...]:
+        return tuple(sensor.name for sensor in self.recording[0].sensors)
+
+    @cached_property
+    def every(self) -> dict[str, LearntScene]:
+        """Scenes of all sensors, by name."""
+        self.used = True
+        if self.given is not None:
+            grids = [LidarGrid(each.model) if type(each.model) is RowLidar else None for each in self.given]
+            return {each.name: LearntScene(each, grid) for each, grid in zip(self.given, grids, strict=True)}
+        if not (len(self.recording) and self.recording[0].has_images):
+            return learn_sample_scenes((self.recording[k] for k in range(len(self.recording))), sample=self.sample)
+        return {scene.name: LearntScene(scene) for scene in learn_empty_scenes(self.recording, self.sample)}
+
+
+def learn_sample_scenes(samples: Iterable[Frame], *, sample: int = SAMPLE) -> dict[str, LearntScene]:
+    """Learn the grid and empty scene of every sensor by name, from frames one after another.
+
+    sample: images kept of each at most. Raises ValueError as `Scenes`.
+    """
+    coming = iter(samples)
+    first = list(islice(coming, GRID_SAMPLES))
+    clouds: dict[str, list[SensorCloud]] = {}
+    for cloud in (cloud for each in first for cloud in each.clouds if len(cloud.points)):
+        clouds.setdefault(cloud.name, []).append(cloud)
+    learners = {name: _Learner(name, find_grid(own), sample) for name, own in clouds.items()}
+    count = 0
+    for each in chain(first, coming):
+        count += 1
+        for cloud in each.clouds:
+            if len(cloud.points) and cloud.name in learners:
+                learners[cloud.name].add(cloud, each.map_SE3_world @ cloud.world_SE3_sensor)
+    if not learners:
+        raise ValueError("no cloud has a point: there is no empty scene to learn")
+    if count < FEW_SAMPLES:
+        warnings.warn(
+            f"empty scenes are learnt from {count} samples, so who stands still in them is part of the scene: give "
+            f"{FEW_SAMPLES} or more, spread over minutes",
+            stacklevel=2,
+        )
+    made = learners.items()
+    return {name: LearntScene(own.learner.scene(), own.grid, own.points, own.left_out) for name, own in made}
+
+
+class _Learner:
+    def __init__(self, name: str, grid: LidarGrid, sample: int) -> None:
+        self.grid, self.points, self.left_out = grid, 0, Counter[str]()
+        self._place: Float64[np.ndarray, "3"] | None = None
+        kept = max(16, _KEPT_PIXELS // (grid.model.shape[0] * grid.model.shape[1]))
+        self.learner = SceneLearner(Sensor(name, grid.model, np.eye(4)), max(2, min(sample, kept)))
+
+    def add(self, cloud: SensorCloud, map_SE3_sensor: Float64[np.ndarray, "4 4"]) -> None:
+        """One more cloud."""
+        place = map_SE3_sensor[:3, 3]
+        self._place = place if self._place is None else self._place
+        if (moved := np.linalg.norm(place - self._place)) > STANDS_STILL:
+            remedy = "only a sensor that stands still has an empty scene"
+            raise ValueError(f"{cloud.name} moves, by {moved:.1f} m: {remedy}")
+        image = rasterize_cloud(cloud, self.grid)
+        self.left_out.update(image.left_out)
+        self.points += len(cloud.points)
+        self.learner.add(image.measurement)
 
 
 SECONDS = 600.0  # time constant (s) of pixels that show the scene
@@ -299,18 +413,18 @@ class SceneAdaptation:
 class _Mode(NamedTuple):
     """One cluster per pixel."""
 
-    median: _Image  # 0 for nothing returned, NaN for no cluster
-    spread: _Image
-    share: _Image
-    least: _Image  # extreme measurements
-    greatest: _Image
+    median: ImageRanges  # 0 for nothing returned, NaN for no cluster
+    spread: ImageRanges
+    share: ImageRanges
+    least: ImageRanges  # extreme measurements
+    greatest: ImageRanges
 
-    def where(self, mask: _Mask, other: _Mode) -> _Mode:
+    def where(self, mask: ImageMask, other: _Mode) -> _Mode:
         """Return this mode inside the mask, the other outside."""
         return _Mode(*(np.where(mask, mine, theirs) for mine, theirs in zip(self, other, strict=True)))
 
 
-def _clusters(images: Float32[np.ndarray, "n rows columns"], model: SensorModel) -> tuple[_Mode, _Mode, _Mask]:
+def _clusters(images: Float32[np.ndarray, "n rows columns"], model: SensorModel) -> tuple[_Mode, _Mode, ImageMask]:
     """Find each pixel's farthest cluster of the scene, the largest nearer one, and a mask where that flickers."""
     shape, n = images.shape[1:], len(images)
     in_time = np.where(is_return(images, model.max_range), images, np.inf).reshape(n, -1).T  # a row for each pixel
@@ -370,7 +484,7 @@ def _measure_mode(
     )
 
 
-def _usual_spread(far: _Mode, model: SensorModel) -> Callable[[_Image], _Image]:
+def _usual_spread(far: _Mode, model: SensorModel) -> Callable[[ImageRanges], ImageRanges]:
     """Return the usual spread as a function of distance, from pixels that mostly see the scene."""
     clear = (far.share >= HALF) & (far.median > 0)
     distance, spread = np.log(far.median[clear]), far.spread[clear]
@@ -380,14 +494,14 @@ def _usual_spread(far: _Mode, model: SensorModel) -> Callable[[_Image], _Image]:
     step = np.clip(np.digitize(distance, edges) - 1, 0, DISTANCES - 1)
     usual, middle = ([np.median(each[step == k]) for k in np.unique(step)] for each in (spread, distance))
 
-    def at(median: _Image) -> _Image:
+    def at(median: ImageRanges) -> ImageRanges:
         known = np.log(np.where(median > 0, median, 1))
         return np.maximum(np.interp(known, middle, usual), model.deviation(np.nan_to_num(median))).astype(np.float32)
 
     return at
 
 
-def _narrow_broad(mode: _Mode, usual: _Image, images: Sequence[_Image]) -> _Mode:
+def _narrow_broad(mode: _Mode, usual: ImageRanges, images: Sequence[ImageRanges]) -> _Mode:
     """Replace broad clusters by their densest stretch, `SIGMAS` usual spreads wide to either side."""
     found = _Mode(*(each.copy() for each in mode))
     every = np.flatnonzero(mode.spread > BROAD * usual)
@@ -410,12 +524,10 @@ def _narrow_broad(mode: _Mode, usual: _Image, images: Sequence[_Image]) -> _Mode
     return found
 
 
-def _continuation_mask(near: _Mode, far: _Image) -> _Mask:
-    """Mark pixels whose nearer surface continues a neighbour's farthest, at most `NEIGHBOURS` off.
-
-    The surface must not be the pixel's own farthest surface going on, as the ground does below the foot of a car:
-    planes have inverse depths that are linear in the image.
-    """
+def _continuation_mask(near: _Mode, far: ImageRanges) -> ImageMask:
+    """Mark pixels whose nearer surface continues a neighbour's farthest, at most `NEIGHBOURS` off."""
+    # It must not be the pixel's own farthest surface going on, as the ground does below the foot of a car: planes have
+    # inverse depths that are linear in the image.
     within = np.maximum(SIGMAS * near.spread, GAP_SHARE * near.median)
     inverse = np.where(far > 0, 1 / np.where(far > 0, far, 1), 0)
     padded = np.pad(far, NEIGHBOURS, constant_values=np.nan)

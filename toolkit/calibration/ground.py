@@ -52,10 +52,8 @@ def fit_plane(points: _Points, *, max_tilt: float = MAX_TILT, seed: int = 0) -> 
     slope = np.tan(max_tilt)
     candidates = cells[lowest_mask(cells, slope, _STEP)]
     if len(candidates) < 3:
-        raise ValueError(
-            f"no ground found in {len(points)} points: they fill {len(candidates)} cells of {GROUND_CELL:g} m that "
-            "might be ground, and a plane needs 3: give more points"
-        )
+        might_be = f"they fill {len(candidates)} cells of {GROUND_CELL:g} m that might be ground, and a plane needs 3"
+        raise ValueError(f"no ground found in {len(points)} points: {might_be}: give more points")
     rng = np.random.default_rng(seed)
     drawn = candidates[rng.integers(len(candidates), size=(_DRAWS, 3))]
     one, two = drawn[:, 1] - drawn[:, 0], drawn[:, 2] - drawn[:, 0]
@@ -176,14 +174,10 @@ class HeightMap:
         >>> HeightMap(np.zeros(2), np.array([[0.0, 1.0], [2.0, 3.0]])).at(np.array([[0.5, 0.5], [9.0, 0.0]]))
         array([1.5, 2. ])
         """
-        last = np.array(self.heights.shape) - 1.0
-        place = np.clip((np.asarray(xy, np.float64) - self.origin) / self.cell, 0.0, last)
-        low = np.minimum(place.astype(np.int64), np.maximum(last - 1, 0).astype(np.int64))
-        (i, j), (u, v) = low.T, (place - low).T
-        i1, j1 = np.minimum(i + 1, int(last[0])), np.minimum(j + 1, int(last[1]))
-        near = self.heights[i, j] * (1 - u) + self.heights[i1, j] * u
-        far = self.heights[i, j1] * (1 - u) + self.heights[i1, j1] * u
-        return near * (1 - v) + far * v
+        from scipy.ndimage import map_coordinates
+
+        place = (np.asarray(xy, np.float64) - self.origin) / self.cell
+        return map_coordinates(self.heights, place.T, order=1, mode="nearest")
 
 
 def fit_map(points: _Points, *, reach: float = MAP_REACH) -> HeightMap:
@@ -212,10 +206,7 @@ def fit_map(points: _Points, *, reach: float = MAP_REACH) -> HeightMap:
 
 
 def _redraw(surface: HeightMap, cells: _Cells, kept: float, kerb: float) -> HeightMap:
-    """Draw the map again through cells at most `kept` (m) above it and twice that below, from coarse to fine.
-
-    Cells above it count little: beside a kerb, wheels stand on the lower level.
-    """
+    """Draw the map again through cells at most `kept` (m) above it, which count little, and twice that below."""
     from scipy.ndimage import gaussian_filter
 
     above = cells[:, 2] - surface.at(cells[:, :2])
@@ -351,14 +342,11 @@ def level_warning(cloud: PointCloud | _Points, *, height: float = 4.0, seed: int
     on = points[np.abs(heights_above_plane(ground.plane, points)) < TOLERANCE, 2]
     if (np.abs(on) < TOLERANCE).mean() >= 0.5:
         return None
-    return (
-        f"{counted}: their ground seems to lie at z = {np.median(on):.2f} m, tilted by {np.rad2deg(ground.tilt):.1f}°: "
-        "level the points first"
-    )
+    seems = f"their ground seems to lie at z = {np.median(on):.2f} m, tilted by {np.rad2deg(ground.tilt):.1f}°"
+    return f"{counted}: {seems}: level the points first"
 
 
 def _plain_points(cloud: PointCloud | _Points) -> _Points:
-    """Points (n, 3) of an array or Open3D cloud."""
     held = getattr(cloud, "point", None)
     points = np.asarray(cloud) if held is None else held.positions.cpu().numpy()
     if points.ndim != 2 or points.shape[1] != 3:

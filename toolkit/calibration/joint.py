@@ -17,18 +17,10 @@ from itertools import combinations
 import numpy as np
 
 from toolkit.arrays import Bool, Float64, Int64
-from toolkit.calibration.registration import (
-    LEVER,
-    Surface,
-    apply_motion,
-    motion_between,
-    resistance,
-    thin_rows,
-    tukey_weight,
-)
-from toolkit.datasets.cloud_files import Pose
+from toolkit.calibration import registration
+from toolkit.calibration.registration import LEVER, Surface, resistance
 from toolkit.frame import Frame
-from toolkit.geometry import invert, transform
+from toolkit.geometry import Pose, invert, transform
 from toolkit.objects import Detector
 from toolkit.points import detect_on_ground, frame_points
 from toolkit.sites.site import Site
@@ -68,7 +60,10 @@ class Pairs:
     @cached_property
     def weight(self) -> Float64[np.ndarray, " n"]:
         """Tukey's weight over the variance."""
-        return tukey_weight(self.residual / self.limit, 1.0) / self.deviation**2
+        return registration.tukey_weight(self.residual / self.limit, 1.0) / self.deviation**2
+
+
+MorePairs = Callable[[Poses, float], Sequence[Pairs]]  # further pairs for poses and a search radius (m)
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,11 +89,7 @@ class Alignment:
 
 
 def align(
-    surfaces: Sequence[Surface],
-    believed: Poses,
-    *,
-    held: Sequence[int] = (),
-    more: Callable[[Poses, float], Sequence[Pairs]] | None = None,
+    surfaces: Sequence[Surface], believed: Poses, *, held: Sequence[int] = (), more: MorePairs | None = None
 ) -> Alignment:
     """Fit sensor poses, near the believed ones, to each other by their surfaces.
 
@@ -108,23 +99,21 @@ def align(
     """
     count = len(surfaces)
     if count != len(believed) or count < 2:
-        raise ValueError(
-            f"alignment needs two or more sensors, each with a surface and a pose: got {count} surfaces and "
-            f"{len(believed)} poses"
-        )
+        got = f"got {count} surfaces and {len(believed)} poses"
+        raise ValueError(f"alignment needs two or more sensors, each with a surface and a pose: {got}")
     if any(not 0 <= sensor < count for sensor in held):
         raise ValueError(f"held must be sensor numbers from 0 to {count - 1}, got {list(held)}")
     free = np.repeat([sensor not in held for sensor in range(count)], 6)
     poses = [np.array(pose, np.float64) for pose in believed]
     for radius, voxel, least in _LEVELS:
-        thinned = [thin_rows(surface.points, voxel) for surface in surfaces]
+        thinned = [registration.thin_rows(surface.points, voxel) for surface in surfaces]
         for _ in range(_STEPS):
             pairs = _surface_pairs(surfaces, thinned, poses, (radius, least))
             pairs += list(more(poses, radius)) if more is not None else []
-            off = [motion_between(*each) for each in zip(believed, poses, strict=True)]
+            off = [registration.motion_between(*each) for each in zip(believed, poses, strict=True)]
             system = _Joint(pairs, free, np.concatenate(off))
             step = system.step()
-            poses = [apply_motion(pose, motion) for pose, motion in zip(poses, step.reshape(-1, 6), strict=True)]
+            poses = list(map(registration.apply_motion, poses, step.reshape(-1, 6)))
             if np.abs(step).max() < _CONVERGED * radius:
                 break
     middle = np.mean([pose[:3, 3] for pose in poses], axis=0)
@@ -264,9 +253,6 @@ class SeenBoxes:
         return cls(transform(invert(believed), boxes[:, :3]), ahead @ believed[:3, :3])
 
 
-SeenFrames = Sequence[Sequence[SeenBoxes]]  # for each frame, for each sensor
-
-
 def seen_objects(frames: Sequence[Frame], detector: Detector, site: Site) -> list[list[SeenBoxes]]:
     """Detect objects in each sensor's cloud alone, per frame."""
     return [
@@ -278,7 +264,7 @@ def seen_objects(frames: Sequence[Frame], detector: Detector, site: Site) -> lis
     ]
 
 
-def object_pairs(seen: SeenFrames, poses: Poses, radius: float) -> list[Pairs]:
+def object_pairs(seen: Sequence[Sequence[SeenBoxes]], poses: Poses, radius: float) -> list[Pairs]:
     """Rows of all road users that two sensors at `poses` see: three for the centre, one for the heading."""
     gate, made = float(np.clip(radius, _LEAST_GATE, PAIR_GATE)), []
     for one, other in combinations(range(len(poses)), 2):
@@ -299,7 +285,7 @@ def object_pairs(seen: SeenFrames, poses: Poses, radius: float) -> list[Pairs]:
 
 
 def _match_boxes(
-    mine: SeenBoxes, theirs: SeenBoxes, pose: np.ndarray, other_pose: np.ndarray, gate: float
+    mine: SeenBoxes, theirs: SeenBoxes, pose: Pose, other_pose: Pose, gate: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Centres matched by two sensors, and the first one's headings less the other's (rad)."""
     here, there = transform(pose, mine.centres), transform(other_pose, theirs.centres)

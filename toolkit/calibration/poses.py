@@ -13,25 +13,16 @@ import h5py
 import numpy as np
 
 from toolkit.arrays import Float64
-from toolkit.calibration.empty_scene import SAMPLE, learn_empty_scenes
-from toolkit.calibration.joint import Pairs, Poses, align, face_sensor, object_pairs, seen_objects
-from toolkit.calibration.registration import (
-    NAMES,
-    Registration,
-    Surface,
-    cloud_surface,
-    read_surface,
-    register,
-    scene_points,
-)
-from toolkit.calibration.scenes import GRID_SAMPLES, STANDS_STILL, learn_sample_scenes
+from toolkit.calibration import registration as reference_fit
+from toolkit.calibration.empty_scene import GRID_SAMPLES, SAMPLE, STANDS_STILL, learn_empty_scenes, learn_sample_scenes
+from toolkit.calibration.joint import MorePairs, align, face_sensor, object_pairs, seen_objects
+from toolkit.calibration.registration import LEVER, Points, Registration, Surface, motion_between, scene_points
 from toolkit.datasets import published_layout as published
-from toolkit.datasets.cloud_files import Pose
 from toolkit.datasets.dataset import CoopDataset, list_cameras
 from toolkit.datasets.doctor import Finding
 from toolkit.datasets.recordings import write_recording
 from toolkit.frame import Frame, Frames, Recording, RecordingView, SensorCloud, select_sensors
-from toolkit.geometry import check_pose, invert
+from toolkit.geometry import Pose, check_pose, invert
 from toolkit.objects import Detector
 from toolkit.runtime.files import parse_json, replace_infinite, write_text, writing
 from toolkit.runtime.hdf5 import hdf5_file
@@ -62,9 +53,7 @@ class FoundPose:
     @property
     def turn(self) -> float:
         """Angle (rad) between the believed pose and this one."""
-        between = self.pose[:3, :3] @ self.sensor.pose[:3, :3].T
-        sine = np.array([between[2, 1] - between[1, 2], between[0, 2] - between[2, 0], between[1, 0] - between[0, 1]])
-        return float(np.arctan2(np.linalg.norm(sine) / 2, (np.trace(between) - 1) / 2))
+        return float(np.linalg.norm(motion_between(self.sensor.pose, self.pose)[:3])) / LEVER
 
     @property
     def distance(self) -> float:
@@ -90,11 +79,9 @@ class FoundPose:
             return f"{self.sensor.name}: not found: {self.refusal}"
         turn, move = self.deviation
         unseen = "; ".join(map(describe_motion, self.registration.unobserved))
-        return (
-            f"{self.sensor.name}: turned by {np.rad2deg(self.turn):.2f}° (± {np.rad2deg(turn):.2f}°), "
-            f"moved by {self.distance * 100:.1f} cm (± {move * 100:.1f} cm)"
-            f"{unseen and f'; not observed, so left as believed: {unseen}'}"
-        )
+        turned = f"turned by {np.rad2deg(self.turn):.2f}° (± {np.rad2deg(turn):.2f}°)"
+        moved = f"moved by {self.distance * 100:.1f} cm (± {move * 100:.1f} cm)"
+        return f"{self.sensor.name}: {turned}, {moved}{unseen and f'; not observed, so left as believed: {unseen}'}"
 
     def described(self) -> dict[str, object]:
         """Return its figures for files, in degrees and metres about the world's axes.
@@ -126,7 +113,7 @@ def describe_motion(motion: Float64[np.ndarray, "6"]) -> str:
     'move along x -0.60, move along y 0.80'
     """
     motion = motion * (-1 if motion[np.argmax(np.abs(motion))] < 0 else 1)
-    named = [f"{name} {share:.2f}" for name, share in zip(NAMES, motion, strict=True) if abs(share) > 0.1]
+    named = [f"{name} {share:.2f}" for name, share in zip(reference_fit.NAMES, motion, strict=True) if abs(share) > 0.1]
     return ", ".join(named)
 
 
@@ -164,9 +151,8 @@ def find_poses(
         stay = select_sensors(sensors, held)
     else:
         if count < LEAST_FRAMES:
-            raise ValueError(
-                f"{count} frames are too few to tell what stands still from who passes: give {LEAST_FRAMES} or more"
-            )
+            few = f"{count} frames are too few to tell what stands still from who passes"
+            raise ValueError(f"{few}: give {LEAST_FRAMES} or more")
         seen = [scene_points(scene) for scene in learn_empty_scenes(recording, sample, frames=count)]
         sensors = recording[0].sensors
         stay = select_sensors(sensors, held)
@@ -178,7 +164,7 @@ def find_poses(
             more = partial(object_pairs, seen_objects([recording[k] for k in chosen], detector, site))
     if surface is None:
         return align_clouds([points for points, _ in seen], sensors, held=stay, more=more)
-    found = []
+    found: list[FoundPose] = []
     for (points, deviation), sensor in zip(seen, sensors, strict=True):
         found.append(find_pose(points, sensor, surface, deviation=deviation))
         if progress is not None:
@@ -187,24 +173,18 @@ def find_poses(
 
 
 def find_pose(
-    points: Float64[np.ndarray, "n 3"],
-    sensor: Sensor,
-    surface: Surface,
-    *,
-    deviation: Float64[np.ndarray, " n"] | None = None,
+    points: Points, sensor: Sensor, surface: Surface, *, deviation: Float64[np.ndarray, " n"] | None = None
 ) -> FoundPose:
     """Find the pose of one sensor, near the believed one, from points in its own frame and their deviations (m)."""
     try:
-        registration = register(points, surface, sensor.pose, deviation=deviation)
+        registration = reference_fit.register(points, surface, sensor.pose, deviation=deviation)
     except ValueError as error:
         return FoundPose(sensor, None, str(error))
     if registration.overlap >= LEAST_OVERLAP:
         return FoundPose(sensor, registration)
-    refusal = (
-        f"only {registration.overlap:.0%} of its points have a counterpart in the reference, {LEAST_OVERLAP:.0%} "
-        "are needed: is it of the same place, and does it show what this sensor sees?"
-    )
-    return FoundPose(sensor, None, refusal)
+    few = f"only {registration.overlap:.0%} of its points have a counterpart in the reference"
+    remedy = "is it of the same place, and does it show what this sensor sees?"
+    return FoundPose(sensor, None, f"{few}, {LEAST_OVERLAP:.0%} are needed: {remedy}")
 
 
 TOGETHER = "together"  # in place of a reference: sensors are fitted to each other
@@ -213,17 +193,13 @@ OBJECT_FRAMES = 40  # searched for road users
 
 
 def align_clouds(
-    clouds: Sequence[Float64[np.ndarray, "_ 3"]],
-    sensors: Sequence[Sensor],
-    *,
-    held: Sequence[int] = (),
-    more: Callable[[Poses, float], Sequence[Pairs]] | None = None,
+    clouds: Sequence[Points], sensors: Sequence[Sensor], *, held: Sequence[int] = (), more: MorePairs | None = None
 ) -> tuple[FoundPose, ...]:
     """Fit the poses of sensors to each other by clouds of the same standing scene, each in its sensor's frame.
 
     held: numbers of sensors that stay; more: see `toolkit.calibration.joint.align`.
     """
-    surfaces = [face_sensor(cloud_surface(points)) for points in clouds]
+    surfaces = [face_sensor(reference_fit.cloud_surface(points)) for points in clouds]
     alignment, found = align(surfaces, [sensor.pose for sensor in sensors], held=held, more=more), []
     for k, sensor in enumerate(sensors):
         shared = int(alignment.shared[k].sum())
@@ -265,14 +241,13 @@ class Corrected(RecordingView):
         return replace(frame, sensors=tuple(sensors), measurements=tuple(measurements))
 
 
-_Seen = tuple[Float64[np.ndarray, "n 3"], Float64[np.ndarray, " n"] | None]  # points and their deviations (m)
+_Seen = tuple[Points, Float64[np.ndarray, " n"] | None]  # points and their deviations (m)
 
 
 def _seen_in_clouds(recording: Frames, count: int) -> tuple[tuple[Sensor, ...], list[_Seen]]:
     """Sensors of clouds, and their points of the standing scene, each in its own frame."""
     first = [recording[k] for k in range(min(count, GRID_SAMPLES))]
-    places: dict[str, np.ndarray] = {}
-    moves = False
+    places, moves = dict[str, np.ndarray](), False
     for frame in first:
         for cloud in frame.clouds:
             place = (frame.map_SE3_world @ cloud.world_SE3_sensor)[:3, 3]
@@ -294,7 +269,7 @@ def check_drift(path: str | Path, reference: str | Path, site: Site | None = Non
 
     Raises ValueError and OSError if the reference cannot be read.
     """
-    surface = read_surface(reference)
+    surface = reference_fit.read_surface(reference)
     try:
         with CoopDataset(path, site) as recording:
             return drift_findings(find_poses(recording, surface), str(reference))
@@ -311,10 +286,10 @@ def drift_findings(found: Sequence[FoundPose], reference: str) -> list[Finding]:
             suspected = f"its pose cannot be checked against {reference}"
             findings.append(Finding("warning", where, suspected, each.refusal, "check by hand"))
         elif each.drifted:
-            evidence = (
+            off = (
                 f"turned by {np.rad2deg(each.turn):.2f}° and moved by {each.distance * 100:.1f} cm against {reference}"
-                f", to within {np.rad2deg(turn):.2f}° and {move * 100:.1f} cm"
             )
+            evidence = f"{off}, to within {np.rad2deg(turn):.2f}° and {move * 100:.1f} cm"
             said = "it hangs crooked or has drifted", evidence, "write its pose by coview calibrate"
             findings.append(Finding("warning", where, *said))
     return findings
@@ -322,19 +297,15 @@ def drift_findings(found: Sequence[FoundPose], reference: str) -> list[Finding]:
 
 def write_corrected(recording: Recording, found: Sequence[FoundPose], out: Path) -> None:
     """Write a recording at its found poses: a copy of the file for images, a folder for clouds."""
-    if not isinstance(recording, CoopDataset):
+    if isinstance(recording, CoopDataset):
+        note = {each.sensor.name: each.described() for each in found}
+        copy_corrected(recording, {each.sensor.name: each.pose for each in found}, out, note=note)
+    else:
         write_recording(Corrected.of(recording, found), out, "folder")
-        return
-    note = {each.sensor.name: each.described() for each in found}
-    copy_corrected(recording, {each.sensor.name: each.pose for each in found}, out, note=note)
 
 
 def copy_corrected(
-    recording: CoopDataset,
-    poses: Mapping[str, Float64[np.ndarray, "4 4"]],
-    out: str | Path,
-    *,
-    note: Mapping[str, object] | None = None,
+    recording: CoopDataset, poses: Mapping[str, Pose], out: str | Path, *, note: Mapping[str, object] | None = None
 ) -> None:
     """Copy a recording, whole or not at all, with other poses site_SE3_sensor by sensor name.
 

@@ -22,11 +22,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from toolkit.arrays import Bool, Float, Float64, Int64
+from toolkit.arrays import Float, Float64, ImageMask, Int64
 from toolkit.calibration.empty_scene import EmptyScene, learn_empty_scenes
-from toolkit.datasets.cloud_files import Pose, read_points
+from toolkit.datasets.cloud_files import read_points
 from toolkit.datasets.dataset import CoopDataset
-from toolkit.geometry import transform
+from toolkit.geometry import Pose, transform
 from toolkit.rendering.static_scene import build_scenery
 from toolkit.sensors.error_terms import make_rotation
 from toolkit.sites.files import load_site
@@ -36,6 +36,9 @@ if TYPE_CHECKING:
     from scipy.spatial import cKDTree
 
 Points = Float64[np.ndarray, "n 3"]
+Motion = Float64[np.ndarray, "6"]  # turns times `LEVER` and moves, m
+_Deviations = Float[np.ndarray, " n"]
+_Levels = Sequence[tuple[float, float, float]]
 
 SURFACE_SPACING = 0.15  # m between the sampled points of a surface
 OUTSKIRTS = 30.0  # m beyond the detection area; a site's surface reaches that far
@@ -146,9 +149,8 @@ def cloud_surface(points: Float[np.ndarray, "n 3"]) -> Surface:
 
 def _check_flat(count: int) -> None:
     if count < LEAST_FLAT:
-        raise ValueError(
-            f"the reference has {count} points on flat ground or walls, {LEAST_FLAT} are needed: use a denser cloud"
-        )
+        needed = f"{LEAST_FLAT} are needed: use a denser cloud"
+        raise ValueError(f"the reference has {count} points on flat ground or walls, {needed}")
 
 
 def scene_points(scene: EmptyScene, *, least_share: float = 0.5) -> tuple[Points, Float64[np.ndarray, " n"]]:
@@ -157,7 +159,7 @@ def scene_points(scene: EmptyScene, *, least_share: float = 0.5) -> tuple[Points
     Pixels that show something else in more than `least_share` of the frames are left out.
     """
     model = scene.model
-    seen: Bool[np.ndarray, "rows columns"] = (scene.first > 0) & (scene.share >= least_share)
+    seen: ImageMask = (scene.first > 0) & (scene.share >= least_share)
     rays = model.rays().astype(np.float64)[seen]
     length = np.linalg.norm(rays, axis=1)
     deviation = scene.spread[seen] * length / np.sqrt(np.maximum(scene.share[seen] * scene.frames, 1))
@@ -175,18 +177,14 @@ class Registration:
     scatter: float  # robust standard deviation of their distances from it (m)
 
     @property
-    def deviations(self) -> Float64[np.ndarray, "6"]:
+    def deviations(self) -> Motion:
         """Standard deviations of the six numbers, infinite where unobserved."""
         hidden = (np.abs(self.unobserved) > 0.3).any(axis=0) if len(self.unobserved) else np.zeros(6, bool)
         return np.where(hidden, np.inf, np.sqrt(np.diag(self.covariance)))
 
 
 def register(
-    points: Float[np.ndarray, "n 3"],
-    surface: Surface,
-    believed: Pose,
-    *,
-    deviation: Float[np.ndarray, " n"] | None = None,
+    points: Float[np.ndarray, "n 3"], surface: Surface, believed: Pose, *, deviation: _Deviations | None = None
 ) -> Registration:
     """Find the pose world_SE3_sensor near the believed one.
 
@@ -216,11 +214,7 @@ def register(
 
 
 def _align_levels(
-    points: Points,
-    noise: Float64[np.ndarray, " n"],
-    surface: Surface,
-    pose: Pose,
-    levels: Sequence[tuple[float, float, float]],
+    points: Points, noise: _Deviations, surface: Surface, pose: Pose, levels: _Levels
 ) -> tuple[Pose, _System]:
     """Align the points level by level. Returns the pose and the last system that was solved."""
     for radius, voxel, least in levels:
@@ -230,10 +224,9 @@ def _align_levels(
             apart, other = surface.tree.query(world, distance_upper_bound=radius)
             near = np.flatnonzero(np.isfinite(apart))
             if len(near) < 50:
-                raise ValueError(
-                    f"{len(near)} of {len(some)} points lie within {radius:g} m of the reference, 50 are needed: is it "
-                    "of the same place and frame, and the sensor no farther off than that?"
-                )
+                few = f"{len(near)} of {len(some)} points lie within {radius:g} m of the reference, 50 are needed"
+                remedy = "is it of the same place and frame, and the sensor no farther off than that?"
+                raise ValueError(f"{few}: {remedy}")
             normals = surface.normals[other[near]]
             residual = ((world[near] - surface.points[other[near]]) * normals).sum(axis=1)
             scatter = max(1.4826 * float(np.median(np.abs(residual))), _LEAST_SCALE)
@@ -248,7 +241,7 @@ def _align_levels(
     return pose, system
 
 
-def apply_motion(pose: Pose, motion: Float64[np.ndarray, "6"]) -> Pose:
+def apply_motion(pose: Pose, motion: Motion) -> Pose:
     """Apply a motion, turns times `LEVER`, to a pose."""
     after = pose.copy()
     after[:3, :3] = make_rotation(motion[:3] / LEVER) @ pose[:3, :3]
@@ -256,13 +249,12 @@ def apply_motion(pose: Pose, motion: Float64[np.ndarray, "6"]) -> Pose:
     return after
 
 
-def motion_between(before: Pose, after: Pose) -> Float64[np.ndarray, "6"]:
+def motion_between(before: Pose, after: Pose) -> Motion:
     """Motion for `apply_motion` from one pose to another."""
-    turn = after[:3, :3] @ before[:3, :3].T
-    sine = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]) / 2
-    length = float(np.linalg.norm(sine))
-    angle = float(np.arctan2(length, (np.trace(turn) - 1) / 2))
-    return np.concatenate([sine * (LEVER * angle / length if length else 0.0), after[:3, 3] - before[:3, 3]])
+    from scipy.spatial.transform import Rotation
+
+    turn = Rotation.from_matrix(after[:3, :3] @ before[:3, :3].T).as_rotvec()
+    return np.concatenate([LEVER * turn, after[:3, 3] - before[:3, 3]])
 
 
 def resistance(points: Points, position: Float64[np.ndarray, "3"], normals: Points) -> Float64[np.ndarray, "n 6"]:
@@ -273,10 +265,8 @@ def resistance(points: Points, position: Float64[np.ndarray, "3"], normals: Poin
 def thin_rows(points: Points, voxel: float) -> Int64[np.ndarray, " k"]:
     """Rows of the first point in each cube of edge `voxel` (m), so that near ground does not dominate."""
     cube = np.floor(points / voxel).astype(np.int64)
-    if len(cube):
-        cube -= cube.min(axis=0)
-    extent = cube.max(axis=0, initial=0) + 1
-    key = (cube[:, 0] * extent[1] + cube[:, 1]) * extent[2] + cube[:, 2]
+    cube -= cube.min(axis=0, initial=0)
+    key = np.ravel_multi_index(cube.T, cube.max(axis=0, initial=0) + 1)
     return np.sort(np.unique(key, return_index=True)[1])
 
 
@@ -315,7 +305,7 @@ class _System:
         _, vectors, observed = self._modes
         return vectors[:, ~observed].T
 
-    def step(self) -> Float64[np.ndarray, "6"]:
+    def step(self) -> Motion:
         """Motion, if determined, that brings points onto planes."""
         values, vectors, observed = self._modes
         gradient = vectors.T @ (self.rows.T @ (self.weight * self.residual))

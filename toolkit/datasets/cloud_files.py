@@ -16,21 +16,22 @@ file name without the ending. All is float64, so that map coordinates of a milli
 from __future__ import annotations
 
 import re
+import struct
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from toolkit.arrays import Float64
-from toolkit.geometry import check_pose, invert, transform
+from toolkit.geometry import Pose, check_pose, invert, transform
 from toolkit.point_files import Attributes, missing_axes, name_attributes
-from toolkit.runtime.files import load_arrays, parse_json
+from toolkit.runtime.files import check_unpacked, load_arrays, name_errors, parse_json, plain_file, read_text
 
 if TYPE_CHECKING:  # Open3D takes long to load, and simulated recordings do without
     from toolkit.clouds import PointCloud
 
-Pose = Float64[np.ndarray, "4 4"]
+_MOST_SPREAD = 5000.0  # m from their middle that half of a sensor's points may lie: they would be millimetres
 
 
 def fuse_files(paths: Sequence[str | Path], poses: Sequence[Pose]) -> PointCloud:
@@ -90,7 +91,19 @@ def read_recorded(path: str | Path) -> Attributes:
     with np.errstate(all="ignore"):
         recorded = _read(path)
         recorded["positions"] = np.asarray(recorded["positions"], np.float64)
+        _check_extent(path, recorded["positions"])
     return recorded
+
+
+def _check_extent(path: Path, points: Float64[np.ndarray, "n 3"]) -> None:
+    some = points[:: len(points) // 1000 + 1]
+    finite = some[np.isfinite(some).all(axis=1)]
+    if len(some) and not np.isfinite(points).all(axis=1).any():
+        raise ValueError(f"{path}: none of its {len(points)} points has three finite coordinates: record it again")
+    away = np.linalg.norm(finite - np.median(finite, axis=0), axis=1) if len(finite) else np.zeros(1)
+    if np.median(away) > _MOST_SPREAD:
+        wide = f"half of its points are more than {np.median(away) / 1000:.3g} km from their middle"
+        raise ValueError(f"{path}: {wide}: give metres, or repair the file")
 
 
 def read_poses(path: str | Path, *, inverted: bool = False) -> dict[str, Pose]:
@@ -98,8 +111,8 @@ def read_poses(path: str | Path, *, inverted: bool = False) -> dict[str, Pose]:
     path = Path(path)
     if not path.exists() or path.is_dir():
         raise FileNotFoundError(f"no such pose file: {path}")
+    text = read_text(path)  # once: it may be a pipe, which has no ending either
     try:
-        text = _text(path)  # once: it may be a pipe, which has no ending either
         is_json = path.suffix.lower() == ".json" or text.lstrip()[:1] in ("[", "{")
         numbers: Mapping[str, object] = _poses_of_json(parse_json(text)) if is_json else _poses_of_text(text)
     except ValueError as error:
@@ -136,13 +149,12 @@ def parse_pose(numbers: object, name: str = "pose") -> Pose:
     """
     try:
         flat = np.array(numbers, np.float64).ravel()
-    except (TypeError, ValueError):
-        raise ValueError(f"{name} must be numbers, got {numbers!r}") from None
+    except (TypeError, ValueError, OverflowError):
+        raise ValueError(f"{name} must be numbers, got {str(numbers)[:60]}") from None
     if flat.size == 7:
-        try:
-            return check_pose(quaternion_pose(flat[:4], flat[4:]), name)
-        except ValueError as error:
-            raise ValueError(f"{name}: {str(error).removeprefix(f'{name} ')}") from None
+        with name_errors(name):
+            placed = quaternion_pose(flat[:4], flat[4:])
+        return check_pose(placed, name)
     if flat.size == 12:
         flat = np.append(flat, [0.0, 0.0, 0.0, 1.0])
     if flat.size != 16:
@@ -170,18 +182,60 @@ def quaternion_pose(quaternion: Float64[np.ndarray, "4"], translation: Float64[n
 def read_table(path: str | Path) -> dict[str, np.ndarray]:
     """Columns of a feather file by name. Raises ImportError without pyarrow, ValueError for a damaged file."""
     try:
-        import pyarrow
-        from pyarrow import feather
+        import pyarrow.ipc
     except ImportError:
         raise ImportError("reading .feather needs pyarrow: pip install pyarrow") from None
+    unpacked = 0
     try:
-        table = feather.read_table(path, memory_map=False)
+        content = plain_file(path).read_bytes()
+        if content[:6] != b"ARROW1" or content[-6:] != b"ARROW1":
+            raise ValueError("it is cut off or of another format: write it with pyarrow.feather")
+        stream, batches = pyarrow.py_buffer(content).slice(8), 0  # the file's footer could point elsewhere
+        for message in pyarrow.ipc.MessageReader.open_stream(stream):
+            batches += message.type == "record batch"
+            unpacked += _batch_size(message.metadata.to_pybytes(), message.body or b"")
+            check_unpacked(unpacked)
+        if batches != pyarrow.ipc.open_file(content).num_record_batches:
+            raise ValueError("it lacks some of its rows: copy it again")
+        table = pyarrow.ipc.open_stream(stream).read_all()
         table.validate(full=True)
         columns = {name: table[name].to_numpy() for name in table.column_names}
         return {name: each.astype(np.float32) if each.dtype == np.float16 else each for name, each in columns.items()}
-    except (pyarrow.ArrowException, OSError, ValueError, KeyError, TypeError, MemoryError) as error:
+    except (pyarrow.ArrowException, OSError, ValueError, KeyError, TypeError, MemoryError, struct.error) as error:
         reason = " ".join(str(error).split())[:200]
         raise ValueError(f"{path} is no feather file that can be read: {reason}") from None
+
+
+def _batch_size(message: bytes, body: Any) -> int:
+    """Bytes that a batch of an Arrow file declares to unpack to (its Message.fbs, a flat buffer)."""
+
+    def number(kind: str, at: int) -> int:
+        return int(struct.unpack_from(f"<{kind}", message, at)[0])
+
+    def field(table: int, place: int) -> int:
+        """Place of a table's field, 0 if it has none."""
+        fields = table - number("i", table)
+        offset = number("H", fields + 4 + 2 * place) if 4 + 2 * place < number("H", fields) else 0
+        return table + offset if offset else 0
+
+    def pointed(at: int) -> int:
+        return at + number("I", at)
+
+    root = number("I", 0)
+    kind, batch = number("B", field(root, 1)), pointed(field(root, 2))
+    if kind not in (_DICTIONARY, _BATCH):
+        return 0
+    batch = pointed(field(batch, 1)) if kind == _DICTIONARY else batch
+    columns, buffers = pointed(field(batch, 1)), pointed(field(batch, 2))
+    rows = number("q", field(batch, 0)) if field(batch, 0) else 0
+    size = rows * number("I", columns) * 8  # as NumPy's columns, also of nulls that take no bytes in the file
+    for k in range(number("I", buffers) if field(batch, 3) else 0):  # a compressed one begins with its size
+        at, length = number("q", buffers + 4 + 16 * k), number("q", buffers + 12 + 16 * k)
+        size += max(length, struct.unpack_from("<q", body, at)[0] if length else 0)
+    return size
+
+
+_DICTIONARY, _BATCH = 2, 3
 
 
 def _read(path: Path) -> Attributes:
@@ -221,12 +275,16 @@ def _read(path: Path) -> Attributes:
 
 def _columns_of_text(path: Path) -> dict[str, np.ndarray]:
     """Columns of a text file: x, y and z by position or name, others if they are named and purely numeric."""
-    rows = _rows(_text(path))
+    text = read_text(path)
+    rows = _rows(text)
+    widths = {len(row) - (not row[-1]) for row in rows}  # a row may end in its separator
     columns, others = dict(zip("xyz", range(3), strict=True)), {}
     if rows and not any(map(_is_number, rows[0])):
         names = [name.strip("\"'").lower() for name in rows.pop(0)]
         columns = {axis: names.index(axis) if axis in names else place for axis, place in columns.items()}
         others = {name: place for place, name in enumerate(names) if name and place not in columns.values()}
+    if len(widths) > 1 or re.search(_DECIMAL_COMMA, text):
+        raise ValueError(f"{path} must have as many cells in each row as names without blanks, and no decimal commas")
     try:
         table = {name: np.array([float(row[place]) for row in rows]) for name, place in columns.items()}
     except (ValueError, IndexError):
@@ -237,11 +295,7 @@ def _columns_of_text(path: Path) -> dict[str, np.ndarray]:
     return table
 
 
-def _text(path: Path) -> str:
-    try:
-        return path.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError:
-        raise ValueError(f"{path} is no text in UTF-8: is it a binary file?") from None
+_DECIMAL_COMMA = r"(?m)^[^#/\n]*\d,\d+[^\S\n]+-?\d"  # with blanks between the cells
 
 
 def _rows(text: str) -> list[list[str]]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import operator
 import os
 import warnings
-import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields, replace
 from itertools import islice
@@ -21,7 +20,7 @@ from toolkit.frame import Frame, Rectangle
 from toolkit.objects import LABELS, Objects
 from toolkit.runtime import hdf5
 from toolkit.runtime.files import parse_json
-from toolkit.sensors.models import find_model_class, make_model
+from toolkit.sensors.models import DepthCamera, find_model_class, make_model
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.files import load_site, parse
 from toolkit.sites.site import Site
@@ -77,9 +76,8 @@ class CoopDataset(Sequence[Frame]):
                 raise ValueError(f"its datasets must have one length, the number of frames, got {lengths}")
             self._length = next(iter(lengths.values()))
             starts, count = self._starts, self._length + 1
-            if starts is not None and (
-                starts.dtype.kind not in "iu" or len(starts) != count or (np.diff(starts.astype(np.int64)) < 0).any()
-            ):
+            whole = starts is None or (starts.dtype.kind in "iu" and len(starts) == count)
+            if starts is not None and (not whole or (np.diff(starts.astype(np.int64)) < 0).any()):
                 got = f"{len(starts)} of {starts.dtype}"
                 raise ValueError(f"coview/object_start must be {count} whole numbers that ascend, got {got}")
             if drop_invalid:
@@ -140,12 +138,12 @@ class CoopDataset(Sequence[Frame]):
     def _frame(self, k: int) -> Frame:
         file, _ = self._file()
         try:
-            images = hdf5.read_parts({channel.name: self.stored(channel.name) for channel in self.channels}, k)
-            shared = [(images["dslices"][c.place], c.stride) for c in self.channels if c.place is not None]
+            names = dict.fromkeys(channel.name for channel in self.channels)
+            images = {name: hdf5.rows(self.stored(name), name, k) for name in names}
+            shared = [(images[c.name][c.place], c.stride) for c in self.channels if c.place is not None]
             measured = iter(published.measured(shared))
             measurements = tuple(
-                images[channel.name].astype(np.float32) if channel.place is None else next(measured)
-                for channel in self.channels
+                images[each.name].astype(np.float32) if each.place is None else next(measured) for each in self.channels
             )
             objects = self._objects(file, k)
         except OSError as error:
@@ -190,18 +188,6 @@ class CoopDataset(Sequence[Frame]):
             )
 
 
-def noisy(frame: Frame, seed: int) -> Frame:
-    """Return `frame` with every sensor's noise added. The noise depends only on the seed, the frame's index and the
-    sensor's name, so a sensor measures the same whichever others are used. Raises ValueError for a negative seed."""
-    if seed < 0:
-        raise ValueError(f"seed must not be negative, got {seed}")
-    measurements = []
-    for sensor, measurement in zip(frame.sensors, frame.images, strict=True):
-        rng = np.random.default_rng([seed, frame.index, zlib.crc32(sensor.name.encode())])
-        measurements.append(sensor.model.noisy(measurement, rng))
-    return replace(frame, measurements=tuple(measurements))
-
-
 def open_file(path: str | Path) -> h5py.File:
     """Open an HDF5 file for reading. Raises FileNotFoundError or OSError, which say in one line what is wrong."""
     path = Path(path)
@@ -229,15 +215,12 @@ def check_kinds(file: h5py.File) -> tuple[str, ...]:
     dataset in the place of a group, for a group in the place of a dataset, and for a file of recorded clouds."""
     if str(hdf5.read_node_attributes(file, "the file").get("coview", "")) == CLOUDS_KIND:
         raise ValueError("it holds recorded clouds, not images: give --layout hdf5")
-    for name, kind in hdf5.find_kinds(file, ("dslices", *_GROUPS)).items():
+    cameras = list_cameras(file)
+    for name, kind in hdf5.find_kinds(file, ("dslices", *_GROUPS, *(f"cameras/{name}" for name in cameras))).items():
         expected = h5py.Dataset if name == "dslices" else h5py.Group
         if not issubclass(kind, expected):
             words = f"{expected.__name__.lower()}, got a {kind.__name__.lower()}"
             raise ValueError(f"{name} must be an HDF5 {words}: see toolkit.datasets.recording")
-    cameras = list_cameras(file)
-    for name, kind in hdf5.find_kinds(file, [f"cameras/{name}" for name in cameras]).items():
-        if not issubclass(kind, h5py.Group):
-            raise ValueError(f"{name} must be an HDF5 group with an intrinsic and an extrinsic matrix")
     return cameras
 
 
@@ -284,9 +267,8 @@ def _channels(file: h5py.File, cameras: Sequence[str], site: Site) -> tuple[Stor
         for place, name in enumerate(cameras):
             sensor, stride = _camera(file[f"cameras/{name}"], depth.shape[2:], site)
             every.append(StoredChannel(sensor, "dslices", place, stride))
-    for name in [
-        f"coview/{kind}/{name}" for kind in OWN_IMAGES.values() for name in hdf5.child_names(file, f"coview/{kind}")
-    ]:
+    own_images = (f"coview/{kind}" for kind in OWN_IMAGES.values())
+    for name in [f"{group}/{name}" for group in own_images for name in hdf5.child_names(file, group)]:
         images = hdf5.dataset(file, name, axes=3)
         sensor = _own_sensor(hdf5.read_node_attributes(images, name), name)
         if images.shape[1:] != sensor.model.shape:
@@ -315,25 +297,21 @@ def _channels(file: h5py.File, cameras: Sequence[str], site: Site) -> tuple[Stor
 def _camera(group: h5py.Group, shape: tuple[int, int], site: Site) -> tuple[Sensor, int]:
     """Camera of a group, and its stride. It is our sensor only where the published matrices agree."""
     where = group.name.lstrip("/")
-    matrices = []
-    for name in ("intrinsic", "extrinsic"):
-        if (matrix := hdf5.find_array(group, name)) is None:
-            raise ValueError(f"{where}/{name} is missing")
-        matrices.append(matrix)
-    intrinsic, extrinsic = matrices
+    intrinsic, extrinsic = (hdf5.find_array(group, name) for name in ("intrinsic", "extrinsic"))
+    if intrinsic is None or extrinsic is None:
+        raise ValueError(f"{where}/{'intrinsic' if intrinsic is None else 'extrinsic'} is missing")
     attributes, ours, stride = hdf5.read_node_attributes(group, where), None, None
     if "site_SE3_sensor" in attributes:
         ours = _own_sensor(attributes, where)
-        camera = published.pinhole(ours.model)
-        if camera is None:
-            kind = type(ours.model).__name__
+        camera = ours.model
+        if not isinstance(camera, DepthCamera):
+            kind = type(camera).__name__
             raise ValueError(f"{where} is a {kind}, which dslices cannot hold: write the file again")
         stride = camera.stride
         written = published.intrinsic(camera), published.extrinsic(ours.pose, site.map_SE3_site)
-        if (camera.height, camera.width) == shape and all(
-            own.shape == matrix.shape and np.allclose(own, matrix)
-            for own, matrix in zip(written, matrices, strict=True)
-        ):
+        pairs = zip(written, (intrinsic, extrinsic), strict=True)
+        same = all(own.shape == matrix.shape and np.allclose(own, matrix) for own, matrix in pairs)
+        if same and (camera.height, camera.width) == shape:
             return ours, stride
     model = published.parse_intrinsic(intrinsic, *shape, name=f"{where}/intrinsic")
     pose = published.parse_extrinsic(extrinsic, site.map_SE3_site, f"{where}/extrinsic")

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -13,11 +14,10 @@ import numpy as np
 
 from toolkit.arrays import Bool
 from toolkit.boxes import count_points, iou_bev
-from toolkit.datasets import mistakes
-from toolkit.datasets import published_layout as published
+from toolkit.datasets import mistakes, published_layout as published
 from toolkit.datasets.dataset import CoopDataset, UnknownSite, check_kinds, object_rows, open_file
 from toolkit.datasets.mistakes import Rows, SensorImages, Suspicion
-from toolkit.geometry import level_rows
+from toolkit.geometry import level_rows, transform
 from toolkit.objects import Objects
 from toolkit.points import count_on_ground
 from toolkit.runtime import hdf5
@@ -88,8 +88,7 @@ class Finding:
         return f"{self.severity}: {self.where}: {self.suspected} ({self.evidence}); {self.remedy}"
 
 
-def _error(where: str, suspected: str, evidence: str, remedy: str) -> Finding:
-    return Finding("error", where, suspected, evidence, remedy)
+_error = partial(Finding, "error")
 
 
 def check_measurements(
@@ -154,14 +153,14 @@ class _Examination:
     def disagreements(self) -> Iterator[Finding]:
         """Yield suspected mistakes: objects first, then sensors."""
         for mistake in self.mistakes:
-            yield _error("objects", mistake.mistake, _share(mistake), mistake.remedy)
+            yield _error("objects", mistake.mistake, mistake.evidence, mistake.remedy)
         yield from self.misplaced
         kinds = {s.mistake if s else "": s for s in self.doubts.values()}
         for kind, suspicion in kinds.items():
             names = [name for name, s in self.doubts.items() if (s.mistake if s else "") == kind]
             where = f"sensor{'s' * (len(names) > 1)} {', '.join(names)}"
             if suspicion is not None:
-                yield _error(where, suspicion.mistake, _share(suspicion), suspicion.remedy)
+                yield _error(where, suspicion.mistake, suspicion.evidence, suspicion.remedy)
             else:
                 evidence = f"{np.mean([self.fits[name] for name in names]):.0%} of the moving points lie on boxes"
                 remedy = "check the pose, and that images and objects belong to the same frames"
@@ -173,10 +172,6 @@ class _Examination:
         for frame in range(0, len(self.rows), max(1, len(self.rows) // 20)):
             points = [np.zeros((0, 3), np.float32), *(view.points(frame) for view in trusted)]
             yield published.parse_rows(self.rows[frame], self.site.map_SE3_site), np.concatenate(points)
-
-
-def _share(suspicion: Suspicion) -> str:
-    return f"{suspicion.before:.0%} of the moving points lie on boxes as it is, {suspicion.after:.0%} with that undone"
 
 
 def _views(dataset: CoopDataset, frames: Sequence[int]) -> tuple[list[SensorImages], list[Finding]]:
@@ -240,7 +235,7 @@ def _misplaced(rows: list[np.ndarray], site: Site) -> tuple[list[Finding], list[
     site_from_carla = np.linalg.inv(published.MAP_FROM_CARLA @ site.map_SE3_site)
     nearby = dict.fromkeys(flips, 1.0)  # share within 15 m of the area
     for axis, flip in flips.items() if len(centres) else ():
-        places = published.moved(centres * flip[:3], site_from_carla)
+        places = transform(site_from_carla, centres * flip[:3])
         nearby[axis] = float(_in_area(places[:, :2], site, margin=15.0).mean())
     if nearby[""] >= 0.5 or site.name == UNKNOWN:
         return [], rows
@@ -273,14 +268,14 @@ def _ground(exam: _Examination) -> Iterator[Finding]:
 
 def _unseen(exam: _Examination) -> Iterator[Finding]:
     """Find objects in the area without a point, if they are too many to be hidden."""
-    total = unseen = 0
+    counts = [np.zeros(0, np.int64)]  # of the points on each object
     for objects, points in exam.clouds() if exam.site.name != UNKNOWN else ():
         if len(points):
             inside = objects[_in_area(objects.boxes[:, :2], exam.site)]
-            total += len(inside)
-            unseen += int((count_on_ground(points, inside.boxes, exam.site) == 0).sum())
-    if total >= 10 and unseen > UNSEEN * total:
-        evidence = f"{unseen} of {total} objects in the detection area"
+            counts.append(count_on_ground(points, inside.boxes, exam.site))
+    unseen = np.concatenate(counts) == 0
+    if len(unseen) >= 10 and unseen.mean() > UNSEEN:
+        evidence = f"{unseen.sum()} of {len(unseen)} objects in the detection area"
         remedy = "check poses and boxes, and that images and objects belong to the same frames"
         yield Finding("warning", "objects", "objects without a point from any sensor", evidence, remedy)
 
@@ -338,9 +333,8 @@ def _tables(file: h5py.File) -> tuple[list[np.ndarray], list[bool], list[Finding
         try:
             rows = object_rows(file, f"objects/{k}")
             words = published.wrong_rows(rows)
-            sound = rows[words == ""] if rows.ndim == 2 and len(words) == len(rows) else rows
-            published.parse_rows(sound, np.eye(4))
-            table = np.asarray(sound, np.float64)
+            published.parse_rows(rows[words == ""], np.eye(4))
+            table = np.asarray(rows[words == ""], np.float64)
             if (words != "").any():
                 fault = f"row {int((words != '').argmax())} {words[words != ''][0]}"
         except (ValueError, OSError) as error:

@@ -77,9 +77,8 @@ def find_grid(clouds: Sequence[SensorCloud]) -> LidarGrid:
     heading, span = _span(azimuth)
     if span is None:
         columns, width = max(1, round(2 * np.pi / step)), 2 * np.pi
-        mean = np.exp(
-            1j * (azimuth * columns - np.pi * (columns - 1))
-        ).mean()  # azimuths in the middle of their columns
+        middle = azimuth * columns - np.pi * (columns - 1)  # multiples of 2 pi in the middle of a column
+        mean = np.exp(1j * middle).mean()
         heading = float(np.angle(mean) / columns) if abs(mean) > _LEAST_PHASE else 0.0
     else:
         columns = max(1, int(np.ceil(span / step - 0.5)) + 1)

@@ -11,15 +11,13 @@ Nothing foreign leaves this file: other modules see poses `world_SE3_sensor` in 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from toolkit.arrays import Float, Float32, Float64, Shaped
-from toolkit.geometry import check_pose, invert
+from toolkit.geometry import check_pose, invert, transform
 from toolkit.objects import LABELS, Objects
 from toolkit.sensors.models import DepthCamera
-from toolkit.sensors.sensor import SensorModel
 
 OBJECT_COLUMNS = ("x", "y", "z", "pitch", "roll", "yaw", "half length", "half width", "half height", "class")
 NO_RETURN = 1000.0  # m, CARLA's far plane, the depth of the sky
@@ -34,32 +32,6 @@ _OPENCV_FROM_PUBLISHED = np.array([[0.0, 1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], 
 
 class InvalidObjects(ValueError):
     """A table row that no object can have, see `wrong_rows`."""
-
-
-@runtime_checkable
-class Pinhole(Protocol):
-    """A camera model that the layout can hold. Its K gives all of its rays."""
-
-    @property
-    def width(self) -> int:
-        """Columns of the full image."""
-
-    @property
-    def height(self) -> int:
-        """Rows of the full image."""
-
-    @property
-    def stride(self) -> int:
-        """Step between measured pixels of each row and column."""
-
-    @property
-    def intrinsic(self) -> Float64[np.ndarray, "3 3"]:
-        """K, in pixels of the full image."""
-
-
-def pinhole(model: SensorModel) -> Pinhole | None:
-    """Return the model if the layout can hold it, else None."""
-    return model if isinstance(model, Pinhole) else None
 
 
 def extrinsic(
@@ -84,7 +56,7 @@ def parse_extrinsic(
     return invert(map_SE3_site) @ MAP_FROM_CARLA @ invert(check_pose(matrix, name)) @ _OPENCV_FROM_PUBLISHED.T
 
 
-def intrinsic(camera: Pinhole) -> Float64[np.ndarray, "3 3"]:
+def intrinsic(camera: DepthCamera) -> Float64[np.ndarray, "3 3"]:
     """Published, forward-first intrinsic matrix of a camera."""
     (focal, _, cu), (_, _, cv), _ = camera.intrinsic
     return np.array([[cu, focal, 0.0], [cv, 0.0, -focal], [1.0, 0.0, 0.0]])
@@ -118,7 +90,7 @@ def parse_intrinsic(
 def format_objects(objects: Objects, map_SE3_site: Float[np.ndarray, "4 4"]) -> Float64[np.ndarray, "n 10"]:
     """Return objects of the site frame as published rows, see `OBJECT_COLUMNS`."""
     rows = np.zeros((len(objects), len(OBJECT_COLUMNS)))
-    rows[:, :3] = moved(objects.boxes[:, :3], MAP_FROM_CARLA @ map_SE3_site)
+    rows[:, :3] = transform(MAP_FROM_CARLA @ map_SE3_site, objects.boxes[:, :3])
     rows[:, 5] = -np.rad2deg(objects.boxes[:, 6] + _turn(map_SE3_site))
     rows[:, 6:9] = objects.boxes[:, 3:6] / 2
     rows[:, 9] = objects.labels
@@ -149,7 +121,7 @@ def parse_rows(
     if (wrong != "").any():
         row = int((wrong != "").argmax())
         raise InvalidObjects(f"{name} row {row} {wrong[row]}; repair it, or drop what is invalid")
-    centres = moved(rows[:, :3], invert(map_SE3_site) @ MAP_FROM_CARLA)
+    centres = transform(invert(map_SE3_site) @ MAP_FROM_CARLA, rows[:, :3])
     yaw = -np.deg2rad(rows[:, 5]) - _turn(map_SE3_site)
     yaw = np.arctan2(np.sin(yaw), np.cos(yaw))
     ids = np.arange(len(rows)) if ids is None else ids
@@ -185,7 +157,9 @@ def wrong_rows(rows: Shaped[np.ndarray, "..."]) -> Shaped[np.ndarray, " n"]:
     return words
 
 
-def expand_image(depth: Float32[np.ndarray, "rows columns"], camera: Pinhole) -> Float32[np.ndarray, "height width"]:
+def expand_image(
+    depth: Float32[np.ndarray, "rows columns"], camera: DepthCamera
+) -> Float32[np.ndarray, "height width"]:
     """Expand measured pixels to the full published image, 0 between them."""
     image = np.zeros((camera.height, camera.width), np.float32)
     depth = rounded(depth)
@@ -196,21 +170,16 @@ def expand_image(depth: Float32[np.ndarray, "rows columns"], camera: Pinhole) ->
 def measured(
     images: Iterable[tuple[Float[np.ndarray, "height width"], int]],
 ) -> list[Float32[np.ndarray, "rows columns"]]:
-    """Measured pixels of published depth images, 0 without a return. images: each with the step of its pixels."""
+    """Measured pixels of published depth images and the steps between them, 0 without a return."""
     with np.errstate(over="ignore"):
         depths = [np.asarray(image[::stride, ::stride], np.float32) for image, stride in images]
-    return [np.where((d > 0) & (d < NO_RETURN), d, np.float32(0)) for d in depths]  # NaN is no return either
+    return [np.where((depth > 0) & (depth < NO_RETURN), depth, np.float32(0)) for depth in depths]  # NaN is none either
 
 
 def rounded(measurement: Float32[np.ndarray, "rows columns"]) -> Float32[np.ndarray, "rows columns"]:
     """Round a measurement to `DEPTH_STEP`; no return becomes 0."""
     finite = np.where(np.isfinite(measurement), measurement, np.float32(0))
     return np.round(finite / np.float32(DEPTH_STEP)) * np.float32(DEPTH_STEP)
-
-
-def moved(points: np.ndarray, matrix: np.ndarray) -> np.ndarray:
-    """Transform points (n, 3) by a 4×4 matrix."""
-    return points @ matrix[:3, :3].T + matrix[:3, 3]
 
 
 def _turn(map_SE3_site: np.ndarray) -> float:

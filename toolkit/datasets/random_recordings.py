@@ -40,12 +40,10 @@ class RandomRecording(NamedTuple):
     empty: tuple[Float32[np.ndarray, "_ _"], ...]
 
 
-def random_recording(
-    seed: int, number: int, frames: int, threads: int = 1, *, fleet: Fleet | None = None
-) -> RandomRecording:
+def random_recording(seed: int, number: int, frames: int, *, fleet: Fleet | None = None) -> RandomRecording:
     """Simulate a random junction with three to ten random sensors, noise-free, and random traffic. number: of the
-    recording under this seed; threads: of the ray casting; fleet: by default all bodies are drawn; a fleet that draws
-    none has each body stretched a little. Raises the errors of drawing the site and of SUMO."""
+    recording under this seed; fleet: by default all bodies are drawn; a fleet that draws none has each body stretched a
+    little. Raises the errors of drawing the site and of SUMO."""
     from toolkit.bodies.body import stretch_randomly
     from toolkit.bodies.fleet import fleet_named
     from toolkit.rendering.renderer import Renderer
@@ -62,7 +60,7 @@ def random_recording(
     parked = int(rng.integers(FEWEST_PARKED, MOST_PARKED + 1))
     most = MOST_OBJECTS * 4 // 5 + parked
     snapshots = simulate(site, bodies, frames=frames, seed=rng, mix=Mix(most, parked), once=bool(fleet.drawn))
-    renderer = Renderer(site, bodies, sensors, threads=threads)
+    renderer = Renderer(site, bodies, sensors, threads=1)
     recorded = tuple(
         Frame(sensors, renderer.render(snapshot).measurements, snapshot.objects, snapshot.time, index)
         for index, snapshot in enumerate(snapshots)
@@ -98,16 +96,12 @@ def random_recordings_file(
     frames, code = run.frames_or(_FRAMES), code_digest(__name__, encode.__module__)[:12]
     plan = {"random sites": count, "frames": frames, "seed": run.seed, "fleet": described, "code": code}
     shards = ShardFolder(out.with_name(out.name + ".parts"), plan)
-    made: list[_Made] = []
-    with shards.lock(), shards.explain_disk_errors(out, lambda blocks: len(list(blocks))):
+    with shards.lock(), shards.explain_disk_errors(out, len):
         shards.open(overwrite)
-        safe, report = shards.check_shards(), run.stage("sites drawn", count)
-        todo = [number for number in range(count) if number not in safe]
-        tell = (lambda done: None) if report is None else (lambda done: report(min(count, len(safe) + done)))
+        report = run.stage("sites drawn", count, before=len(shards.check_shards()))
         job = _Job(run.seed, frames, encode, fleet)
-        make_shards(job, shards, todo, workers=min(count, run.count), ray=run.ray, progress=tell)
-        shards.publish(out, lambda paths, target: made.append(join(_without_failed(paths, run.seed), target)))
-    return made[0]
+        make_shards(job, shards, range(count), workers=run.count, ray=run.ray, progress=report)
+        return shards.publish(out, lambda paths, target: join(_without_failed(paths, run.seed), target))
 
 
 def _without_failed(paths: list[Path], seed: int) -> Iterator[Path]:
@@ -131,8 +125,6 @@ class _Job:
     fleet: Fleet | None
 
     def start(self, threads: int) -> Callable[[int], Iterator[bytes]]:
-        """Return the function that makes a recording."""
-
         def make(number: int) -> Iterator[bytes]:
             try:
                 yield self.encode_one(random_recording(self.seed, number, self.frames, fleet=self.fleet))
@@ -142,5 +134,4 @@ class _Job:
         return make
 
     def encode(self, items: Sequence[bytes]) -> bytes:
-        """Return the file as it is."""
         return items[0]

@@ -10,9 +10,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from toolkit.arrays import Float64
-from toolkit.datasets.dataset import noisy
 from toolkit.frame import Frame, Frames, RecordingView
-from toolkit.sensors.error_profiles import PAPER_ERRORS, ErrorProfile, check_drawn, get_profile, only_own_noise
+from toolkit.sensors.error_profiles import PAPER_ERRORS, ErrorProfile, check_drawn, find_profile, only_own_noise
 from toolkit.sensors.error_terms import velocities
 from toolkit.sensors.readings import TrueImage
 from toolkit.sensors.sensor import Sensor
@@ -39,7 +38,7 @@ class Reads:
 
     def profile(self) -> ErrorProfile:
         """Return the error profile. Raises ValueError."""
-        errors = get_profile(self.errors)
+        errors = find_profile(self.errors)
         check_drawn(errors, self.noise_seed)
         return errors
 
@@ -60,7 +59,7 @@ def read_frame(
     """Read frame k with its sensors' errors, drawn from the seed; None for no noise, which only `paper` allows. Raises
     ValueError for an unknown profile, a negative seed, and a clock's offset if frames lie too far apart to know
     velocities."""
-    errors, frame = get_profile(errors), frames[k]
+    errors, frame = find_profile(errors), frames[k]
     check_drawn(errors, noise_seed)
     if noise_seed is None or not frame.has_images:
         if noise_seed is not None and errors.name != PAPER_ERRORS.name:
@@ -81,17 +80,20 @@ def with_errors(
     velocities: Float64[np.ndarray, "n 3"] | None = None,
     numbers: Sequence[int] | None = None,
 ) -> Frame:
-    """Add sensor errors to a frame, drawn from the seed, its index and the sensors' names alone. velocities: of its
-    objects (m/s), needed for a clock's offset; numbers: in place of the sensors' names when drawing. With `paper` it is
-    `toolkit.datasets.dataset.noisy`, to the bit."""
+    """Add sensor errors to a frame, drawn from the seed, its index and each sensor's name, so that a sensor measures
+    the same whichever others are used. velocities: of its objects (m/s), needed for a clock's offset; numbers: in place
+    of the sensors' names when drawing. Raises ValueError for a negative seed."""
     if seed < 0:
         raise ValueError(f"seed must not be negative, got {seed}")
-    errors = get_profile(errors)
-    if numbers is None and only_own_noise(errors):
-        return noisy(frame, seed)
+    errors = find_profile(errors)
     numbers = [zlib.crc32(sensor.name.encode()) for sensor in frame.sensors] if numbers is None else numbers
+    each_sensor = list(zip(frame.sensors, frame.images, numbers, strict=True))
+    if only_own_noise(errors):  # as `errors.read` draws it
+        rngs = [np.random.default_rng([seed, frame.index, number]) for number in numbers]
+        drawn = [each.model.noisy(image, rng) for (each, image, _), rng in zip(each_sensor, rngs, strict=True)]
+        return replace(frame, measurements=tuple(drawn))
     readings, believed = [], []
-    for sensor, measurement, number in zip(frame.sensors, frame.images, numbers, strict=True):
+    for sensor, measurement, number in each_sensor:
         true = TrueImage(sensor, measurement, frame.objects, frame.time, velocities)
         reading = errors.read(true, seed=seed, sensor=number, frame=frame.index)
         readings.append(reading)

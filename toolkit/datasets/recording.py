@@ -29,6 +29,7 @@ from toolkit.arrays import Int64
 from toolkit.datasets import published_layout as published
 from toolkit.frame import Frame
 from toolkit.runtime.hdf5 import hdf5_file
+from toolkit.sensors.models import DepthCamera
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
 
@@ -57,10 +58,9 @@ class Header:
         )
 
     @property
-    def pinholes(self) -> dict[str, published.Pinhole]:
+    def pinholes(self) -> dict[str, DepthCamera]:
         """Cameras that the published layout can hold, by sensor name."""
-        cameras = {sensor.name: published.pinhole(sensor.model) for sensor in self.sensors}
-        return {name: camera for name, camera in cameras.items() if camera is not None}
+        return {each.name: each.model for each in self.sensors if isinstance(each.model, DepthCamera)}
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ an entry point of the group `coview.layouts`, whose name is the layout's and who
 from __future__ import annotations
 
 import inspect
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
@@ -16,6 +17,7 @@ import numpy as np
 from toolkit.datasets.records import ENDINGS, Listing
 from toolkit.frame import Frame, Recording, RecordingView
 from toolkit.objects import label_index
+from toolkit.runtime.files import writing_folder
 
 GROUP = "coview.layouts"
 
@@ -39,10 +41,16 @@ class Layout:
 
     @property
     def write(self) -> Callable[[Iterable[Frame], Path], int]:
-        """The writer. Raises ValueError for a read-only layout."""
+        """The writer; a folder appears whole. Raises ValueError for a read-only layout."""
         if self.writer is None:
             raise ValueError(f"layout {self.name} is only read: write another, such as folder")
-        return getattr(import_module(self.module), self.writer)
+        writer = getattr(import_module(self.module), self.writer)
+
+        def write_whole(frames: Iterable[Frame], path: Path) -> int:
+            with writing_folder(path) as unfinished:
+                return int(writer(frames, unfinished))
+
+        return writer if self.file else write_whole
 
 
 _BUILT_IN = "folder kitti openlabel dair opv2v v2xset v2xreal rcooper nuscenes argoverse sustech rosbag hdf5"
@@ -106,7 +114,11 @@ def open_recording(path: str | Path, layout: str | None = None, **options: objec
     if not path.exists() and name != "hdf5":
         raise FileNotFoundError(f"no such recording: {path}")
     recording = reader(path, **given)
-    return replace(recording, path=path) if isinstance(recording, Listing) else recording
+    if not isinstance(recording, Listing):
+        return recording
+    if recording.strays:
+        warnings.warn(f"{path}: {recording.describe_strays()}", stacklevel=2)
+    return replace(recording, path=path)
 
 
 def read(path: str | Path, layout: str | None = None, *, classes: Sequence[str | int] | None = None) -> Iterator[Frame]:

@@ -5,9 +5,10 @@ worse is a ValueError."""
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from hashlib import blake2b
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
@@ -16,12 +17,12 @@ import numpy as np
 
 from toolkit.arrays import Float64, Int64, Shaped
 from toolkit.datasets.cloud_files import read_recorded
-from toolkit.datasets.published_layout import FARTHEST_OBJECT, LARGEST_EXTENT
-from toolkit.frame import Frame, OtherObjects, SensorCloud
+from toolkit.datasets.published_layout import FARTHEST_OBJECT
+from toolkit.frame import Frame, Frames, OtherObjects, RecordingView, SensorCloud
 from toolkit.geometry import check_pose, transform
 from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE, Detections, Objects
 from toolkit.point_files import pcd_bytes
-from toolkit.runtime.files import parse_json, replace_infinite, write_bytes, write_text
+from toolkit.runtime.files import parse_json, read_bytes, replace_infinite, write_bytes, write_text
 from toolkit.sites.site import Site
 
 Unchecked = Any  # a value of a file
@@ -33,39 +34,75 @@ _DAMAGE = (ValueError, TypeError, KeyError, IndexError, AttributeError, Overflow
 
 @dataclass(frozen=True)
 class Listing:
-    """A recording of named frames, read on demand."""
+    """A recording of named frames, read on demand.
+
+    labelled: names, times or tokens by which labels say what they belong to, also of clouds that are not there;
+    known: those that have a cloud, `names` if None. The first frame counts the others in its problems.
+    """
 
     names: tuple[str, ...]
     load: Callable[[str], Frame]
     path: Path | None = None
     site: Site | None = None
+    labelled: Collection[str] = ()
+    known: Collection[str] | None = None
 
     def __len__(self) -> int:
         return len(self.names)
 
     def __iter__(self) -> Iterator[Frame]:
-        return map(self.load, self.names)
+        return map(self.__getitem__, range(len(self.names)))
 
     def __getitem__(self, index: int) -> Frame:
-        return self.load(self.names[index])
+        frame = self.load(self.names[index])
+        if not self.strays or index % len(self.names):
+            return frame
+        return replace(frame, problems={**frame.problems, STRAY: len(self.strays)})
+
+    @cached_property
+    def strays(self) -> tuple[str, ...]:
+        """Samples that labels name and the recording lacks."""
+        known = set(self.names if self.known is None else self.known)
+        return tuple(name for name in dict.fromkeys(self.labelled) if name not in known)
+
+    def describe_strays(self) -> str:
+        """Return how many labels have no cloud, with an example of either, as a line; empty if none."""
+        if not self.strays:
+            return ""
+        count, every = len(self.strays), len(set(self.labelled))
+        there = next(iter(self.names if self.known is None else self.known), "")
+        return f"{count} of the {every} {STRAY}, such as {self.strays[0][:60]!r}, where clouds have {there[:60]!r}"
+
+
+def check_labels(recording: Frames) -> None:
+    """Raise ValueError where a recording has labels, and none of them has a cloud."""
+    while isinstance(recording, RecordingView):
+        recording = recording.recording
+    if isinstance(recording, Listing) and recording.strays and len(recording.strays) == len(set(recording.labelled)):
+        raise ValueError(
+            f"no label can be used: {recording.describe_strays()}; name both alike, times in the same unit"
+        )
 
 
 @contextmanager
-def named_damage(path: str | Path, what: str) -> Iterator[None]:
-    """Turn damage met in the block into one ValueError that names the file. Overflowing numbers give no warnings."""
+def named_damage(path: str | Path, what: str, kinds: tuple[type[Exception], ...] = _DAMAGE) -> Iterator[None]:
+    """Turn damage met in the block into one ValueError that names the file. Overflowing numbers give no warnings.
+    kinds: of errors that tell of damage, but for OSError."""
     try:
         with np.errstate(all="ignore"):
             yield
+    except OSError:
+        raise
     except UnicodeDecodeError as error:
         raise ValueError(f"{path} is no {what}: byte {error.start} is not UTF-8") from None
-    except _DAMAGE as error:
+    except kinds as error:
         reason = " ".join(str(error).split())[:200] or type(error).__name__
         raise ValueError(f"{path} is no {what} that can be read: {reason}") from None
 
 
 def load_json(path: str | Path) -> Unchecked:
     """Values of a JSON file; call it in `named_damage`."""
-    return parse_json(Path(path).read_text(encoding="utf-8-sig"))
+    return parse_json(read_bytes(path).decode("utf-8-sig"))
 
 
 def entry(record: Unchecked, *keys: str) -> Unchecked:
@@ -159,7 +196,9 @@ SAME = 1e-3  # m and rad; two boxes that differ by less are one label given twic
 NOT_FINITE = "labels with NaN or infinite numbers"
 NO_SIZE = "boxes of no size"
 TOO_LARGE = "boxes too large or too far away to be"
+THINNEST_BOX, LONGEST_BOX = 0.01, 100.0  # m; no side of a road user is shorter or longer
 OTHER_KINDS = "labels of other kinds than ours"
+STRAY = "names, times or tokens of labels have no cloud"
 DOUBLED = "doubled labels"
 FULL_TURNS = "yaws beyond a full turn"
 
@@ -175,8 +214,6 @@ _NAMES = {  # datasets' names of our classes, in lower case
         human.pedestrian.child human.pedestrian.construction_worker human.pedestrian.police_officer""",
 }
 CATEGORIES = {name: label for label, names in _NAMES.items() for name in names.split()}
-
-
 COMMON_NAMES = {"vehicle": "Car", "cyclist": "Cyclist", "pedestrian": "Pedestrian", "heavy": "Truck"}  # when written
 
 
@@ -202,8 +239,8 @@ def labelled(
     names = [str(name).strip().lower().replace(" ", "") for name in categories]
     classes = np.array([CATEGORIES.get(name, -1) for name in names], np.int64)
     finite = np.isfinite(boxes).all(axis=1)
-    sized = (boxes[:, 3:6] > 0).all(axis=1)
-    there = ((boxes[:, 3:6] <= 2 * LARGEST_EXTENT) & (np.abs(boxes[:, :3]) <= FARTHEST_OBJECT)).all(axis=1)
+    sized = (boxes[:, 3:6] >= THINNEST_BOX).all(axis=1)
+    there = ((boxes[:, 3:6] <= LONGEST_BOX) & (np.abs(boxes[:, :3]) <= FARTHEST_OBJECT)).all(axis=1)
     keep = np.ones(len(boxes), bool)
     for problem, sound in ((NOT_FINITE, finite), (NO_SIZE, sized), (TOO_LARGE, there)):
         add_problem(problems, problem, int((keep & ~sound).sum()))
@@ -255,12 +292,6 @@ def add_problem(problems: Problems, kind: str, number: int) -> None:
     """Add to the count of a kind of problem."""
     if number:
         problems[kind] = problems.get(kind, 0) + number
-
-
-def add_problems(total: Problems, problems: Mapping[str, int]) -> None:
-    """Add the problems of one frame to the total."""
-    for kind, number in problems.items():
-        add_problem(total, kind, number)
 
 
 def count_full_turns(yaws: Shaped[np.ndarray, " n"], problems: Problems) -> None:
@@ -342,12 +373,10 @@ def build_cloud(
 
 def _seconds(time: np.ndarray) -> np.ndarray:
     """Seconds since the first point. Whole numbers are nanoseconds."""
-    if time.dtype.kind in "iu":
-        ticks = time.astype(np.int64)
-        return (ticks - ticks.min(initial=ticks[0] if len(ticks) else 0)).astype(np.float64) * 1e-9
-    seconds = time.astype(np.float64)
-    seconds = np.where(np.isfinite(seconds), seconds, 0.0)
-    return seconds - (seconds.min() if len(seconds) else 0.0)
+    whole = time.dtype.kind in "iu"
+    ticks = time.astype(np.int64) if whole else np.nan_to_num(time.astype(np.float64), posinf=0.0, neginf=0.0)
+    since = ticks - ticks.min() if len(ticks) else ticks
+    return since * (1e-9 if whole else 1.0)
 
 
 def write_cloud(path: str | Path, cloud: SensorCloud) -> None:

@@ -72,11 +72,9 @@ def simulate_dataset(
     out.parent.mkdir(parents=True, exist_ok=True)
     with shards.lock(), shards.explain_disk_errors(out, job.count):
         shards.open(overwrite)
-        safe = shards.check_shards()
-        todo = [block for block in range(job.blocks) if block not in safe]
-        made_before, report = job.count(safe), run.stage("frames simulated", frames)
-        tell = (lambda done: None) if report is None else (lambda done: report(min(frames, made_before + done)))
-        make_shards(job, shards, todo, workers=run.count, ray=run.ray, progress=tell)
+        made_before = job.count(shards.check_shards())
+        report = run.stage("frames simulated", frames, before=made_before)
+        make_shards(job, shards, range(job.blocks), workers=run.count, ray=run.ray, progress=report)
         shards.publish(out, lambda paths, target: join(job.header, paths, target))
     return frames - made_before
 
@@ -95,10 +93,8 @@ class Job:
     def __post_init__(self) -> None:
         sumo_step(self.interval)
         if not self.sensors:
-            remedy = (
-                "coview plan or coview search --out says which to build, coview site import --sensors N places some"
-            )
-            raise ValueError(f"site {self.site.name!r} has no sensors: {remedy}")
+            which = "coview plan or coview search --out says which to build, coview site import"
+            raise ValueError(f"site {self.site.name!r} has no sensors: {which} --sensors N places some")
         names = [sensor.name for sensor in self.sensors]
         for name in names:
             if names.count(name) > 1 or "/" in name or name in ("", "."):

@@ -27,7 +27,7 @@ from toolkit.sites.site import Site
 
 VOXEL = 0.15  # m
 PER_VOXEL = 2.0  # points on each square of a surface as large as a voxel's side
-_SWEEPS = 4  # sweeps of the empty scene, each with its own noise
+SWEEPS = 4  # sweeps of the empty scene, each with its own noise
 _FLOOR = -1.0  # m: the ground may lie a little below its own plane
 _AT_ONCE = 1 << 20
 _MOST = 1 << 26  # voxels
@@ -53,10 +53,9 @@ class Background:
         """Learn from points of the empty site, best several sweeps."""
         if not len(points):
             raise ValueError("the background needs at least one point of the empty site, got none: crop less?")
-        if not np.isfinite(points).all() or np.prod(np.ptp(points, axis=0) / voxel + 5.0) > MOST_VOXELS:
-            raise ValueError(
-                f"the background must be finite and small, got {np.ptp(points, axis=0)} m: crop to the area"
-            )
+        size = np.ptp(points, axis=0)
+        if not np.isfinite(points).all() or np.prod(size / voxel + 5.0) > MOST_VOXELS:
+            raise ValueError(f"the background must be finite and small, got {size} m: crop to the area")
         origin = points.min(axis=0).astype(np.float64) - 2 * voxel
         index = np.maximum(((points - origin) / voxel).astype(np.int64), 2)  # at least 2, but for rounding
         occupied = np.zeros(index.max(axis=0) + 3, bool)
@@ -89,29 +88,20 @@ class Background:
 
 
 def _ground(points: np.ndarray, origin: np.ndarray, cell: float) -> Float64[np.ndarray, "kx ky"]:
-    """Estimate the ground's height in cells.
+    """Estimate the ground in cells: the 5 % quantile of their points, then the least within two cells."""
+    from scipy.ndimage import minimum_filter
 
-    It is the 5 % quantile of a cell's points, or the least of its neighbours where that is more than half a metre
-    lower. Finally every cell takes the least height within two cells, so kerbs and walls do not lift the street.
-    """
     place = ((points[:, :2] - origin[:2]) / cell).astype(np.int64)
     shape = place.max(axis=0) + 1
     key = place[:, 0] * shape[1] + place[:, 1]
     order = np.lexsort((points[:, 2], key))
     keys, first, count = np.unique(key[order], return_index=True, return_counts=True)
-    ground = np.full(shape[0] * shape[1], np.nan)
-    ground[keys] = points[order[first + count // 20], 2]
-    ground[ground > np.nanmedian(ground) + 0.5] = np.nan
-    ground = ground.reshape(shape)
-    while np.isnan(ground).any():
-        ground = np.where(np.isnan(ground), _least_within(ground, 1), ground)
-    return _least_within(ground, 2)
-
-
-def _least_within(cells: np.ndarray, distance: int) -> np.ndarray:
-    around = (2 * distance + 1,) * 2
-    padded = np.pad(cells, distance, constant_values=np.nan)
-    return np.fmin.reduce(np.lib.stride_tricks.sliding_window_view(padded, around), axis=(-2, -1))
+    low = points[order[first + count // 20], 2].astype(np.float64)
+    ground = np.full(shape, np.inf)  # where it is unknown
+    ground.ravel()[keys] = np.where(low > np.median(low) + 0.5, np.inf, low)
+    while np.isinf(ground).any():
+        ground = np.where(np.isinf(ground), minimum_filter(ground, 3, mode="nearest"), ground)
+    return np.asarray(minimum_filter(ground, 5, mode="nearest"))
 
 
 LEAST_NEW = 0.2  # least share of points in a box that must not be background
@@ -186,7 +176,7 @@ def recording_background(recording: CoopDataset) -> Background:
 def empty_sweeps(recording: CoopDataset) -> Iterator[Float32[np.ndarray, "_ 3"]]:
     """Yield levelled points of four noisy sweeps without road users."""
     empty, rng = empty_scene(recording), np.random.default_rng(0)
-    for _ in range(_SWEEPS):
+    for _ in range(SWEEPS):
         for points in frame_points(empty, area=recording.site, rng=rng):
             yield level_rows(points, recording.site.relief.slope)
 

@@ -21,7 +21,7 @@ import numpy as np
 
 from toolkit.arrays import Bool, Float64, Int64
 from toolkit.boxes import Overlap, count_points, iou_3d, iou_bev
-from toolkit.detection.metrics import Curve, evaluate, precision_recall
+from toolkit.detection.metrics import Curve, evaluate, greedy, precision_recall
 from toolkit.frame import Frame, Region
 from toolkit.objects import LABELS, Detections, Objects, label_index
 from toolkit.points import has_centre_inside
@@ -89,17 +89,11 @@ def by_centre(
     scores, hits, total = [np.zeros(0)], [np.zeros(0, bool)], 0
     for found, there, mask in zip(detections, truths, counted, strict=True):
         found, rows = found[found.labels == label], there.labels == label
-        boxes, sought = there.boxes[rows], np.asarray(mask)[rows]
-        hit, ignored = np.zeros(len(found), bool), np.zeros(len(found), bool)
-        away = np.linalg.norm(found.boxes[:, None, :2] - boxes[None, :, :2], axis=2)
-        free = np.where(sought, away, np.inf)
-        for row in np.argsort(-found.scores, kind="stable"):
-            nearest = int(free[row].argmin()) if len(boxes) else -1
-            if nearest >= 0 and free[row, nearest] < distance:
-                hit[row] = True
-                free[:, nearest] = np.inf
-            else:
-                ignored[row] = bool((away[row, ~sought] < distance).any())
+        found, sought = found[np.argsort(-found.scores, kind="stable")], np.asarray(mask)[rows]
+        away = np.linalg.norm(found.boxes[:, None, :2] - there.boxes[rows, :2], axis=2)
+        near = away < distance
+        hit = greedy(np.where(near & sought, np.exp(-away), 0.0), np.exp(-distance)) >= 0
+        ignored = ~hit & (near & ~sought).any(axis=1)
         scores.append(found.scores[~ignored])
         hits.append(hit[~ignored])
         total += int(sought.sum())
@@ -121,10 +115,6 @@ class GroupRow:
     ap: float
     truths: int
     scheme: str = "all clouds"
-
-    def as_dict(self) -> dict[str, object]:
-        """Return the row for JSON."""
-        return dict(vars(self))
 
 
 @dataclass(frozen=True, eq=False)
@@ -229,9 +219,8 @@ def _span(low: float, high: float, unit: str) -> str:
 def format_rows(rows: Sequence[GroupRow]) -> str:
     """Format rows as tables, one per class and protocol."""
     tables = []
-    for label, protocol in sorted(
-        dict.fromkeys((r.label, r.protocol) for r in rows), key=lambda key: LABELS.index(key[0])
-    ):
+    kinds = dict.fromkeys((r.label, r.protocol) for r in rows)
+    for label, protocol in sorted(kinds, key=lambda kind: LABELS.index(kind[0])):
         cells = {(r.among, r.measure): r for r in rows if (r.label, r.protocol) == (label, protocol)}
         measures = list(dict.fromkeys(measure for _, measure in cells))
         lines = [["objects", "to find", *measures]]

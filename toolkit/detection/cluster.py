@@ -27,12 +27,11 @@ import open3d as o3d
 
 from toolkit.arrays import Float, Float64, Int64
 from toolkit.boxes import count_points, nms
-from toolkit.calibration.empty_scene import SIGMAS
+from toolkit.calibration.empty_scene import SIGMAS, Scenes
 from toolkit.calibration.ground import level
-from toolkit.calibration.scenes import Scenes
 from toolkit.datasets.dataset import CoopDataset
-from toolkit.detection.background import Background, empty_sweeps
-from toolkit.detection.place import Corners, Place, crop_points, find_middle
+from toolkit.detection.background import SWEEPS, Background, empty_sweeps
+from toolkit.detection.place import Corners, Place, Stand, crop_points
 from toolkit.frame import Frame
 from toolkit.geometry import transform
 from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE, Detections
@@ -44,7 +43,6 @@ LENGTH_SEEN = 0.75 * CAR[0]  # m; a longer car shows both ends and needs no comp
 DOUBT = 10.0  # weight of a cluster's points on a completed side, in points of free ground
 OVERLAP = 0.1  # IoU above which the worse of two cars is dropped
 CLUSTER_REACH, FEWEST = 0.8, 5  # m between neighbours of one object; points of an object
-SWEEPS = 4  # noisy sweeps of the empty scenes for learning a background
 
 
 @dataclass(frozen=True)
@@ -130,10 +128,7 @@ class ClusterDetector:
 
 
 class _Rectangle(NamedTuple):
-    """Rectangle around points, its longer axis first.
-
-    low, high: ends along its own axes (m); at_low, at_high: share of points within 0.2 m of each side.
-    """
+    """Rectangle, longer axis first: ends along its axes (m), and share of points within 0.2 m of each side."""
 
     yaw: float
     low: np.ndarray
@@ -163,10 +158,7 @@ def _dbscan(points: Float64[np.ndarray, "n 3"], reach: float, fewest: int) -> In
 
 
 def _fit(xy: Float64[np.ndarray, "n 2"]) -> _Rectangle:
-    """Fit the rectangle with sides closest to the points.
-
-    Its yaw in 0..90° has the greatest Σ 1 / distance to the nearest side; distances under 0.1 m count as 0.1 m.
-    """
+    """Fit the rectangle whose yaw has the greatest Σ 1 / distance to the nearest side, at least 0.1 m."""
     some = xy[:: 1 + len(xy) // 150]
     yaws = np.deg2rad(np.arange(0.0, 90.0, 2.0))
     along = np.outer(np.cos(yaws), some[:, 0]) + np.outer(np.sin(yaws), some[:, 1])
@@ -183,10 +175,7 @@ def _fit(xy: Float64[np.ndarray, "n 2"]) -> _Rectangle:
 
 
 def _complete(cars: list[_Rectangle], background: Float[np.ndarray, "n 3"]) -> list[_Rectangle]:
-    """Complete rectangles of cars to the usual size, in the way that covers least of the visible background. A short
-    side grows to one end or the other; a longer side that may be a car's width is tried as such. In doubt is the share
-    of points on the sides that grow: a side with many points was seen as it is.
-    """
+    """Complete cars to the usual size where that covers least background; sides with many points rarely grow."""
     ways, doubts, first = list[_Rectangle](), list[float](), [0]
     for seen in cars:
         for rectangle in [seen, seen.turn()] if seen.size[0] < WIDEST_CAR else [seen]:
@@ -253,21 +242,18 @@ def cluster_points(
     return _dbscan(points - points.mean(axis=0), reach, fewest) if len(points) else np.zeros(0, np.int64)
 
 
-def learn_cluster_detector(scenes: Scenes, frame: Frame, place: Place = Place(), *, seed: int = 0) -> ClusterDetector:
+def learn_cluster_detector(scenes: Scenes, frame: Frame, place: Place = Place()) -> ClusterDetector:
     """Return a detector of what stands out from the empty scenes of lidars that stand as in a frame. place: the one it
     will detect in. Raises ValueError where the empty scenes have no point in the area.
     """
-    centre = find_middle(frame) if place.middle is None else place.middle
-    rng = np.random.default_rng(seed)
-    sweeps = []
+    rng, sweeps, centre = np.random.default_rng(0), [], place.find_middle(frame)
     for _ in range(SWEEPS):
         parts = [transform(cloud.world_SE3_sensor, _sweep(scenes, cloud.name, rng)) for cloud in frame.clouds]
-        sweeps.append(np.concatenate([np.zeros((0, 3)), *parts]) - [*centre, 0.0])
+        sweeps.append(np.concatenate([np.zeros((0, 3)), *parts]))
     (x, y), method = place.half, place.level or "map"
-    ground = None if method == "none" else level(sweeps[0], method=method)
-    area = (-x, -y, x, y)
-    upright = [(sweep if ground is None else ground.points(sweep)).astype(np.float32) for sweep in sweeps]
-    return replace(ClusterDetector.learn([crop_points(points, area) for points in upright]), area=area)
+    ground = None if method == "none" else level(sweeps[0] - [*centre, 0.0], method=method)
+    area, stand = (-x, -y, x, y), Stand((-x, -y, x, y), centre, ground)
+    return replace(ClusterDetector.learn([crop_points(stand.lift(sweep), area) for sweep in sweeps]), area=area)
 
 
 def _sweep(scenes: Scenes, name: str, rng: np.random.Generator) -> Float64[np.ndarray, "n 3"]:

@@ -28,6 +28,14 @@ class Message(NamedTuple):
     bits: int
 
 
+class Origin(NamedTuple):
+    """Origin of a message: the sensor, where it is believed to be, with time (s) and number of the measurement."""
+
+    sensor: Sensor
+    time: float = 0.0
+    number: int = 0
+
+
 @runtime_checkable
 class Codec(Protocol):
     """Codec of points and boxes. A lossless one returns the very array it was given: its detections are shared."""
@@ -42,11 +50,11 @@ class Codec(Protocol):
     def decode_points(self, message: Message, /) -> Float32[np.ndarray, "m 3"]:
         """Decode the points that arrive at the fusion centre."""
 
-    def encode_boxes(self, detections: Detections, /) -> Message:
+    def encode_boxes(self, detections: Detections, origin: Origin, /) -> Message:
         """Encode the detections of one sensor in one frame."""
 
-    def decode_boxes(self, message: Message, /) -> Detections:
-        """Decode the detections that arrive at the fusion centre."""
+    def decode_boxes(self, message: Message, sensor: Sensor, /) -> Detections:
+        """Decode the detections of a sensor that arrive at the fusion centre."""
 
     def bits(self, *, points: Amount = 0, boxes: Amount = 0, messages: Amount = 1) -> Amount:
         """Expected bits of messages with these points and boxes."""
@@ -98,9 +106,7 @@ class PaperCodec(Parameters):
     def __post_init__(self) -> None:
         for name, bits in vars(self).items():
             if isinstance(bits, bool) or not isinstance(bits, int | float) or not 0 <= bits < math.inf:
-                raise ValueError(
-                    f"{name} must be a finite number of bits, 0 or more, got {bits!r}: the paper has 96, 256"
-                )
+                raise ValueError(f"{name} must be finite bits, 0 or more, got {bits!r}: the paper has 96, 256")
 
     def encode_points(self, points: Float[np.ndarray, "n 3"], /) -> Message:
         """Return the points as they are."""
@@ -110,11 +116,11 @@ class PaperCodec(Parameters):
         """Return the very points."""
         return message.content
 
-    def encode_boxes(self, detections: Detections, /) -> Message:
+    def encode_boxes(self, detections: Detections, origin: Origin | None = None, /) -> Message:
         """Return the boxes as they are."""
         return Message(detections, round(len(detections.boxes) * self.bits_per_box))
 
-    def decode_boxes(self, message: Message, /) -> Detections:
+    def decode_boxes(self, message: Message, sensor: Sensor | None = None, /) -> Detections:
         """Return the very boxes."""
         return message.content
 

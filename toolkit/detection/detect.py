@@ -24,8 +24,7 @@ from toolkit.datasets.records import boxes_record, write_boxes
 from toolkit.detection.place import Place, Stand
 from toolkit.frame import Frame
 from toolkit.objects import Detections, Detector
-from toolkit.points import detect_on_ground
-from toolkit.runtime.files import write_text
+from toolkit.runtime.files import write_text, writing_folder
 from toolkit.sites.site import Site
 
 
@@ -39,16 +38,14 @@ class Detected:
     detect_ms: float
 
 
-def detect_frames(
-    frames: Iterable[Frame], detector: Detector, place: Place = Place(), site: Site | None = None
-) -> Iterator[Detected]:
+def detect_frames(frames: Iterable[Frame], detector: Detector, place: Place = Place()) -> Iterator[Detected]:
     """Yield the detections in all points of each frame together, on level ground. detector: sees points counted from
-    the middle of the area; site: where the frames are, if that is known. A frame without points has no detections.
+    the middle of the area. A frame without points has no detections.
     """
-    for frame, stand in place.stands(frames, site):
+    for frame, stand in place.stands(frames):
         points = stand.lift(frame.points())
         start = perf_counter()
-        found = detect_on_ground(detector, points, stand.area) if len(points) else Detections.empty()
+        found = detector(points) if len(points) else Detections.empty()
         yield Detected(frame, stand.put_back(found), stand, 1e3 * (perf_counter() - start))
 
 
@@ -60,22 +57,25 @@ def write_detections(
 ) -> Iterator[Detected]:
     """Write detections as they arrive, and pass them on.
 
-    out: one file of boxes, written at the end, or a folder with a file per frame for other formats; more: further
-    entries of the file of boxes.
+    out: one file of boxes, or a folder with a file per frame for other formats, whole at the end; more: further entries
+    of the file of boxes.
     """
-    out, entries = Path(out), []
-    for each in found:
-        frame = each.frame
-        if form == "boxes":
-            entries.append(boxes_record(frame.name, frame.time, each.detections))
-        elif form == "openlabel":
-            text = json.dumps(openlabel_content(frame, each.detections), indent=1)
-            write_text(out / f"{file_name(frame.name)}.json", text)
-        else:
-            write_text(out / f"{file_name(frame.name)}.txt", kitti_text(frame, found=each.detections))
-        yield each
     if form == "boxes":
+        entries = []
+        for each in found:
+            entries.append(boxes_record(each.frame.name, each.frame.time, each.detections))
+            yield each
         write_boxes(out, entries, **more)
+        return
+    with writing_folder(out) as folder:
+        for each in found:
+            frame = each.frame
+            if form == "openlabel":
+                text = json.dumps(openlabel_content(frame, each.detections), indent=1)
+                write_text(folder / f"{file_name(frame.name)}.json", text)
+            else:
+                write_text(folder / f"{file_name(frame.name)}.txt", kitti_text(frame, found=each.detections))
+            yield each
 
 
 def file_name(name: str) -> str:
@@ -146,9 +146,8 @@ class ImportedDetector:
                 f"({type(error).__name__}: {error}): let it take any points (n, 3) and return Detections"
             ) from error
         if not isinstance(detections, Detections):
-            raise ValueError(
-                f"detector {self.name} must return toolkit.objects.Detections, got {type(detections).__name__}"
-            )
+            kind = type(detections).__name__
+            raise ValueError(f"detector {self.name} must return toolkit.objects.Detections, got {kind}")
         return detections
 
     @property

@@ -23,7 +23,7 @@ import warnings
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cache, partial
 from itertools import chain
 from pathlib import Path
 from time import perf_counter
@@ -32,16 +32,17 @@ from typing import Any, Literal, overload
 import numpy as np
 
 from toolkit.boxes import Overlap, count_points
+from toolkit.calibration.empty_scene import Scenes
 from toolkit.calibration.poses import FoundPose
-from toolkit.calibration.scenes import Scenes
-from toolkit.datasets.dataset import CoopDataset, noisy
-from toolkit.datasets.readings import ReadRecording, Reads
+from toolkit.datasets.dataset import CoopDataset
+from toolkit.datasets.readings import ReadRecording, Reads, with_errors
 from toolkit.datasets.recordings import Part
+from toolkit.datasets.records import check_labels
 from toolkit.detection.breakdown import FrameTruth, GroupRow, format_rows, group_rows, select_truth
 from toolkit.detection.codec import PAPER, Codec, ImageCodec, check_codec
 from toolkit.detection.detect import describe_summary
 from toolkit.detection.link.message import SetLoad, format_loads, link_load
-from toolkit.detection.metrics import TRUE_IOU, USUAL_IOUS, Curve, Reliability, evaluate, match, reliability
+from toolkit.detection.metrics import TRUE_IOU, USUAL_IOUS, Curve, Reliability, evaluate, matches, reliability
 from toolkit.detection.place import Place, Stand
 from toolkit.detection.provenance import dataset_origin, detector_origin, settings_origin, with_file_digest
 from toolkit.detection.scheme import Chained, Fused, Scheme, scheme_codec
@@ -53,6 +54,7 @@ from toolkit.points import detect_on_ground, frame_points, has_centre_inside
 from toolkit.runtime.files import replace_infinite, write_text, writing_together
 from toolkit.runtime.run import Processes
 from toolkit.runtime.text_tables import align_columns
+from toolkit.sensors.error_profiles import PAPER_ERRORS
 from toolkit.sites.site import Site
 
 ALL_CLOUDS = "all clouds"
@@ -168,6 +170,9 @@ class Evaluation(Sequence[Row]):
         if self.loads:
             parts.append(f"on a link at {self.loads[0].load.rate:g} Hz:\n{format_loads(self.loads)}")
         parts.append(f"above the detector's threshold:\n{format_class_table(self.classes)}")
+        left: Mapping[str, int] = next((each["problems"] for each in self.schemes.values()), {})
+        if left and not self.breakdown:
+            parts.append(f"left out or doubtful: {', '.join(f'{number} {kind}' for kind, number in left.items())}")
         for name, figures in self.schemes.items() if self.breakdown else ():
             parts.append(f"{name}: {describe_summary(figures)}")
             for sensor, each in figures.get("images", {}).items():
@@ -185,7 +190,7 @@ class Evaluation(Sequence[Row]):
         }
         optional = {
             "loads": [load.as_dict() for load in self.loads],
-            "breakdown": [row.as_dict() for row in self.breakdown],
+            "breakdown": [vars(row) for row in self.breakdown],
             "poses": {each.sensor.name: each.described() for each in self.poses},
         }
         return replace_infinite(figures | {name: value for name, value in optional.items() if value})
@@ -213,7 +218,6 @@ def evaluate_recording(
     total, errors = reads.count(recording), reads.profile()
     labels = [LABELS[k] for k in dict.fromkeys(map(label_index, asked.classes))]
     ious = {label: _thresholds(asked.iou_thresholds, label) for label in labels}
-    true_ious = {label: TRUE_IOU[label_index(label)] for label in labels}
     if not (len(asked.schemes) and len(asked.sensor_sets) and labels and all(ious.values())):
         raise ValueError("there must be a scheme, a sensor set, a class and an IoU threshold to evaluate")
     check_known(detector, labels)
@@ -226,6 +230,7 @@ def evaluate_recording(
         name = ALL_CLOUDS if scheme is None else scheme.name
         if named.setdefault(name, scheme) != scheme:
             raise ValueError(f"two schemes are called {name!r}, {named[name]} and {scheme}: rename one")
+    check_labels(recording)
     measured, known = ReadRecording(recording, reads), place.at(site)
     first = measured[0]
     numbers = [tuple(select_sensors(first.sensors, chosen)) for chosen in asked.sensor_sets]
@@ -249,9 +254,7 @@ def evaluate_recording(
         tell = None if progress is None else lambda done: progress(min(total, STRETCH * done))
         scored += chain.from_iterable(run.map(job, stretches, progress=tell))
 
-    problems = Counter[str]()
-    for each in scored:
-        problems.update(each.problems)
+    problems = sum((Counter(each.problems) for each in scored), Counter[str]())
     truths = [each.truth for each in scored]
     objects, counted = [truth.objects for truth in truths], [truth.counted for truth in truths]
     counting: Literal["exact", "published"] = "published" if protocol == "published" else "exact"
@@ -262,15 +265,13 @@ def evaluate_recording(
         found = [each.detections for each in fused]
         if protocol == "measured":
             found = [truth.keep(each) for truth, each in zip(truths, found, strict=True)]
-        bits = [each.bits for each in fused]
+        bits, ms = [each.bits for each in fused], float(np.median([each.ms for each in fused]))
         kbit = float(np.mean([sent.mean() / 1000 if len(sent) else 0.0 for sent in bits]))
-        ms = float(np.median([each.ms for each in fused]))
+        score = partial(evaluate, found, objects, metric=asked.metric, protocol=counting, counted=counted)
         for label, thresholds in ious.items():
-            true_iou = true_ious[label]
-            score = partial(evaluate, found, objects, metric=asked.metric, protocol=counting, counted=counted)
+            true_iou = TRUE_IOU[label_index(label)]
             scores = score(label=label, iou_thresholds=[*thresholds, true_iou])
-            for iou in thresholds:
-                at = scores[iou]
+            for iou, at in ((iou, scores[iou]) for iou in thresholds):
                 shares = at.ap, at.recall, at.precision
                 rows.append(Row(name, chosen, iou, *shares, kbit, ms, at.curve, label, at.truths, at.fp / total))
             at = scores[true_iou]
@@ -278,9 +279,9 @@ def evaluate_recording(
             classes.append(ClassFigures(name, chosen, label, true_iou, total, *worth))
         title = name if len(sets) == 1 else f"{name} {_sensor_text(chosen)}"
         if breakdown:
-            judged = [truth.judge(each.detections) for truth, each in zip(truths, fused, strict=True)]
-            by_label = (group_rows(judged, label, asked.iou_thresholds) for label in labels)
-            groups += [replace(row, scheme=title) for part in by_label for row in part]
+            judged = [truth.judge(each) for truth, each in zip(truths, found, strict=True)]
+            every = chain.from_iterable(group_rows(judged, label, asked.iou_thresholds) for label in labels)
+            groups += [replace(row, scheme=title) for row in every]
         own = figures[title] = {
             "samples": total,
             "detections": sum(len(each.detections.boxes) for each in fused),
@@ -291,10 +292,11 @@ def evaluate_recording(
         }
         if asked.rate is not None and len({*map(len, bits)}) == 1 and len(bits[0]):
             loads.append(SetLoad(name, chosen, link_load(np.array(bits), asked.rate)))
-            own["load"] = loads[-1].load.as_dict()
+            own["load"] = vars(loads[-1].load)
         if not known and _sends_images(named[name], asked.codec):
-            every = images.every.items()
-            own["images"] = {sensor: {"points": learnt.points, **learnt.left_out} for sensor, learnt in every}
+            own["images"] = {
+                sensor: {"points": learnt.points, **learnt.left_out} for sensor, learnt in images.every.items()
+            }
 
     placed = {"site": site and site.name, "hybrid_radius": site and site.hybrid_radius, "frames": total}
     drawn: dict[str, object] = {"noise_seed": reads.noise_seed, "errors": errors.origin, "nms_iou": asked.nms_iou}
@@ -307,7 +309,6 @@ def evaluate_recording(
 
 
 def _thresholds(given: Sequence[float] | None, label: str) -> tuple[float, ...]:
-    """IoU thresholds given, or the usual ones of a class."""
     return tuple(dict.fromkeys(float(iou) for iou in (USUAL_IOUS[label_index(label)] if given is None else given)))
 
 
@@ -360,9 +361,8 @@ class _Job:
                 truth = select_truth(frame, stand.corners)
             else:
                 objects, within = frame.objects, has_centre_inside(frame.objects.boxes, stand.corners)
-                counts = np.zeros(len(within), np.int64)
-                if self.count_points:
-                    counts = count_points(frame.points(), objects.boxes)
+                counted = self.count_points
+                counts = count_points(frame.points(), objects.boxes) if counted else np.zeros(len(within), np.int64)
                 if self.protocol == "published":
                     objects, within, counts = objects[within], within[within], counts[within]
                 truth = FrameTruth(objects, within, counts, stand.corners)
@@ -370,7 +370,13 @@ class _Job:
 
     def _fuse(self, frame: Frame, stand: Stand, memory: LinkMemory) -> dict[tuple[str, tuple[int, ...]], Fused]:
         asked, fused = self.asked, dict[tuple[str, tuple[int, ...]], Fused]()
-        views: dict[bool, View] = {}
+
+        @cache
+        def view(as_images: bool) -> View:
+            codec, scenes = check_codec(asked.codec), self.scenes if as_images else None
+            make = partial(stand_view, frame, self.detector, stand, codec=codec, nms_iou=asked.nms_iou)
+            return make(scenes=scenes, memory=memory)
+
         for name, scheme in self.schemes.items():
             for chosen, names in self.sets.items():
                 present = list(range(len(frame.sensors)))  # also where all sensors are wanted and some are missing
@@ -382,18 +388,7 @@ class _Job:
                     found = detect_on_ground(self.detector, points, stand.area) if len(points) else Detections.empty()
                     made = Fused(found, np.zeros(0, np.int64), 1e3 * (perf_counter() - start))
                 else:
-                    as_images = self.known or _sends_images(scheme, asked.codec)
-                    if as_images not in views:
-                        views[as_images] = stand_view(
-                            frame,
-                            self.detector,
-                            stand,
-                            codec=check_codec(asked.codec),
-                            nms_iou=asked.nms_iou,
-                            scenes=self.scenes if as_images else None,
-                            memory=memory,
-                        )
-                    made = scheme.fuse(views[as_images], present)
+                    made = scheme.fuse(view(self.known or _sends_images(scheme, asked.codec)), present)
                 found = made.detections if self.known else stand.put_back(made.detections)
                 fused[name, chosen] = replace(made, detections=found)
         return fused
@@ -476,9 +471,9 @@ def draw_example(recording: CoopDataset, detector: Detector, out: str | Path, *,
     from toolkit.plots.plan_view import FrameOutcome, draw_frame
 
     site = recording.site
-    frame = noisy(max(recording, key=lambda frame: len(frame.objects)), seed)
+    frame = with_errors(max(recording, key=lambda frame: len(frame.objects)), PAPER_ERRORS, seed)
     truth, found = frame.objects, fuse_frame("early", frame, detector, site=site).detections
-    result = match(found, truth, EXAMPLE_IOU, counted=has_centre_inside(truth.boxes, site.area))
+    (result,) = matches(found, truth, [EXAMPLE_IOU], counted=has_centre_inside(truth.boxes, site.area))
     sensors = f"{len(frame.sensors)} sensor{'s' * (len(frame.sensors) != 1)}"
     draw_frame(
         site,

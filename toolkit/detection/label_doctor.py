@@ -7,7 +7,8 @@ box is the share of its points (those at least `CLEARANCE` above the ground) tha
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -15,13 +16,13 @@ from typing import NamedTuple
 import numpy as np
 
 from toolkit.arrays import Float, Float64, Int64
-from toolkit.boxes import rows_in_boxes
+from toolkit.boxes import count_points
 from toolkit.calibration.ground import Ground, level
+from toolkit.datasets import records
 from toolkit.datasets.doctor import Finding, diagnose_file
 from toolkit.datasets.layouts.hdf5 import holds_clouds
 from toolkit.datasets.recordings import Part, guess_layout, open_recording
-from toolkit.datasets.records import FULL_TURNS
-from toolkit.frame import Frame
+from toolkit.frame import AWAY, Frame
 from toolkit.geometry import invert, transform
 from toolkit.sites.site import Site
 
@@ -64,18 +65,12 @@ def fits(some: Sequence[Seen], boxes: Sequence[np.ndarray]) -> Float64[np.ndarra
 
 def measure_fits(points: Float[np.ndarray, "n 3"], boxes: Float[np.ndarray, "m 7"]) -> Float64[np.ndarray, " m"]:
     """Fit of boxes to points that stand on the ground."""
-    wide = boxes + np.array([0, 0, SHELL / 2, 2 * SHELL, 2 * SHELL, SHELL, 0])
-    fitting = np.zeros(len(boxes))
-    for k, rows in enumerate(rows_in_boxes(points, wide)):
-        near, (x, y, z, length, width, height, yaw) = points[rows], boxes[k]
-        if len(near) < LEAST_ON_BOX:
-            continue
-        dx, dy, dz = (near - [x, y, z]).T
-        ahead, aside = np.abs(dx * np.cos(yaw) + dy * np.sin(yaw)), np.abs(dy * np.cos(yaw) - dx * np.sin(yaw))
-        in_box = (ahead <= length / 2 + SLACK) & (aside <= width / 2 + SLACK) & (dz <= height / 2 + SLACK)
-        inner = (ahead < HOLLOW * length / 2) & (aside < HOLLOW * width / 2) & (dz < height / 2 - 2 * SLACK)
-        fitting[k] = (in_box & ~inner).mean()
-    return fitting
+    around = np.array([0, 0, 0.5, 2, 2, 1, 0])  # one metre more on all sides and above
+    hollow = boxes * [1, 1, 1, HOLLOW, HOLLOW, 1, 1] - np.array([0, 0, SLACK, 0, 0, 2 * SLACK, 0])
+    hollow[:, 5] = np.maximum(hollow[:, 5], 1e-6)
+    every = np.concatenate([boxes + SHELL * around, boxes + SLACK * around, hollow])
+    near, on, inner = count_points(points, every).reshape(3, -1)
+    return np.where(near >= LEAST_ON_BOX, (on - inner) / np.maximum(near, 1), 0.0)
 
 
 def better(before: Float64[np.ndarray, " n"], after: Float64[np.ndarray, " n"], gain: float = GAIN) -> bool:
@@ -115,25 +110,20 @@ LOST_DEGREES = LabelMistake(  # not undone directly: `degrees_of_turns` gives th
 
 _MIRROR_X, _SWAP = "negate x, and take 180 degrees minus yaw", "swap x and y, and take 90 degrees minus yaw"
 _HALVED = "half extents where full ones belong: the boxes are half as large"
-_DOUBLED = "doubled extents: the boxes are twice as large"
+_DOUBLED, _HALF = "doubled extents: the boxes are twice as large", (1, 1, 1, 0.5, 0.5, 0.5, 1)
+_ACROSS = "length and width swapped, or yaw a quarter turn off"
+_ADD_QUARTER = "swap length and width, or add 90 degrees to yaw"
+_RADIANS, _TO_DEGREES = "yaw in radians where degrees belong", (1, 1, 1, 1, 1, 1, 180 / np.pi)
 LABEL_MISTAKES = (
     LabelMistake("mirrored: y points the other way", "negate y and yaw", True, factor=(1, -1, 1, 1, 1, 1, -1)),
     LabelMistake("mirrored: x points the other way", _MIRROR_X, True, factor=(-1, 1, 1, 1, 1, 1, -1), turn=np.pi),
     LabelMistake("y of the positions alone negated", "negate y", True, factor=(1, -1, 1, 1, 1, 1, 1)),
     LabelMistake("x and y swapped", _SWAP, True, (1, 0, 2, 3, 4, 5, 6), (1, 1, 1, 1, 1, 1, -1), np.pi / 2),
     LabelMistake(_HALVED, "double the sizes", factor=(1, 1, 1, 2, 2, 2, 1)),
-    LabelMistake(
-        "doubled extents: the boxes are twice as large", "halve the sizes", factor=(1, 1, 1, 0.5, 0.5, 0.5, 1)
-    ),
-    LabelMistake(
-        "length and width swapped, or yaw a quarter turn off",
-        "swap length and width, or add 90 degrees to yaw",
-        order=(0, 1, 2, 4, 3, 5, 6),
-    ),
+    LabelMistake(_DOUBLED, "halve the sizes", factor=_HALF),
+    LabelMistake(_ACROSS, _ADD_QUARTER, order=(0, 1, 2, 4, 3, 5, 6)),
     YAW_SIGN,
-    LabelMistake(
-        "yaw in radians where degrees belong", "multiply yaw by 180 / pi", True, factor=(1, 1, 1, 1, 1, 1, 180 / np.pi)
-    ),
+    LabelMistake(_RADIANS, "multiply yaw by 180 / pi", True, factor=_TO_DEGREES),
 )
 
 
@@ -184,10 +174,10 @@ class Shift(NamedTuple):
 
 
 def find_shift(some: Sequence[Seen]) -> Shift | None:
-    """Find the delay of labels.
+    """Find the delay of labels, None if it cannot be told.
 
-    None without one, or if it cannot be told. Moving labels are moved along their tracks. Where that shows nothing,
-    labels are tried in other clouds; only those that are not in the same place in both frames count.
+    Moving labels are moved along their tracks. Where that shows nothing, labels are tried in other clouds; only those
+    that are not in the same place in both frames count.
     """
     from scipy.spatial import cKDTree
 
@@ -222,16 +212,10 @@ def find_shift(some: Sequence[Seen]) -> Shift | None:
     return found
 
 
-class Headed(NamedTuple):
-    """Moving boxes against their way, all of them, and tracks."""
-
-    tracks: int
-    against: int
-    of: int
-
-
-def against_their_way(samples: Sequence[Frame], undo: Callable[[Frame, np.ndarray], np.ndarray]) -> Headed | None:
-    """Find moving boxes that only a mistake turns backwards."""
+def against_their_way(
+    samples: Sequence[Frame], undo: Callable[[Frame, np.ndarray], np.ndarray]
+) -> tuple[int, int, int] | None:
+    """Count tracks and moving boxes that only a mistake turns backwards, and all moving boxes."""
     tracks: set[int] = set()
     mended = spoilt = total = 0
     for k, sample in enumerate(samples):
@@ -245,7 +229,7 @@ def against_their_way(samples: Sequence[Frame], undo: Callable[[Frame, np.ndarra
         spoilt += int(((before > ALONG) & (after < 0)).sum())
     if len(tracks) < LEAST_TRACKS or mended < LEAST_BOXES or spoilt > mended / 10:
         return None
-    return Headed(len(tracks), mended, total)
+    return len(tracks), mended, total
 
 
 class Movers(NamedTuple):
@@ -258,8 +242,7 @@ class Movers(NamedTuple):
 
 def find_movers(samples: Sequence[Frame], k: int) -> Movers:
     """Find the moving boxes of frame k by neighbours' tracks."""
-    here = samples[k]
-    rows, velocities = list[int](), list[np.ndarray]()
+    here, rows, velocities = samples[k], list[int](), list[np.ndarray]()
     for row, track in enumerate(here.objects.ids):
         for there in (samples[other] for other in (k + 1, k - 1) if 0 <= other < len(samples)):
             match, seconds = np.flatnonzero(there.objects.ids == track), there.time - here.time
@@ -277,6 +260,15 @@ def find_movers(samples: Sequence[Frame], k: int) -> Movers:
 SUNK = 0.3  # fraction of its height that the median box may be off its place above the ground
 ALIKE = 0.04  # difference in mean fit within which the first mistake in the list is named
 TURNED_TOO_FAR = 0.2  # share of yaws beyond a full turn that is suspected
+SHORTEST_STEP, LONGEST_STEP = 1e-3, 300.0  # s from frame to frame
+_UNIT = "check their unit, metres are read"
+_REMEDIES = {  # of what reading counts and no sound recording has
+    records.STRAY: "name clouds and labels alike, times in the same unit",
+    records.NOT_FINITE: "restore them, or remove them",
+    records.NO_SIZE: _UNIT,
+    records.TOO_LARGE: _UNIT,
+    AWAY: "check their unit, and the frame they are in",
+}
 FREER = 0.1  # gain in mean fit that explanations which choose a sensor for each box need
 TURNED_GAIN = 0.15  # gain in mean fit that explanations which turn each box freely need
 
@@ -303,16 +295,38 @@ def diagnose(path: str | Path, layout: str | None = None, *, site: Site | None =
         if not clouds:
             return Diagnosis(diagnose_file(path, site))
     some = list(Part(open_recording(path, layout, site=site), frames))
+    findings = [*find_impossible(some)]
     if not any(len(frame.objects) for frame in some):
-        return Diagnosis([], f"{len(some)} frames without a label: there is nothing to be checked")
-    return Diagnosis(diagnose_labels(some))
+        return Diagnosis(findings, f"{len(some)} frames without a label: there is nothing to be checked")
+    return Diagnosis(findings + diagnose_labels(some))
+
+
+def find_impossible(samples: Sequence[Frame]) -> Iterator[Finding]:
+    """Find labels that cannot be, as reading counted them, and times that cannot follow each other."""
+    problems = sum((Counter(each.problems) for each in samples), Counter[str]())
+    total = sum(len(each.objects) for each in samples)
+    for kind, remedy in _REMEDIES.items():
+        if problems[kind]:
+            yield Finding("error", "labels", kind, f"{problems[kind]}, beside {total} labels that are read", remedy)
+    times = np.array([each.time for each in samples])
+    steps = np.diff(times[np.isfinite(times)])
+    if (back := int((steps <= 0).sum())) > max(1, len(steps) / 10):  # a new scene or sensor may begin again
+        evidence = f"{back} of {len(steps)} steps, the smallest of {steps.min():g} s"
+        yield Finding(
+            "error", "frames", "times that repeat or go back", evidence, "check the times, or sort the frames"
+        )
+    elif len(steps) and not SHORTEST_STEP < np.median(steps) < LONGEST_STEP:
+        evidence = f"{np.median(steps):g} s from frame to frame, median of {len(steps)}"
+        yield Finding(
+            "warning", "frames", "times in another unit than seconds", evidence, "check the unit of the times"
+        )
 
 
 def diagnose_labels(samples: Iterable[Frame]) -> list[Finding]:
     """Return what looks wrong with labels of consecutive frames."""
     some = [Seen.of(sample) for sample in samples]
     total = sum(len(each.sample.objects) for each in some)
-    beyond = sum(each.sample.problems.get(FULL_TURNS, 0) for each in some)
+    beyond = sum(each.sample.problems.get(records.FULL_TURNS, 0) for each in some)
     if beyond and beyond >= TURNED_TOO_FAR * total:
         evidence = f"{beyond} of {total} yaws are beyond a full turn in radians"
         return [Finding("error", "labels", "yaw in degrees where radians belong", evidence, "multiply yaw by pi / 180")]
@@ -341,17 +355,17 @@ def diagnose_labels(samples: Iterable[Frame]) -> list[Finding]:
     turned = _turn_each(some)
     if better(current, turned.fits, TURNED_GAIN):
         return [_finding(LOST_DEGREES.name, current, turned.fits, LOST_DEGREES.remedy)]
-    for in_map in (False, True):
-
-        def undo(sample: Frame, boxes: np.ndarray, in_map: bool = in_map) -> np.ndarray:
-            return undo_mistake(YAW_SIGN, boxes, sample.map_SE3_world if in_map else np.eye(4))
-
-        headed = against_their_way([each.sample for each in some], undo)
+    samples = [each.sample for each in some]
+    ways = (
+        lambda _, boxes: YAW_SIGN.undo(boxes),
+        lambda sample, boxes: undo_mistake(YAW_SIGN, boxes, sample.map_SE3_world),
+    )
+    for undo in ways:
+        headed = against_their_way(samples, undo)
         if headed is not None:
-            evidence = (
-                f"{headed.against} of {headed.of} boxes that move, of {headed.tracks} objects, head against their way, "
-                "and along it with that undone"
-            )
+            tracks, against, total = headed
+            evidence = f"{against} of {total} boxes that move, of {tracks} objects, head against their way, "
+            evidence += "and along it with that undone"
             return [Finding("error", "labels", YAW_SIGN.name, evidence, YAW_SIGN.remedy)]
     return []
 
@@ -365,32 +379,22 @@ class _Undone(NamedTuple):
 
 
 def _find_best(some: Sequence[Seen], current: np.ndarray) -> _Undone | None:
-    """Find the mistake whose undoing raises the fits most.
+    """Find the mistake whose undoing raises the fits most; choices for each box must fit clearly better."""
 
-    The coordinate frames of the world and the map are tried first. Those of the sensors, for each box the one where it
-    then fits best, or lost angles, are taken only if they fit clearly better.
-    """
+    def undo(mistake: LabelMistake, frames: Callable[[Frame], Sequence[np.ndarray]]) -> _Undone:
+        return _undo_each(
+            mistake, some, lambda it: [undo_mistake(mistake, it.objects.boxes, frame) for frame in frames(it)]
+        )
 
-    def undo(mistake: LabelMistake, frames: Sequence[np.ndarray]) -> _Undone:
-        every = zip(some, frames, strict=True)
-        boxes = [undo_mistake(mistake, each.sample.objects.boxes, frame) for each, frame in every]
-        return _Undone(mistake, boxes, fits(some, boxes))
-
-    def undo_in_sensors(mistake: LabelMistake) -> _Undone:
-        boxes = []
-        for each in some:
-            frames = [invert(cloud.world_SE3_sensor) for cloud in each.sample.clouds] or [np.eye(4)]
-            choices = [undo_mistake(mistake, each.sample.objects.boxes, frame) for frame in frames]
-            boxes.append(_choose_best(each, choices))
-        return _Undone(mistake, boxes, fits(some, boxes))
+    def in_sensors(sample: Frame) -> list[np.ndarray]:
+        return [invert(cloud.world_SE3_sensor) for cloud in sample.clouds] or [np.eye(4)]
 
     in_axes = [mistake for mistake in LABEL_MISTAKES if mistake.axes]
-    attempts = [undo(mistake, [np.eye(4)] * len(some)) for mistake in LABEL_MISTAKES]
-    maps = [each.sample.map_SE3_world for each in some]
-    if any(not np.allclose(each, np.eye(4)) for each in maps):
-        attempts += [undo(mistake, maps) for mistake in in_axes]
+    attempts = [undo(mistake, lambda _: [np.eye(4)]) for mistake in LABEL_MISTAKES]
+    if any(not np.allclose(each.sample.map_SE3_world, np.eye(4)) for each in some):
+        attempts += [undo(mistake, lambda sample: [sample.map_SE3_world]) for mistake in in_axes]
     plain = _find_most(attempts, current)
-    best = _clearer(plain, _find_most([undo_in_sensors(mistake) for mistake in in_axes], current, FREER), FREER)
+    best = _clearer(plain, _find_most([undo(mistake, in_sensors) for mistake in in_axes], current, FREER), FREER)
     return best if best is None else _clearer(best, _turn_each(some), TURNED_GAIN if best is plain else FREER)
 
 
@@ -415,20 +419,21 @@ def _means(attempts: Sequence[_Undone]) -> list[float]:
 
 
 def _turn_each(some: Sequence[Seen]) -> _Undone:
-    """Turn each box by the angle that fits best."""
+    def turn(sample: Frame) -> list[np.ndarray]:
+        rows = sample.objects.boxes
+        return [np.column_stack([rows[:, :6], yaw]) for yaw in degrees_of_turns(rows[:, 6])]
+
+    return _undo_each(LOST_DEGREES, some, turn)
+
+
+def _undo_each(mistake: LabelMistake, some: Sequence[Seen], choose: Callable[[Frame], Sequence[np.ndarray]]) -> _Undone:
+    """Take the best-fitting choice for every box."""
     boxes = []
     for each in some:
-        rows = each.sample.objects.boxes
-        boxes.append(_choose_best(each, [np.column_stack([rows[:, :6], yaw]) for yaw in degrees_of_turns(rows[:, 6])]))
-    return _Undone(LOST_DEGREES, boxes, fits(some, boxes))
-
-
-def _choose_best(each: Seen, choices: Sequence[np.ndarray]) -> np.ndarray:
-    """Choose the best-fitting alternative for every box."""
-    if not len(choices[0]):
-        return choices[0]
-    best = np.argmax([measure_fits(each.points, boxes) for boxes in choices], axis=0)
-    return np.stack(choices)[best, np.arange(len(best))]
+        choices = choose(each.sample)
+        best = np.argmax([measure_fits(each.points, own) for own in choices], axis=0) if len(choices) > 1 else 0
+        boxes.append(np.stack(choices)[best, np.arange(len(choices[0]))])
+    return _Undone(mistake, boxes, fits(some, boxes))
 
 
 def _finding(name: str, before: np.ndarray, after: np.ndarray, remedy: str) -> Finding:

@@ -138,27 +138,22 @@ def evaluate(
     1.0
     """
     thresholds, label = list(dict.fromkeys(_check(iou_thresholds, metric, protocol))), label_index(label)
-    scores: dict[float, list[np.ndarray]] = {threshold: [np.zeros(0)] for threshold in thresholds}
-    hits: dict[float, list[np.ndarray]] = {threshold: [np.zeros(0, bool)] for threshold in thresholds}
-    to_find = 0
+    pooled, to_find = {threshold: [(np.zeros(0), np.zeros(0, bool))] for threshold in thresholds}, 0
     masks = repeat(None) if counted is None else iter(counted)
     for number, (detected, there) in enumerate(zip_longest(detections, truths)):
         mask = next(masks, None)
         if detected is None or there is None or (counted is not None and mask is None):
-            raise ValueError(
-                f"detections, truths and counted must have equally many frames, but one ended after {number}"
-            )
+            raise ValueError(f"detections, truths and counted must have as many frames, but one ended after {number}")
         overlaps = _overlap(detected, there, label, mask, metric, protocol, f" of frame {number}")
         if protocol == "published" and not len(overlaps.columns):
             continue
         to_find += len(overlaps.columns)
         for threshold in thresholds:
             taken, ignored = overlaps.resolve(threshold)
-            scores[threshold].append(overlaps.scores[~ignored])
-            hits[threshold].append(taken[~ignored] >= 0)
+            pooled[threshold].append((overlaps.scores[~ignored], taken[~ignored] >= 0))
     results = {}
-    for threshold in thresholds:
-        every, hit = np.concatenate(scores[threshold]), np.concatenate(hits[threshold])
+    for threshold, frames in pooled.items():
+        every, hit = (np.concatenate(column) for column in zip(*frames, strict=True))
         curve, tp = precision_recall(every, hit, to_find), int(hit.sum())
         results[threshold] = DetectionScore(
             average_precision(curve) if to_find else np.nan,
@@ -174,28 +169,6 @@ def evaluate(
     return results
 
 
-def match(
-    detections: Detections,
-    truths: Objects,
-    iou_threshold: float,
-    *,
-    metric: Overlap = "3d",
-    protocol: Protocol = "exact",
-    label: str | int = "vehicle",
-    counted: ArrayLike | None = None,
-) -> Match:
-    """Match detections and truths of one frame as `evaluate` does.
-
-    >>> car = np.array([[0, 0, 1, 4, 2, 1.5, 0]])
-    >>> match(Detections(car.repeat(2, axis=0), np.array([0.5, 0.9])), Objects(car), 0.7).truth
-    array([-1,  0])
-    """
-    (found,) = matches(
-        detections, truths, [iou_threshold], metric=metric, protocol=protocol, label=label, counted=counted
-    )
-    return found
-
-
 def matches(
     detections: Detections,
     truths: Objects,
@@ -206,7 +179,12 @@ def matches(
     label: str | int = "vehicle",
     counted: ArrayLike | None = None,
 ) -> Iterator[Match]:
-    """Yield `match` at several IoU thresholds."""
+    """Match detections and truths of one frame as `evaluate` does, at each of several IoU thresholds.
+
+    >>> car = np.array([[0, 0, 1, 4, 2, 1.5, 0]])
+    >>> next(matches(Detections(car.repeat(2, axis=0), np.array([0.5, 0.9])), Objects(car), [0.7])).truth
+    array([-1,  0])
+    """
     thresholds = _check(iou_thresholds, metric, protocol)
     overlaps = _overlap(detections, truths, label_index(label), counted, metric, protocol)
     rows, columns = overlaps.rows, overlaps.columns
@@ -357,9 +335,7 @@ def _overlap(
 
 def _check(iou_thresholds: Iterable[float], metric: str, protocol: str) -> list[float]:
     if metric not in ("3d", "bev") or protocol not in ("exact", "published"):
-        raise ValueError(
-            f'metric must be "3d" or "bev" and protocol "exact" or "published", got {metric!r}, {protocol!r}'
-        )
+        raise ValueError(f'metric is "3d" or "bev", protocol "exact" or "published", got {metric!r}, {protocol!r}')
     thresholds = [float(threshold) for threshold in iou_thresholds]
     for threshold in thresholds:
         if not 0 < threshold <= 1:

@@ -79,12 +79,7 @@ class Place:
         if self.level is not None and self.level not in LEVELS:
             raise ValueError(f"level must be one of {', '.join(LEVELS)}, got {self.level!r}")
         if self.area is not None:
-            check_area(self.area, "area")
-
-    @property
-    def middle(self) -> Float64[np.ndarray, "2"] | None:
-        """Middle of the area, None where the sensors say it."""
-        return None if self.area is None else (np.array(self.area[:2]) + np.array(self.area[2:])) / 2
+            check_area(self.area)
 
     @property
     def half(self) -> tuple[float, float]:
@@ -93,6 +88,13 @@ class Place:
             return DETECTION_REACH, DETECTION_REACH
         xmin, ymin, xmax, ymax = self.area
         return (xmax - xmin) / 2, (ymax - ymin) / 2
+
+    def find_middle(self, frame: Frame) -> Float64[np.ndarray, "2"]:
+        """Middle of the area, else of the frame's sensors (world frame, to the metre), else the origin."""
+        if self.area is not None:
+            return (np.array(self.area[:2]) + np.array(self.area[2:])) / 2
+        places = [sensor.position[:2] for sensor in frame.sensors]
+        return np.asarray(np.round(np.mean(places, axis=0)), np.float64) if places else np.zeros(2)
 
     def at(self, site: Site | None) -> bool:
         """True where detection is at the site itself."""
@@ -106,24 +108,17 @@ class Place:
         (x, y), kept = self.half, None
         method = self.level or ("map" if site is None else "none")
         for frame in frames:
-            middle, warning = find_middle(frame) if self.middle is None else self.middle, None
-            start, ground = perf_counter(), kept
+            middle, start = self.find_middle(frame), perf_counter()
+            ground, warning = kept, None
             points = frame.points() - [*middle, 0.0] if kept is None else np.zeros((0, 3))
             if len(points):
                 try:
-                    ground, warning = (
-                        (None, level_warning(points)) if method == "none" else (level(points, method=method), None)
-                    )
+                    warning = level_warning(points) if method == "none" else None
+                    ground = None if method == "none" else level(points, method=method)
                 except ValueError as error:
                     warning = f"not levelled: {error}"
             kept = ground if self.still else None
             yield frame, Stand(np.array([-x, -y, x, y]), middle, ground, warning, 1e3 * (perf_counter() - start))
-
-
-def find_middle(frame: Frame) -> Float64[np.ndarray, "2"]:
-    """Find the middle of the sensors' places, world frame, to the metre; the origin where there is no sensor."""
-    places = [sensor.position[:2] for sensor in frame.sensors]
-    return np.asarray(np.round(np.mean(places, axis=0)), np.float64) if places else np.zeros(2)
 
 
 def crop_points(points: Float[np.ndarray, "n 3"], area: Area) -> Float[np.ndarray, "_ 3"]:

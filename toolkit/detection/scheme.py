@@ -8,29 +8,13 @@ points: they say how much is sent and how evidence adds up.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 
-from toolkit.arrays import Bool, Float32, Float64, Int64
-from toolkit.detection.codec import Codec
-from toolkit.detection.view import View
-from toolkit.objects import Detections
-
-
-@dataclass(frozen=True)
-class Fused:
-    """Fused detections of a frame, each sensor's bits in the order named, and ms from measurement to fused boxes."""
-
-    detections: Detections
-    bits: Int64[np.ndarray, " sensors"]
-    ms: float = 0.0
-
-    @property
-    def kbit_per_sensor(self) -> float:
-        """Mean kbit (1000 bit) over the sensors, 0 without any."""
-        return float(self.bits.mean()) / 1000 if len(self.bits) else 0.0
+from toolkit.arrays import Bool, Float32, Float64
+from toolkit.detection.codec import Codec, Parameters
+from toolkit.detection.view import Fused as Fused, View
 
 
 @runtime_checkable
@@ -91,6 +75,16 @@ class Chained(Protocol):
 
     def sent_bits(self, view: View, sensors: Sequence[int], /) -> Sequence[int]:
         """Bits that sensors send of a frame, arrived or not."""
+
+
+class DetectsOnce(Parameters):
+    """Base of schemes that detect once, in the points of all sensors together: see `View.fuse_points`."""
+
+    sends_points: ClassVar[bool] = True
+    sends_boxes: ClassVar[bool] = False
+
+    def mask_pooled(self, distance: Float32[np.ndarray, "C O"], radius: float, /) -> None:
+        """Return None: no boxes are sent."""
 
 
 def scheme_codec(scheme: Scheme, codec: Codec) -> Codec:

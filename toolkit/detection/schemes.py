@@ -13,7 +13,7 @@ from toolkit.arrays import Bool, Float32
 from toolkit.detection.codec import PAPER, Codec, Parameters, check_codec
 from toolkit.detection.link.differences import KEY_EVERY, ForegroundDifferences, RefersTo
 from toolkit.detection.link.foreground import Foreground
-from toolkit.detection.scheme import Counts, Fused, Scheme
+from toolkit.detection.scheme import Counts, DetectsOnce, Fused, Scheme
 from toolkit.detection.view import NMS_IOU, View, frame_view
 from toolkit.frame import Frame, select_sensors
 from toolkit.objects import Detector
@@ -22,25 +22,18 @@ from toolkit.sites.site import HYBRID_RADIUS, Site
 
 
 @dataclass(frozen=True)
-class Early(Parameters):
+class Early(DetectsOnce):
     """Early fusion."""
 
     name: str = "early"
-    sends_points: ClassVar[bool] = True
-    sends_boxes: ClassVar[bool] = False
 
     def fuse(self, view: View, sensors: Sequence[int], /) -> Fused:
-        """Detect once in the points of all sensors together."""
-        sent = view.share_points(sensors)
-        boxes = view.suppress([view.detect([each.arrived for each in sent])])
-        return Fused(boxes.detections, np.array([each.bits for each in sent], np.int64), boxes.ms)
+        """Detect in all points that arrive."""
+        return view.fuse_points(view.share_points(sensors))
 
     def sent_points(self, counts: Counts, /) -> Float32[np.ndarray, "C F"]:
         """Return all points in the crop."""
         return counts.sent
-
-    def mask_pooled(self, distance: Float32[np.ndarray, "C O"], radius: float, /) -> None:
-        """Return None: no boxes are sent."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +76,8 @@ class Hybrid(Parameters):
         """Fuse boxes as late, with detections in far points."""
         radius = self.find_radius(view.site)
         far = partial(is_beyond, radius=radius, metric=self.metric)
-        points = view.share_points(sensors, f"beyond {radius} m, {self.metric}", far)
+        name = f"beyond {radius} m, {self.metric}"
+        points = view.share_points(sensors, name, far)
         centre = view.suppress([view.detect([each.arrived for each in points])])
         found = view.share_boxes(sensors)
         boxes = view.suppress([*(each.arrived for each in found), centre])
@@ -149,8 +143,7 @@ def fuse_frame(
 
     sensors: indices or names in any order, None for all; site: a site, or its area xmin, ymin, xmax, ymax (m); height:
     of the crop (m), else the site's own, else 4. The frame is taken as it is: draw noise first with
-    `toolkit.datasets.dataset.noisy`. Raises ValueError for a sensor that the frame does not have or that is named
-    twice.
+    `toolkit.datasets.readings`. Raises ValueError for a sensor that the frame does not have or that is named twice.
     """
     chosen = select_sensors(frame.sensors, sensors)
     view = frame_view(frame, detector, site, height=height, codec=check_codec(codec), nms_iou=iou_threshold)

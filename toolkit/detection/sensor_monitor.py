@@ -1,6 +1,6 @@
 """`SensorMonitor`: sensor faults that the fusion centre notices by what the sensor sends.
 
-    silent    the newest measurement is older than `silent_after`
+    silent    the newest measurement is older than `silent_after`, not counting one more than `CLOCK_AHEAD` from now
     frozen    `REPEATS` messages have the same pixels with the same distances as the one before them: noise makes no two
               images alike, not even in steps of 8 cm, once they have `LEAST_REPEATED` pixels
     blinded   of the pixels where its empty scene returns something, most return nothing, or a message of foreground
@@ -25,6 +25,7 @@ from toolkit.calibration.empty_scene import HALF, SIGMAS, EmptyScene
 from toolkit.sensors.sensor import Sensor, is_return
 
 SILENT_AFTER = 0.5  # s
+CLOCK_AHEAD = 0.1  # s, by which a sensor's clock may be ahead of the centre's
 LEAST_REPEATED = 50  # pixels of a message whose repetition counts; below this, ask other sensors
 REPEATS = 2  # messages that repeat another
 MESSAGES = 3  # in a row that show a sensor blind or shifted
@@ -89,7 +90,8 @@ class SensorMonitor:
         if shown is not None and shown.image.shape != self._scene.first.shape:
             size = self._scene.first.shape
             raise ValueError(f"sensor {self._scene.name!r} measures {size} pixels, got an image of {shown.image.shape}")
-        if shown is not None and (self._pixels is None or shown.time > self._newest):
+        fresh = shown is not None and shown.time <= now + CLOCK_AHEAD
+        if shown is not None and fresh and (self._pixels is None or shown.time > self._newest):
             self._newest = shown.time
             there = is_return(shown.image, self._scene.model.max_range)
             there &= True if shown.sent is None else shown.sent
@@ -105,7 +107,7 @@ class SensorMonitor:
             self._blind = self._blind + 1 if blind else 0
             shifted = shown.sent is None and enough and farther(self._scene, pixels).sum() > SHIFTED_SHARE * count
             self._shifted = self._shifted + 1 if shifted else 0
-        if now - self._newest > self._silent_after + 1e-9:
+        if not now - self._newest <= self._silent_after + 1e-9:
             return Fault.SILENT
         if self._repeats >= REPEATS:
             return Fault.FROZEN

@@ -10,6 +10,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -124,7 +125,7 @@ def survey(
     wanted = sorted({label_index(label) for label in classes})
     total, errors, site = reads.count(recording), reads.profile(), recording.site
     measured = ReadRecording(recording, reads)
-    names, labels, agreeing, problems = list[str](), np.zeros(len(LABELS), np.int64), [0, 0], Counter[str]()
+    agreeing, problems = [0, 0], Counter[str]()
     sent: list[dict[str, tuple[int, float]]] = []
     counted: list[tuple[np.ndarray, dict[str, np.ndarray]]] = []  # labels of a frame's objects, points of each cloud
     for k in range(total):
@@ -135,8 +136,6 @@ def survey(
             objects = frame.objects[has_centre_inside(frame.objects.boxes, site.area)]
             points = frame_points(frame, area=site)
             clouds = {sensor.name: cloud for sensor, cloud in zip(frame.sensors, points, strict=True)}
-        names += [name for name in clouds if name not in names]
-        labels += np.bincount(objects.labels, minlength=len(LABELS))
         count = count_points if site is None else partial(count_on_ground, place=site)
         counted.append((objects.labels, {name: count(points, objects.boxes) for name, points in clouds.items()}))
         sent.append({name: (len(each), codec.encode_points(each).bits / 1000) for name, each in clouds.items()})
@@ -147,13 +146,13 @@ def survey(
         problems.update(frame.problems)
         if progress is not None:
             progress(k + 1)
-    every = np.concatenate([own for own, _ in counted])
+    every, names = np.concatenate([own for own, _ in counted]), list(dict.fromkeys(chain.from_iterable(sent)))
     columns = [np.concatenate([each.get(name, np.zeros_like(own)) for own, each in counted]) for name in names]
     points_on = np.array(columns, np.int64).reshape(len(names), len(every)).T
     settings = {"site": site and site.name, "frames": total, "noise_seed": reads.noise_seed, "errors": errors.origin}
     return Survey(
         total,
-        {name: float(number) / total for name, number in zip(LABELS, labels, strict=True)},
+        {name: float((every == number).sum()) / total for number, name in enumerate(LABELS)},
         np.array([np.sum([each[name][1] for each in sent if name in each]) / total for name in names]),
         points_on[every == VEHICLE],
         dataset_origin(recording) | settings_origin(codec, **settings),

@@ -8,19 +8,18 @@ side, so a step begins when the last of its inputs is ready.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
 from time import perf_counter
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
 from toolkit.arrays import Bool, Float32, ImageRanges, Int64
 from toolkit.boxes import nms
-from toolkit.calibration.empty_scene import EmptyScene
-from toolkit.calibration.scenes import Scenes
-from toolkit.detection.codec import PAPER, Codec, ImageCodec, RangeImage
-from toolkit.detection.place import CROP_HEIGHT, Stand
+from toolkit.calibration.empty_scene import EmptyScene, Scenes
+from toolkit.detection.codec import PAPER, Codec, ImageCodec, Origin, RangeImage
+from toolkit.detection.place import CROP_HEIGHT, Stand, crop_points
 from toolkit.frame import Frame, unproject
 from toolkit.geometry import LEVEL
 from toolkit.objects import Detections, Detector, Objects
@@ -97,32 +96,47 @@ class Captured:
 
 @dataclass(frozen=True, eq=False)
 class Boxes:
-    """Detections, and when they are ready."""
+    """Detections, and when they are ready. sensor: index of the one whose points they are of, None for several."""
 
     detections: Detections
     ms: float
+    sensor: int | None = None
 
 
-class SentCloud(NamedTuple):
-    """Points that arrived at the centre, and their cost."""
+_Arrived = TypeVar("_Arrived", Cloud, Boxes)
 
-    arrived: Cloud
+
+class Sent(NamedTuple, Generic[_Arrived]):
+    """Points or detections that arrived at the centre, and their cost."""
+
+    arrived: _Arrived
     bits: int
 
 
-class SentBoxes(NamedTuple):
-    """Detections that arrived at the centre, and their cost."""
+@dataclass(frozen=True)
+class Fused:
+    """Fused detections of a frame, each sensor's bits in the order named, and ms from measurement to fused boxes."""
 
-    arrived: Boxes
-    bits: int
+    detections: Detections
+    bits: Int64[np.ndarray, " sensors"]
+    ms: float = 0.0
+
+    @property
+    def kbit_per_sensor(self) -> float:
+        """Mean kbit (1000 bit) over the sensors, 0 without any."""
+        return float(self.bits.mean()) / 1000 if len(self.bits) else 0.0
 
 
 @dataclass(frozen=True, eq=False)
 class Images:
-    """Images behind the points of sensors (index), and their empty scenes, where there are any."""
+    """Images behind the points of sensors (index), and their empty scenes, where there are any. time, number: of the
+    frame.
+    """
 
     capture: Callable[[int], Captured] | None = None
     scene: Callable[[int], EmptyScene] | None = None
+    time: float = 0.0
+    number: int = 0
 
 
 class View:
@@ -152,8 +166,8 @@ class View:
         self._captured: dict[int, Captured] = {}
         self._clouds: dict[tuple[int, tuple[str, ...]], Cloud] = {}
         self._detected: dict[tuple[int, tuple[str, ...]], Boxes] = {}
-        self._sent_clouds: dict[Cloud | tuple[int, str], SentCloud] = {}
-        self._sent_boxes: dict[Boxes, SentBoxes] = {}
+        self._sent_clouds: dict[Cloud | tuple[int, str], Sent[Cloud]] = {}
+        self._sent_boxes: dict[Boxes, Sent[Boxes]] = {}
 
     def cloud(self, sensor: int) -> Cloud:
         """Points of a sensor in the site's area, world frame."""
@@ -195,7 +209,7 @@ class View:
 
     def transmit(
         self, sensor: int, name: str, through: Callable[[], tuple[Float32[np.ndarray, "m 3"], int]]
-    ) -> SentCloud:
+    ) -> Sent[Cloud]:
         """Send an image of a sensor to the centre.
 
         through: gives what the centre makes of it, and the bits that took; name: says all that this depends on beside
@@ -204,8 +218,7 @@ class View:
         if (sensor, name) not in self._sent_clouds:
             measured, start = self.cloud(sensor), perf_counter()
             points, bits = through()
-            arrived = Cloud(sensor, (name,), points, measured.ms + _ms_since(start))
-            self._sent_clouds[sensor, name] = SentCloud(arrived, bits)
+            self._sent_clouds[sensor, name] = Sent(Cloud(sensor, (name,), points, measured.ms + _ms_since(start)), bits)
         return self._sent_clouds[sensor, name]
 
     def detect(self, clouds: Sequence[Cloud]) -> Boxes:
@@ -214,12 +227,13 @@ class View:
         if key in self._detected:
             return self._detected[key]
         start = perf_counter()
-        boxes = Boxes(self._run(clouds), _last(clouds) + _ms_since(start))
+        sensor = clouds[0].sensor if len(clouds) == 1 else None
+        boxes = Boxes(self._run(clouds), _last(clouds) + _ms_since(start), sensor)
         if key is not None:
             self._detected[key] = boxes
         return boxes
 
-    def send_points(self, cloud: Cloud) -> SentCloud:
+    def send_points(self, cloud: Cloud) -> Sent[Cloud]:
         """Send a cloud through the codec."""
         if cloud not in self._sent_clouds:
             start = perf_counter()
@@ -233,24 +247,32 @@ class View:
                 points = self.codec.decode_points(message)
             coded = () if points is cloud.points else (self.codec.digest,)
             arrived = Cloud(cloud.sensor, cloud.history + coded, points, cloud.ms + _ms_since(start))
-            self._sent_clouds[cloud] = SentCloud(arrived, message.bits)
+            self._sent_clouds[cloud] = Sent(arrived, message.bits)
         return self._sent_clouds[cloud]
 
-    def send_boxes(self, boxes: Boxes) -> SentBoxes:
-        """Send detections through the codec."""
+    def send_boxes(self, boxes: Boxes) -> Sent[Boxes]:
+        """Send a sensor's detections through the codec; ValueError for those of several sensors."""
+        if boxes.sensor is None:
+            raise ValueError("boxes are sent by the sensor that detected them, got those of several: send each alone")
         if boxes not in self._sent_boxes:
-            start = perf_counter()
-            message = self.codec.encode_boxes(boxes.detections)
-            detections = self.codec.decode_boxes(message)
-            self._sent_boxes[boxes] = SentBoxes(Boxes(detections, boxes.ms + _ms_since(start)), message.bits)
+            start, sensor = perf_counter(), self.sensors[boxes.sensor]
+            origin = Origin(sensor, self._images.time, self._images.number)
+            message = self.codec.encode_boxes(boxes.detections, origin)
+            arrived = Boxes(self.codec.decode_boxes(message, sensor), boxes.ms + _ms_since(start), boxes.sensor)
+            self._sent_boxes[boxes] = Sent(arrived, message.bits)
         return self._sent_boxes[boxes]
 
-    def share_points(self, sensors: Sequence[int], name: str = "", keep: Keep | None = None) -> list[SentCloud]:
-        """Send the clouds of sensors, or their `part`."""
+    def share_points(self, sensors: Sequence[int], part: str = "", keep: Keep | None = None) -> list[Sent[Cloud]]:
+        """Send the cloud of each sensor, or the part of it that `keep` selects."""
         clouds = [self.cloud(sensor) for sensor in sensors]
-        return [self.send_points(each if keep is None else self.part(each, name, keep)) for each in clouds]
+        return [self.send_points(each if keep is None else self.part(each, part, keep)) for each in clouds]
 
-    def share_boxes(self, sensors: Sequence[int]) -> list[SentBoxes]:
+    def fuse_points(self, sent: Sequence[Sent[Cloud]]) -> Fused:
+        """Detect in all points that arrive."""
+        boxes = self.suppress([self.detect([each.arrived for each in sent])])
+        return Fused(boxes.detections, np.array([each.bits for each in sent], np.int64), boxes.ms)
+
+    def share_boxes(self, sensors: Sequence[int]) -> list[Sent[Boxes]]:
         """Send what is detected in the cloud of each sensor."""
         return [self.send_boxes(self.detect([self.cloud(sensor)])) for sensor in sensors]
 
@@ -258,7 +280,7 @@ class View:
         """Pool all boxes, best first, without doubles."""
         start = perf_counter()
         merged = suppress(Detections.merge([part.detections for part in parts]), self.nms_iou)
-        return Boxes(merged, _last(parts) + _ms_since(start))
+        return Boxes(merged, _last(parts) + _ms_since(start), parts[0].sensor if len(parts) == 1 else None)
 
 
 def frame_view(
@@ -284,7 +306,7 @@ def frame_view(
         run=lambda clouds: detect(together(clouds)),
         codec=codec,
         nms_iou=nms_iou,
-        images=Images(lambda sensor: Captured(frame, sensor, site, height), scene),
+        images=Images(lambda sensor: Captured(frame, sensor, site, height), scene, _sent_time(frame), frame.index),
         memory=memory,
     )
 
@@ -305,6 +327,11 @@ def suppress(detections: Detections, iou_threshold: float = NMS_IOU) -> Detectio
 
 def _last(inputs: Sequence[Cloud] | Sequence[Boxes]) -> float:
     return max((each.ms for each in inputs), default=0.0)
+
+
+def _sent_time(frame: Frame) -> float:
+    """Time of a frame in messages, 0 where unknown."""
+    return frame.time if np.isfinite(frame.time) and frame.time >= 0 else 0.0
 
 
 def _ms_since(start: float) -> float:
@@ -329,7 +356,7 @@ def stand_view(
     """
     if isinstance(stand.area, Site):
         return frame_view(frame, detector, stand.area, codec=codec, nms_iou=nms_iou, scene=scenes, memory=memory)
-    crop, lift = Crop.of(stand.area, CROP_HEIGHT), None if stand.ground is None else stand.ground.points
+    lift = None if stand.ground is None else stand.ground.points
     middle_SE3_world = np.eye(4)
     middle_SE3_world[:2, 3] = -stand.middle
 
@@ -339,39 +366,22 @@ def stand_view(
         cloud = frame.clouds[k]
         image = scenes.image(cloud)
         sensor = Sensor(cloud.name, image.grid.model, middle_SE3_world @ cloud.world_SE3_sensor)
-        time = frame.time if np.isfinite(frame.time) and frame.time >= 0 else 0.0
-        alone = Frame((sensor,), (image.measurement,), Objects.empty(), time, frame.index)
+        alone = Frame((sensor,), (image.measurement,), Objects.empty(), _sent_time(frame), frame.index)
         upright = stand.lift(cloud.in_world()[image.shown])
-        kept = crop.holds(upright)
+        kept = Crop.of(stand.area, CROP_HEIGHT).holds(upright)
         return upright[kept], Captured(alone, 0, stand.area, CROP_HEIGHT, image.cells[image.shown][kept], lift)
-
-    def measure(k: int) -> Float32[np.ndarray, "n 3"]:
-        points = stand.lift(frame.clouds[k].in_world())
-        return points[crop.holds(points)]
 
     def run(clouds: Sequence[Cloud]) -> Detections:
         points = together(clouds)
         return detector(points) if len(points) else Detections.empty()
 
-    level_SE3_world = np.eye(4) if stand.ground is None else stand.ground.level_SE3_frame.copy()
-    sensors = tuple(
-        Sensor(
-            cloud.name,
-            sensor.model if scenes is None else scenes.grid(cloud.name).model,
-            level_SE3_world @ middle_SE3_world @ cloud.world_SE3_sensor,
-        )
-        for cloud, sensor in zip(frame.clouds, frame.sensors, strict=True)
-    )
-    images = None
-    if scenes is not None:
-        images = Images(lambda k: show(k, scenes)[1], lambda k: scenes[frame.sensors[k].name].scene)
-    return View(
-        stand.area,
-        sensors,
-        measure=measure if scenes is None else lambda k: show(k, scenes)[0],
-        run=run,
-        codec=codec,
-        nms_iou=nms_iou,
-        images=images,
-        memory=memory,
-    )
+    level_SE3_world = middle_SE3_world if stand.ground is None else stand.ground.level_SE3_frame @ middle_SE3_world
+    models = [sensor.model if scenes is None else scenes.grid(sensor.name).model for sensor in frame.sensors]
+    placed = zip(frame.clouds, models, strict=True)
+    sensors = tuple(Sensor(each.name, model, level_SE3_world @ each.world_SE3_sensor) for each, model in placed)
+    view = partial(View, stand.area, sensors, run=run, codec=codec, nms_iou=nms_iou, memory=memory)
+    images = Images(time=_sent_time(frame), number=frame.index)
+    if scenes is None:
+        return view(measure=lambda k: crop_points(stand.lift(frame.clouds[k].in_world()), stand.area), images=images)
+    images = replace(images, capture=lambda k: show(k, scenes)[1], scene=lambda k: scenes[frame.sensors[k].name].scene)
+    return view(measure=lambda k: show(k, scenes)[0], images=images)

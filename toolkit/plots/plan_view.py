@@ -1,38 +1,350 @@
-"""Pictures of the junction from above: the site with its poles and sensors, or one frame on it."""
+"""Pictures of a site from above, under their titles: streets, solids and the detection area, poles and sensors, or one
+frame. The strip below the map holds
+scale bar, north arrow and legend, so that none of them covers the map. A sensor is a disc with its number or short
+name, because there may be more sensors than colours. An object is filled by its class. Each outcome has a line of its
+own besides a colour: a hit is solid, a miss dashed with a cross, a false alarm dash-dotted with a triangle, an object
+that does not count dotted."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import ceil, floor, log10
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+import shapely
 
-from toolkit.arrays import Bool, Float, Float64
+from toolkit.arrays import Bool, Float, Float64, Shaped
+from toolkit.boxes import footprints
 from toolkit.objects import LABELS, Detections, Objects
-from toolkit.plots.base_map import (
-    Entry,
-    draw_objects,
-    draw_outcome,
-    draw_poles,
-    draw_sensors,
-    draw_wedges,
-    map_sheet,
-    pole_style,
-    sensor_labels,
+from toolkit.plots.canvas import add_legend, blank_figure, house_style, plain, shorten, write_figure
+from toolkit.plots.palette import (
+    CLASS,
+    GROUND,
+    INK,
+    OTHER_SOLID,
+    OUTCOME,
+    PAPER_WHITE,
+    POLE_INK,
+    SOLID,
+    Outcome,
+    PlotStyle,
+    sensor_colour,
 )
-from toolkit.plots.canvas import house_style, shorten, write_figure
-from toolkit.plots.palette import CLASS, INK, OUTCOME, Outcome, PlotStyle, sensor_colour
 from toolkit.sensors.sensor import Sensor
 
 if TYPE_CHECKING:
-    from toolkit.sites.site import Site
+    from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from matplotlib.transforms import Transform
+
+    from toolkit.sites.site import Site, Solid
+
+
+AROUND = 10.0  # m around the area
+MOST_INCHES = 10.0  # of the map, in both directions
+LEFT, RIGHT, HEAD, AXIS, LEGEND_ROW = 0.62, 0.2, 0.62, 0.5, 0.22  # inches around the map, and of a row of the legend
+SCALE_WIDTH = 2.6  # inches of scale bar and north arrow
+
+Entry = tuple["Artist", str]  # of a legend: artist and name
+
+
+class MapSheet(NamedTuple):
+    """A figure with the axes of a map (m, site frame), and the points (1/72 inch) per metre."""
+
+    figure: Figure
+    axes: Axes
+    points_per_metre: float
+
+
+def map_sheet(
+    site: Site,
+    title: str,
+    subtitle: str = "",
+    *,
+    holds: Float[np.ndarray, "n 2"] | None = None,
+    legend: Sequence[Entry] = (),
+    inches: float = MOST_INCHES,
+) -> MapSheet:
+    """Draw the site from above under its title, without sensors. holds: places that the map must include besides the
+    area; legend: its entries, in order; inches: longer side of the map."""
+    low, high = extent(site, holds)
+    scale = inches / float((high - low).max())
+    width, height = ((high - low) * scale).tolist()
+    full = max(width + LEFT + RIGHT, 6.5)
+    inner, longest = full - LEFT - RIGHT, max((len(label) for _, label in legend), default=1)
+    columns = max(1, min(len(legend), int((inner - SCALE_WIDTH) / (0.058 * longest + 0.58))))
+    strip = AXIS + max(0.55, LEGEND_ROW * ceil(len(legend) / columns) + 0.1)
+    total = HEAD + height + strip
+    figure = blank_figure(full, total)
+
+    def part(left: float, bottom: float, width: float, height: float) -> Axes:  # inches
+        return figure.add_axes((left / full, bottom / total, width / full, height / total))
+
+    axes = part(LEFT + (inner - width) / 2, strip, width, height)
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel="x (m)", ylabel="y (m)")
+    for spine in axes.spines.values():
+        spine.set_visible(True)
+    draw_ground(axes, site)
+    draw_area(axes, site.area)
+    figure.text(LEFT / full, 1 - 0.26 / total, plain(title), fontsize=12, fontweight="bold", va="center")
+    figure.text(LEFT / full, 1 - 0.48 / total, plain(subtitle), fontsize=9, va="center")
+    below = part(LEFT, 0.05, inner, strip - AXIS - 0.05)
+    below.set_axis_off()
+    below.set(xlim=(0, inner), ylim=(-(strip - AXIS - 0.05), 0))
+    length = scale_length(min(1.6, width) / scale)
+    for start, colour in ((0.0, INK), (0.5, "white")):  # a bar of two halves
+        left, right = start * length * scale, (start + 0.5) * length * scale
+        bar = [left, right, right, left]
+        below.fill(bar, [-0.2, -0.2, -0.12, -0.12], facecolor=colour, edgecolor=INK, linewidth=0.8)
+    for share, label in ((0.0, "0"), (1.0, f"{length:g} m")):
+        below.text(share * length * scale, -0.25, label, ha="center" if share else "left", va="top", fontsize=8)
+    draw_north(below, (2.2, -0.25), north(site))
+    if legend:
+        place: PlotStyle = {"bbox_to_anchor": (SCALE_WIDTH, 0.0), "bbox_transform": below.transData}
+        place |= {"loc": "upper left", "borderaxespad": 0.0, "columnspacing": 1.4, "handlelength": 2.8}
+        handles, labels = zip(*legend, strict=True)
+        add_legend(below, handles, [plain(label) for label in labels], ncols=columns, **place)
+    return MapSheet(figure, axes, 72 * scale)
+
+
+def draw_ground(axes: Axes, site: Site) -> None:
+    """Draw lanes, footways and solids."""
+    for kind, colour in GROUND.items():
+        fill_polygons(axes, [shapely.Polygon(polygon) for polygon in getattr(site, kind)], colour, order=1.0)
+    by_kind: dict[str, list[shapely.Polygon]] = {kind: [] for kind in ("other", *SOLID)}
+    for solid in site.solids:
+        by_kind[solid.kind if solid.kind in SOLID else "other"].append(shapely.Polygon(solid.footprint))
+    for rank, (kind, shapes) in enumerate(by_kind.items()):
+        fill_polygons(axes, shapes, SOLID.get(kind, OTHER_SOLID), order=1.5 + 0.01 * rank)
+
+
+def fill_polygons(
+    axes: Axes, shapes: Sequence[shapely.Geometry], colour: str, *, order: float, alpha: float = 1.0, edge: float = 0.4
+) -> None:
+    """Fill the union of polygons in one colour. Its holes stay empty. edge: width of the outline in points."""
+    from matplotlib.colors import to_rgba
+    from matplotlib.patches import PathPatch
+    from matplotlib.path import Path as Outline
+
+    parts = [part for part in shapely.get_parts(shapely.union_all(list(shapes))) if part.geom_type == "Polygon"]
+    turned = [shapely.geometry.polygon.orient(part) for part in parts]
+    rings = [ring for part in turned for ring in (part.exterior, *part.interiors)]  # holes run the other way round
+    if not rings:
+        return
+    outline = Outline.make_compound_path(*(Outline(shapely.get_coordinates(ring), closed=True) for ring in rings))
+    filled = to_rgba(colour, alpha)
+    axes.add_patch(PathPatch(outline, facecolor=filled, edgecolor=colour, linewidth=edge, zorder=order))
+
+
+def draw_area(axes: Axes, area: Float64[np.ndarray, "4"]) -> None:
+    """Draw the outline of the detection area."""
+    xmin, ymin, xmax, ymax = area
+    outline = np.array([[xmin, ymin], [xmax, ymin], [xmax, ymax], [xmin, ymax], [xmin, ymin]])
+    axes.plot(*outline.T, color=INK, linewidth=1.1, dashes=(8, 2, 2, 2), zorder=2.0)
+
+
+def draw_north(axes: Axes, place: tuple[float, float], direction: Float64[np.ndarray, "2"]) -> None:
+    """Draw an arrow that points north through a place of the axes, with the letter at its tip."""
+    from matplotlib.transforms import ScaledTranslation
+
+    def away(points: float) -> Transform:
+        x, y = direction * points / 72
+        return axes.transData + ScaledTranslation(x, y, axes.figure.dpi_scale_trans)
+
+    style = {"arrowstyle": "-|>", "color": INK, "linewidth": 1.4, "shrinkA": 0, "shrinkB": 0, "mutation_scale": 13}
+    axes.annotate("", xy=place, xycoords=away(11.0), xytext=place, textcoords=away(-11.0), arrowprops=style, zorder=9)
+    axes.text(*place, "N", transform=away(17.0), ha="center", va="center", fontsize=9, fontweight="bold", zorder=9)
+
+
+def north(site: Site) -> Float64[np.ndarray, "2"]:
+    """Unit vector towards north, +y of the map, in the site's frame."""
+    towards = site.map_SE3_site[1, :2]
+    length = float(np.hypot(*towards))
+    return towards / length if length > 1e-9 else np.array([0.0, 1.0])
+
+
+def extent(site: Site, holds: Float[np.ndarray, "n 2"] | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """Corners of the area and the places, with a margin."""
+    low, high = site.area[:2] - AROUND, site.area[2:] + AROUND
+    if holds is not None and len(holds):
+        low, high = np.minimum(low, holds.min(axis=0) - AROUND / 2), np.maximum(high, holds.max(axis=0) + AROUND / 2)
+    return low, high
+
+
+def scale_length(metres: float) -> float:
+    """Largest length up to this one that is 1, 2 or 5 times a power of ten.
+
+    >>> [scale_length(m) for m in (0.3, 7.0, 19.9, 20.0, 99.0)]
+    [0.2, 5.0, 10.0, 20.0, 50.0]
+    """
+    power = 10.0 ** floor(log10(metres))
+    return next(round(step * power, 9) for step in (5, 2, 1) if step * power <= metres * (1 + 1e-9))
+
+
+VIEW_RANGE = 25.0  # m; fields of view are drawn this far
+DISC = 15.0  # diameter of a sensor's disc in points
+SHORT = 3  # letters of a name that fit into the disc
+TALL = 2.0  # m; buildings above this height cut off fields of view
+
+
+def sensor_labels(names: Sequence[str]) -> list[str]:
+    """Labels on the discs of sensors: their names if all are short, else numbers from 1.
+
+    >>> sensor_labels(["d0", "d1"]), sensor_labels(["d0", "north-east pole"])
+    (['d0', 'd1'], ['1', '2'])
+    """
+    if all(len(name) <= SHORT for name in names):
+        return list(names)
+    return [str(number + 1) for number in range(len(names))]
+
+
+def draw_sensors(axes: Axes, sensors: Sequence[Sensor], points_per_metre: float) -> None:
+    """Draw a disc for each sensor, with a line for its heading. Discs of sensors in one place spread around it."""
+    if not len(sensors):
+        return
+    places = np.array([sensor.position[:2] for sensor in sensors])
+    headings = np.array([sensor_heading(sensor) for sensor in sensors])
+    discs = spread_discs(places * points_per_metre, headings, DISC + 1) / points_per_metre
+    ahead = discs + DISC / points_per_metre * np.stack([np.cos(headings), np.sin(headings)], axis=1)
+    for index, label in enumerate(sensor_labels([sensor.name for sensor in sensors])):
+        colour, disc = sensor_colour(index), discs[index]
+        axes.plot(*np.stack([disc, ahead[index]]).T, color=INK, linewidth=2.2, zorder=6, solid_capstyle="butt")
+        if (disc != places[index]).any():
+            axes.plot(*np.stack([places[index], disc]).T, color=INK, linewidth=0.8, zorder=6)
+            axes.plot(*places[index], "o", color=INK, markersize=3, zorder=6)
+        axes.plot(*disc, "o", markersize=DISC + 3, color=PAPER_WHITE, zorder=6.5)
+        look: PlotStyle = {"markerfacecolor": colour, "markeredgecolor": INK, "markeredgewidth": 0.9}
+        axes.plot(*disc, "o", markersize=DISC, zorder=7, **look)
+        font: PlotStyle = {"fontsize": 7.5, "fontweight": "bold", "color": text_colour(colour)}
+        axes.text(disc[0], disc[1], label, ha="center", va="center_baseline", zorder=8, **font)
+
+
+def draw_wedges(axes: Axes, sensors: Sequence[Sensor], solids: Sequence[Solid] = ()) -> None:
+    """Draw fields of view up to `VIEW_RANGE`, cut off at buildings."""
+    tall = [shapely.Polygon(s.footprint) for s in solids if s.kind == "building" and s.top - s.base > TALL]
+    for index, sensor in enumerate(sensors):
+        x, y = wedge(sensor, tall).T
+        axes.fill(x, y, color=sensor_colour(index), alpha=0.09, linewidth=0, zorder=2.2)
+        axes.plot(np.r_[x, x[:1]], np.r_[y, y[:1]], color=sensor_colour(index), linewidth=0.9, alpha=0.9, zorder=2.3)
+
+
+def wedge(
+    sensor: Sensor, buildings: Sequence[shapely.Polygon], reach: float = VIEW_RANGE
+) -> Float64[np.ndarray, "k 2"]:
+    """Outline of a field of view from above. Each ray ends at the first building that the sensor is not in."""
+    start, view = sensor.position[:2], sensor.model.horizontal_fov
+    foot = shapely.Point(start)
+    blocking = shapely.union_all([b for b in buildings if b.distance(foot) > 0 and b.distance(foot) < reach])
+    shapely.prepare(blocking)
+    angles = sensor_heading(sensor) + np.linspace(-view / 2, view / 2, max(24, int(np.rad2deg(view)) + 1))
+    rim = start + reach * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    if not blocking.is_empty:
+        rays = shapely.linestrings(np.stack([np.broadcast_to(start, rim.shape), rim], axis=1))
+        free = shapely.distance(foot, shapely.intersection(rays, blocking))
+        rim = start + (rim - start) * (np.where(np.isnan(free), reach, free) / reach)[:, None]
+    return rim if view > 2 * np.pi - 1e-6 else np.vstack([start, rim])
+
+
+def sensor_heading(sensor: Sensor) -> float:
+    """Heading of the optical axis, counter-clockwise from +x (rad)."""
+    forward = sensor.world_SE3_body[:2, 0]
+    return float(np.arctan2(forward[1], forward[0]))
+
+
+def spread_discs(
+    places: Float64[np.ndarray, "n 2"], headings: Float64[np.ndarray, " n"], gap: float
+) -> Float64[np.ndarray, "n 2"]:
+    """Centres of discs `gap` apart, each at its place or, if that is taken, near it, preferably along its heading."""
+    discs = places.copy()
+    turns = np.deg2rad([0, 30, -30, 60, -60, 90, -90, 120, -120, 150, -150, 180])
+    for k in range(1, len(places)):
+        for ring in range(4 * len(places)):
+            angles = headings[k] + turns
+            around = places[k] + ring * 0.55 * gap * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+            apart = np.linalg.norm(around[:, None] - discs[None, :k], axis=2).min(axis=1)
+            if (apart >= gap * (1 - 1e-9)).any():
+                discs[k] = around[int(np.argmax(apart >= gap * (1 - 1e-9)))]
+                break
+    return discs
+
+
+def draw_poles(axes: Axes, places: Float64[np.ndarray, "n 2"], *, used: bool = False, size: float = 6.0) -> None:
+    """Draw poles as squares, filled if they carry a sensor."""
+    axes.plot(*places.T, zorder=5, **{**pole_style(used), "markersize": size})
+
+
+def name_poles(
+    axes: Axes,
+    places: Float64[np.ndarray, "n 2"],
+    names: Sequence[str],
+    points_per_metre: float,
+    keep_off: Float64[np.ndarray, "m 2"],
+) -> None:
+    """Write names beside poles where there is room. Poles, other names and sensors (`keep_off`) may take the room."""
+    taken = [
+        (*(place * points_per_metre - half), *(place * points_per_metre + half))
+        for group, half in ((places, 4.0), (keep_off, DISC / 2 + 1))
+        for place in group
+    ]
+    for place, name in zip(places, names, strict=True):
+        text = shorten(name, 14)
+        width, height = 3.9 * len(text) + 1, 7.5
+        x, y = place * points_per_metre
+        spots = [(x + 5, y - 3.5), (x - width - 5, y - 3.5), (x - width / 2, y + 5), (x - width / 2, y - 12.5)]
+        boxes = [(left, low, left + width, low + height) for left, low in spots]
+        free = [box for box in boxes if not any(_overlap(box, other) for other in taken)]
+        if free:
+            taken.append(free[0])
+            left, low = np.array(free[0][:2]) / points_per_metre
+            axes.text(left, low, text, fontsize=6.5, va="bottom", zorder=5.5)
+
+
+def _overlap(one: tuple[float, ...], other: tuple[float, ...]) -> bool:
+    return bool(one[0] < other[2] and other[0] < one[2] and one[1] < other[3] and other[1] < one[3])
+
+
+def pole_style(used: bool) -> PlotStyle:
+    """Matplotlib's properties of a pole."""
+    edge: PlotStyle = {"marker": "s", "markersize": 6.0, "markeredgecolor": POLE_INK, "markeredgewidth": 1.3}
+    return edge | {"markerfacecolor": POLE_INK if used else PAPER_WHITE, "linestyle": "none"}
+
+
+def draw_objects(axes: Axes, objects: Objects) -> None:
+    """Draw boxes filled by class."""
+    for label, name in enumerate(LABELS):
+        chosen = objects.boxes[objects.labels == label]
+        for corners in footprints(chosen):
+            axes.fill(*corners.T, facecolor=CLASS[name], edgecolor=INK, linewidth=0.5, zorder=2.6)
+
+
+def draw_outcome(axes: Axes, boxes: Shaped[np.ndarray, "n 7"], outcome: Outcome) -> None:
+    """Draw boxes that share an outcome: outline, a line from centre to front, and the outcome's mark."""
+    style = OUTCOME[outcome]
+    line: PlotStyle = {"color": style.colour, "linestyle": style.line, "linewidth": style.width, "zorder": style.order}
+    for corners, yaw in zip(footprints(boxes), boxes[:, 6], strict=True):
+        centre = corners.mean(axis=0)
+        nose = centre + np.array([np.cos(yaw), np.sin(yaw)]) * np.linalg.norm(corners[0] - centre) * 0.9
+        axes.plot(*np.vstack([corners, corners[:1]]).T, **line)
+        axes.plot(*np.vstack([centre, nose]).T, color=style.colour, linewidth=0.8, zorder=style.order)
+    if style.marker and len(boxes):
+        mark: PlotStyle = {"markerfacecolor": style.colour, "markeredgecolor": PAPER_WHITE, "markeredgewidth": 0.8}
+        axes.plot(*boxes[:, :2].T, style.marker, markersize=style.size, zorder=style.order + 0.5, **mark)
+
+
+def text_colour(background: str) -> str:
+    """Black or white, whichever is more legible on a colour by its luminance."""
+    red, green, blue = (int(background[k : k + 2], 16) / 255 for k in (1, 3, 5))
+    return INK if 0.2126 * red**2.2 + 0.7152 * green**2.2 + 0.0722 * blue**2.2 > 0.22 else PAPER_WHITE
+
 
 POINT_SIZE = 1.3  # square points of 1/72 inch
 
 
 class FrameOutcome(NamedTuple):
-    """Outcome of a frame's n truths and m detections. `toolkit.detection.metrics.match` decides. iou: at which a
+    """Outcome of a frame's n truths and m detections. `toolkit.detection.metrics.matches` decides. iou: at which a
     detection hits; *_hit: truths and detections that hit; *_ignored: those that do not count."""
 
     iou: float
@@ -144,8 +456,6 @@ def ground_entries(site: Site) -> list[Entry]:
     """Legend entries of the ground and the area's outline."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
-
-    from toolkit.plots.palette import GROUND, SOLID
 
     kinds = {solid.kind for solid in site.solids}
     there: tuple[tuple[str, str, object], ...] = (

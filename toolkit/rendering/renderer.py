@@ -8,7 +8,6 @@ from many places.
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from collections.abc import Sequence
 from functools import lru_cache
 from typing import NamedTuple
@@ -27,6 +26,9 @@ from toolkit.sensors.sensor import NEAR, Sensor, SensorModel
 from toolkit.sites.site import Site
 from toolkit.traffic.snapshots import Snapshot
 
+RaycastingScene = o3d.t.geometry.RaycastingScene
+_Boxes = Float64[np.ndarray, "n 7"]
+
 
 class Footprints(NamedTuple):
     """Ground that bodies cover, and how high they reach."""
@@ -44,9 +46,7 @@ class Moment:
     threads: of Open3D, 0 for all cores; slope: of the ground, with which bodies are sheared (`geometry.level_motion`).
     """
 
-    def __init__(
-        self, bodies: Sequence[Body], boxes: Float64[np.ndarray, "n 7"], threads: int = 0, *, slope: Slope = LEVEL
-    ) -> None:
+    def __init__(self, bodies: Sequence[Body], boxes: _Boxes, threads: int = 0, *, slope: Slope = LEVEL) -> None:
         self.bodies, self.boxes, self._threads, self._slope = tuple(bodies), boxes, threads, np.array(slope)
         self._place()
         vertices = []
@@ -94,9 +94,9 @@ class Moment:
         self.ground = Footprints(np.concatenate([np.zeros((0, 2)), *points]), first, low, high, around)
 
 
-def build_scene(vertices: np.ndarray, triangles: np.ndarray, threads: int) -> o3d.t.geometry.RaycastingScene:
+def build_scene(vertices: np.ndarray, triangles: np.ndarray, threads: int) -> RaycastingScene:
     """Build Open3D's scene of a mesh; threads: 0 for all cores."""
-    scene = o3d.t.geometry.RaycastingScene(threads)
+    scene = RaycastingScene(threads)
     arrays = np.ascontiguousarray(vertices, np.float32), np.ascontiguousarray(triangles, np.uint32)
     scene.add_triangles(*map(o3d.core.Tensor.from_numpy, arrays))
     return scene
@@ -117,7 +117,7 @@ class SightLines:
 
     def __init__(self, scenery: Mesh, threads: int = 0) -> None:
         self._threads = threads
-        self._scene = build_scene(scenery.vertices, scenery.triangles, threads)
+        self._scene = build_scene(*scenery, threads)
 
     def clear(self, start: Float64[np.ndarray, "3"], ends: Float64[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
         """Mask of ends in sight of the start, further off than `NEAR`, with nothing between there and `GRAZE`.
@@ -136,15 +136,23 @@ class SightLines:
         return far & (free > length - NEAR - GRAZE)
 
 
-_MOST_SCENES = 400  # of bodies, kept at a time: of a drawn fleet every object has a body of its own
-Mover = tuple[o3d.t.geometry.RaycastingScene, np.ndarray]  # a body's scene, and what turns the world into its frame
+@lru_cache(maxsize=400)  # of a drawn fleet every object has a body of its own
+def _body_scene(body: Body, threads: int) -> RaycastingScene:
+    return build_scene(body.vertices, body.triangles, threads)
+
+
+Mover = tuple[RaycastingScene, np.ndarray]  # a body's scene, and what turns the world into its frame
+
+
+_Image = Float32[np.ndarray, "_ _"]
+Hits = Int32[np.ndarray, "_ _"]
 
 
 class Rendered(NamedTuple):
     """Images of measurements (m, 0 for no return) and hits (row of the object, -1 for none), per sensor."""
 
-    measurements: tuple[Float32[np.ndarray, "_ _"], ...]
-    hits: tuple[Int32[np.ndarray, "_ _"], ...]
+    measurements: tuple[_Image, ...]
+    hits: tuple[Hits, ...]
 
 
 class Renderer:
@@ -165,16 +173,14 @@ class Renderer:
     ) -> None:
         self.sensors = tuple(sensors)
         self.bodies = tuple(bodies)
-        scenery = build_scenery(site) if scenery is None else scenery
-        self._arguments = (site, self.bodies, self.sensors, scenery, threads)
+        self._site, self._scenery = site, build_scenery(site) if scenery is None else scenery
         self._threads, self._slope = threads, site.relief.slope
-        self._scenes: OrderedDict[Body, o3d.t.geometry.RaycastingScene] = OrderedDict()  # oldest first
         self._measure_bodies()
-        self._still = build_scene(scenery.vertices, scenery.triangles, threads)
+        self._still = build_scene(*self._scenery, threads)
         self.background = tuple(self._cast_all(self._still, sensor) for sensor in self.sensors)
 
     def __reduce__(self) -> tuple[type, tuple[object, ...]]:
-        return Renderer, self._arguments
+        return Renderer, (self._site, self.bodies, self.sensors, self._scenery, self._threads)
 
     def looking(self, sensors: Sequence[Sensor]) -> Renderer:
         """Renderer of other sensors at the same site."""
@@ -184,32 +190,26 @@ class Renderer:
 
     def of(self, bodies: Sequence[Body]) -> Renderer:
         """Renderer of other bodies at the same site."""
-        other = self._with(bodies=tuple(bodies), _scenes=OrderedDict())
+        other = self._with(bodies=tuple(bodies))
         other._measure_bodies()
         return other
 
     def _with(self, **changes: object) -> Renderer:
         other = object.__new__(Renderer)
         other.__dict__.update(self.__dict__, **changes)
-        site, _, _, scenery, threads = self._arguments
-        other._arguments = (site, other.bodies, other.sensors, scenery, threads)
         return other
 
     def render(self, snapshot: Snapshot) -> Rendered:
         """Render measurements and hits of all sensors. Raises ValueError where a box is not the box of its body."""
         self._check(snapshot.objects.boxes, snapshot.bodies)
-        world_corners = self.outer_corners(snapshot.bodies, snapshot.objects.boxes)
         boxes = snapshot.objects.boxes
-        movers = [
-            (self._find_scene(body), self.body_from_world(box))
-            for body, box in zip(snapshot.bodies.tolist(), boxes, strict=True)
-        ]
+        world_corners = self.outer_corners(snapshot.bodies, boxes)
+        scenes = [_body_scene(self.bodies[body], self._threads) for body in snapshot.bodies.tolist()]
+        movers = list(zip(scenes, map(self.body_from_world, boxes), strict=True))
         images = [self._render(index, movers, world_corners) for index in range(len(self.sensors))]
         return Rendered(tuple(depth for depth, _ in images), tuple(hit for _, hit in images))
 
-    def outer_corners(
-        self, chosen: Int64[np.ndarray, " n"], boxes: Float64[np.ndarray, "n 7"]
-    ) -> Float64[np.ndarray, "n 8 3"]:
+    def outer_corners(self, chosen: Int64[np.ndarray, " n"], boxes: _Boxes) -> Float64[np.ndarray, "n 8 3"]:
         """Corners of boxes around all of the bodies' meshes, mirrors included; world frame, sheared with the slope."""
         whole, out = boxes.copy(), np.flatnonzero(self._sticking_out[chosen])
         middle, yaw = self._bounds[chosen[out], :3], boxes[out, 6]
@@ -230,7 +230,7 @@ class Renderer:
 
     def cast_body(self, body: int, lines: Float32[np.ndarray, "n 6"]) -> Float32[np.ndarray, " n"]:
         """Length in directions of each line (start, direction; body frame) to the body, infinite for none."""
-        return self._lengths(self._find_scene(body), lines)
+        return self._lengths(_body_scene(self.bodies[body], self._threads), lines)
 
     def cast_still(self, lines: Float32[np.ndarray, "n 6"]) -> Float32[np.ndarray, " n"]:
         """Length in directions of each line (start, direction; world frame) to the static scene, infinite for none."""
@@ -246,9 +246,7 @@ class Renderer:
         bodies = [self.bodies[body] for body in snapshot.bodies.tolist()]
         return Moment(bodies, snapshot.objects.boxes, self._threads, slope=self._slope)
 
-    def _render(
-        self, index: int, movers: list[Mover], world_corners: Float64[np.ndarray, "n 8 3"]
-    ) -> tuple[Float32[np.ndarray, "_ _"], Int32[np.ndarray, "_ _"]]:
+    def _render(self, index: int, movers: list[Mover], world_corners: np.ndarray) -> tuple[_Image, Hits]:
         sensor, still = self.sensors[index], self.background[index]
         depth, hits = still.copy(), np.full(still.shape, -1, np.int32)
         rays, max_range = _homogeneous_rays(sensor.model), np.float32(sensor.model.max_range)
@@ -262,13 +260,11 @@ class Renderer:
             np.copyto(hits[pixels], np.int32(row), where=nearer)
         return depth, hits
 
-    def _cast_all(self, scene: o3d.t.geometry.RaycastingScene, sensor: Sensor) -> np.ndarray:
+    def _cast_all(self, scene: RaycastingScene, sensor: Sensor) -> np.ndarray:
         found = self._cast(scene, _homogeneous_rays(sensor.model), sensor.pose)
         return np.where(found < sensor.model.max_range, found, np.float32(0))
 
-    def _cast(
-        self, scene: o3d.t.geometry.RaycastingScene, rays: np.ndarray, scene_SE3_sensor: np.ndarray
-    ) -> Float32[np.ndarray, "_ _"]:
+    def _cast(self, scene: RaycastingScene, rays: np.ndarray, scene_SE3_sensor: np.ndarray) -> _Image:
         """Measurement along each homogeneous ray (rows, columns, 4), infinite where it meets nothing beyond `NEAR`."""
         start_and_direction = np.zeros((4, 6), np.float32)
         start_and_direction[:3, 3:] = scene_SE3_sensor[:3, :3].T
@@ -277,19 +273,8 @@ class Renderer:
         lines = (rays.reshape(-1, 4) @ start_and_direction).reshape(*rays.shape[:-1], 6)
         return self._lengths(scene, lines) + np.float32(NEAR)
 
-    def _lengths(
-        self, scene: o3d.t.geometry.RaycastingScene, lines: Float32[np.ndarray, "*shape 6"]
-    ) -> Float32[np.ndarray, "*shape"]:
+    def _lengths(self, scene: RaycastingScene, lines: Float32[np.ndarray, "*n 6"]) -> Float32[np.ndarray, "*n"]:
         return scene.cast_rays(o3d.core.Tensor.from_numpy(lines), self._threads)["t_hit"].numpy()
-
-    def _find_scene(self, body: int) -> o3d.t.geometry.RaycastingScene:
-        chosen = self.bodies[body]
-        if chosen not in self._scenes:
-            self._scenes[chosen] = build_scene(chosen.vertices, chosen.triangles, self._threads)
-            if len(self._scenes) > _MOST_SCENES:
-                self._scenes.popitem(last=False)
-        self._scenes.move_to_end(chosen)
-        return self._scenes[chosen]
 
     def _measure_bodies(self) -> None:
         self._sizes = np.array([body.size for body in self.bodies]).reshape(-1, 3)

@@ -20,6 +20,7 @@ from toolkit.sites.site import Site, Solid
 CELL = 1.5  # m, edge of the ground's cells within `FINE` of the area; beyond, they grow until `FAR`
 FINE, FAR = 15.0, 150.0
 
+MOST_SKIN = 2e6  # m², of buildings and plants
 _STOREY, _BAY = 3.0, 2.6  # m between windows, upwards and along a wall
 WINDOW_HEIGHT, WINDOW_WIDTH, SILL, RECESS = 1.4, 1.2, 0.9, 0.14  # m
 ROUGHNESS = 0.09  # m, of a hedge
@@ -28,13 +29,19 @@ LEAF, LEAVES = 0.42, 11.0  # m, size of a spray of leaves; how many there are pe
 
 
 def build_scenery(site: Site) -> Mesh:
-    """Build the mesh of everything static at a site.
+    """Build the mesh of everything static at a site. Raises ValueError for solids of endless size.
 
     >>> import numpy as np
     >>> build_scenery(Site("field", np.array([-10.0, -10, 10, 10]))).vertices.shape[1]
     3
     """
     rng = np.random.default_rng(sum(site.name.encode()))
+    skin = sum(_skin(solid) for solid in site.solids)
+    if not skin <= MOST_SKIN:
+        raise ValueError(
+            f"solids of site {site.name!r} have {skin:.3g} m² of skin, where {MOST_SKIN:g} m² can be drawn (a plant's "
+            "counts four times): correct their sizes, or leave some out"
+        )
     solids = []
     for solid in site.solids:
         vertices, triangles = _SHAPES.get(solid.kind, _plain)(solid, rng)
@@ -55,16 +62,19 @@ def ground(site: Site) -> Mesh:
     ponds = shapely.union_all([shapely.Polygon(solid.footprint) for solid in site.solids if solid.kind == "pond"])
     shapely.prepare(ponds)
     cells = _cells(site.area)
-    wet = shapely.intersects(ponds, cells)
-    shores = shapely.difference(cells[wet], ponds)
-    corners = shapely.get_coordinates(cells[~wet]).reshape(-1, 5, 2)[:, :4]
+    low, high = np.split(np.array(ponds.bounds), 2)  # NaN without ponds
+    near = np.flatnonzero(((cells[:, 3] <= high) & (cells[:, 1] >= low)).all(axis=1))
+    squares = shapely.polygons(cells[near])
+    wet = shapely.intersects(ponds, squares)
+    shores = shapely.difference(squares[wet], ponds)
+    corners = np.delete(cells, near[wet], axis=0)
     dry = _quadrilaterals(np.concatenate([corners, np.zeros((*corners.shape[:2], 1))], axis=2))
     flat = merge([dry, triangulate(shores)])
     return Mesh(np.column_stack([flat.vertices[:, :2], site.ground(flat.vertices[:, :2])]), flat.triangles)
 
 
-def _cells(area: Float64[np.ndarray, "4"]) -> np.ndarray:
-    """Squares in and about the area, as shapely boxes."""
+def _cells(area: Float64[np.ndarray, "4"]) -> Float64[np.ndarray, "n 4 2"]:
+    """Corners of squares in and about the area: lower right, upper right, upper left, lower left."""
     steps = np.cumsum(CELL * 1.2 ** np.arange(1, 40))
     outside = FINE + steps[steps < FAR]
 
@@ -74,7 +84,15 @@ def _cells(area: Float64[np.ndarray, "4"]) -> np.ndarray:
 
     x, y = lines(area[0], area[2]), lines(area[1], area[3])
     (x0, y0), (x1, y1) = np.meshgrid(x[:-1], y[:-1]), np.meshgrid(x[1:], y[1:])
-    return shapely.box(x0.ravel(), y0.ravel(), x1.ravel(), y1.ravel())
+    return np.stack([x1, y0, x1, y1, x0, y1, x0, y0], axis=-1).reshape(-1, 4, 2)
+
+
+def _skin(solid: Solid) -> float:
+    """Skin of a solid (m²) as it counts, 0 if drawn as a plain prism."""
+    if solid.kind not in _SHAPES:
+        return 0.0
+    outline = shapely.Polygon(solid.footprint)
+    return (outline.length * (solid.top - solid.base) + outline.area) * (1 if solid.kind == "building" else 4)
 
 
 def _plain(solid: Solid, rng: np.random.Generator) -> Mesh:

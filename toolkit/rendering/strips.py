@@ -33,7 +33,7 @@ EDGE = 1e-3  # m by which rectangles are widened
 RAYS_AT_ONCE = 400_000  # rays, for which memory is needed
 OUTSIDE, WITHIN, BEYOND = 1, 2, 3  # what a strip shows: not in the crop; in it and within the radius; in it beyond
 
-
+Eyes = Float64[np.ndarray, "V 3"]  # viewpoints
 Shows = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]  # by window, azimuth and elevation of rays
 
 
@@ -85,9 +85,7 @@ class _Columns(NamedTuple):
     rows: Int64[np.ndarray, " c"]  # number of rays
 
 
-def cast_strips(
-    renderer: Renderer, moment: Moment, viewpoints: Float64[np.ndarray, "V 3"], counted: Counted, windows: Sectors
-) -> Strips:
+def cast_strips(renderer: Renderer, moment: Moment, viewpoints: Eyes, counted: Counted, windows: Sectors) -> Strips:
     """Cast the strips of some sectors of a moment's objects, one after the other.
 
     renderer: of the site, for its static scene; windows: see `find_sectors`.
@@ -131,7 +129,7 @@ def concatenate_strips(parts: list[Strips]) -> Strips:
     return Strips(*(np.concatenate(each) for each in zip(*parts, strict=True)))
 
 
-def find_sectors(ground: Footprints, viewpoints: Float64[np.ndarray, "V 3"], fine: Bool[np.ndarray, " n"]) -> Sectors:
+def find_sectors(ground: Footprints, viewpoints: Eyes, fine: Bool[np.ndarray, " n"]) -> Sectors:
     """Sector of each object, viewpoint after viewpoint."""
     if not len(ground.low) or not len(viewpoints):
         whole, real = np.zeros(0, np.int64), np.zeros(0)
@@ -184,9 +182,7 @@ def _columns(ground: Footprints, viewpoints: np.ndarray, windows: Sectors) -> _C
     return _Columns(window, azimuth, low - step * found / 2, step, rows)
 
 
-def _strips(
-    shows: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray], windows: Sectors, columns: _Columns
-) -> Strips:
+def _strips(shows: Shows, windows: Sectors, columns: _Columns) -> Strips:
     window, azimuth, rows = columns.window, columns.azimuth.astype(np.float32), columns.rows
     first = np.cumsum(rows + 1) - (rows + 1)  # of each column: below its first ray nothing is seen
     seen = np.zeros(int((rows + 1).sum()) + 1, np.uint8)
@@ -237,7 +233,7 @@ class _Last(NamedTuple):
 class SuccessiveStrips:
     """Strips of successive frames from the same viewpoints; earlier frames make a difference to the time alone."""
 
-    def __init__(self, renderer: Renderer, viewpoints: Float64[np.ndarray, "V 3"], counted: Counted) -> None:
+    def __init__(self, renderer: Renderer, viewpoints: Eyes, counted: Counted) -> None:
         self._renderer, self._viewpoints, self._counted = renderer, viewpoints, counted
         self._last = self._none = _Last([], np.zeros((len(viewpoints), 0, 0), np.bool_), concatenate_strips([]))
 
@@ -271,7 +267,7 @@ class SuccessiveStrips:
         return strips
 
 
-def may_hide(ground: Footprints, viewpoints: Float64[np.ndarray, "V 3"], sectors: Sectors) -> Bool[np.ndarray, "V n n"]:
+def may_hide(ground: Footprints, viewpoints: Eyes, sectors: Sectors) -> Bool[np.ndarray, "V n n"]:
     """Mask (viewpoint, object, other): the other may hide the object. sectors: of all pairs of viewpoint and object."""
     shape = len(viewpoints), len(ground.low)
     found = np.zeros((*shape, shape[1]), np.bool_)

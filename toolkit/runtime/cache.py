@@ -1,7 +1,8 @@
 """`Cache`: arrays that took long to compute, by a key (`make_key`) that says all they depend on, so they never change.
 The file is an SQLite database with a write-ahead log, so that several processes read and write it at once, and a
-process killed while writing leaves it as it was before. Each value has a checksum over key and value; one that does not
-fit is computed again. A damaged file is put aside under another name, with a warning, and begun anew."""
+process killed while writing leaves it as it was before. Each value is signed, over key and value, with a secret beside
+the file that its owner alone may read; one that does not fit (damaged, forged, of an older version) is computed again.
+A damaged file is put aside under another name, with a warning, and begun anew."""
 
 from __future__ import annotations
 
@@ -9,11 +10,13 @@ import hashlib
 import json
 import math
 import os
+import secrets
 import sqlite3
+import tempfile
 import time
 import warnings
 import zlib
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TypeVar
 
@@ -24,7 +27,8 @@ _Outcome = TypeVar("_Outcome")
 
 WAIT = 60.0  # s that a process waits while another one writes
 AT_ONCE = 500  # keys in one question
-CHECKSUM = 8  # bytes
+CHECKSUM = 16  # bytes
+SECRET = 32  # bytes
 COMPRESSED = 1 << 14  # bytes, from which on a value is compressed
 LARGEST_VALUE = 1 << 29  # bytes of a value, compressed; SQLite takes a little more
 ARRAY_KINDS = "biufcmMSU"  # of NumPy's types: those that are plain bytes, so no objects and no records
@@ -43,7 +47,7 @@ def make_key(*parts: object) -> bytes:
 class Cache:
     """Tuples of arrays by key, in a file or in memory. path: of the file, made if missing, None for memory only. Sent
     to another process, it opens the file again there; in memory, each process has its own. If the file cannot be
-    written, it warns and goes on without.
+    written, or its secret is no secret, it warns and goes on without.
 
     >>> cache = Cache()
     >>> cache.put({make_key("a"): (np.arange(3),)})
@@ -55,6 +59,7 @@ class Cache:
         self.path = None if path is None else Path(path)
         self._open: tuple[int, sqlite3.Connection] | None = None
         self._inode: int | None = None
+        self._secret = b""
 
     def get(self, keys: Sequence[bytes]) -> list[Arrays | None]:
         """Values of some keys, None for unknown ones."""
@@ -67,25 +72,22 @@ class Cache:
                 found |= dict(database.execute(query, some))
             return found
 
-        nothing: dict[bytes, bytes] = {}
-        found = self._safely(select, nothing)
-        return [decode_arrays(key, found[key]) if key in found else None for key in keys]
+        found = self._safely(select, dict[bytes, bytes]())
+        return [decode_arrays(key + self._secret, found[key]) if key in found else None for key in keys]
 
     def put(self, values: Mapping[bytes, Iterable[np.ndarray]]) -> None:
         """Keep all values or, if the process ends before, none."""
-        rows = [(key, encode_arrays(key, value)) for key, value in values.items()]
-        fitting = [row for row in rows if len(row[1]) <= LARGEST_VALUE]
-        if len(fitting) < len(rows):
-            warnings.warn(f"{len(rows) - len(fitting)} values are too large to be kept in {self.path}", stacklevel=2)
 
         def insert(database: sqlite3.Connection) -> None:
-            database.execute("BEGIN IMMEDIATE")
-            try:
+            rows = [(key, encode_arrays(key + self._secret, value)) for key, value in values.items()]
+            fitting = [row for row in rows if len(row[1]) <= LARGEST_VALUE]
+            if len(fitting) < len(rows):
+                warnings.warn(
+                    f"{len(rows) - len(fitting)} values are too large to be kept in {self.path}", stacklevel=4
+                )
+            with database:  # commits, or rolls back
+                database.execute("BEGIN IMMEDIATE")
                 database.executemany("INSERT OR REPLACE INTO entries VALUES (?, ?)", fitting)
-            except BaseException:
-                database.execute("ROLLBACK")
-                raise
-            database.execute("COMMIT")
 
         self._safely(insert, None)
 
@@ -104,7 +106,7 @@ class Cache:
     def delete(self) -> None:
         """Remove the file and all it keeps."""
         self.close()
-        for suffix in ("", "-wal", "-shm") if self.path is not None else ():
+        for suffix in ("", "-wal", "-shm", ".key") if self.path is not None else ():
             Path(f"{self.path}{suffix}").unlink(missing_ok=True)
 
     def _safely(self, call: Callable[[sqlite3.Connection], _Outcome], otherwise: _Outcome) -> _Outcome:
@@ -123,9 +125,7 @@ class Cache:
         return otherwise
 
     def _database(self) -> sqlite3.Connection:
-        if (
-            self._open is not None and self._open[0] == os.getpid()
-        ):  # a forked process must not share the parent's handle
+        if self._open is not None and self._open[0] == os.getpid():  # a forked process must not share a handle
             return self._open[1]
         if self.path is not None:
             self.path.parent.mkdir(parents=True, exist_ok=True)
@@ -134,9 +134,14 @@ class Cache:
         try:
             for statement in ("PRAGMA journal_mode=WAL", "PRAGMA synchronous=NORMAL", CACHE_SCHEMA):
                 _patiently(database, statement)
+            self._secret = b"" if self.path is None else read_secret(Path(f"{self.path}.key"))
         except sqlite3.Error:
             database.close()
             raise
+        except OSError as error:
+            database.close()
+            raise sqlite3.OperationalError(str(error)) from error
+        database.text_factory = bytes  # whatever a row holds, it is read as bytes
         self._open = os.getpid(), database
         return database
 
@@ -155,6 +160,43 @@ class Cache:
                 continue
 
 
+def recall(
+    cache: Cache | None, keys: Sequence[bytes], make: Callable[[list[int]], Iterable[Iterable[np.ndarray]]]
+) -> Iterator[Arrays]:
+    """Yield the value of each key, kept or made and then kept. make: values of the keys at missing places, in order."""
+    found: list[Arrays | None] = [None] * len(keys) if cache is None else cache.get(keys)
+    missing = [place for place, arrays in enumerate(found) if arrays is None]
+    made = iter(make(missing) if missing else ())
+    for key, arrays in zip(keys, found, strict=True):
+        value = tuple(next(made)) if arrays is None else arrays
+        if arrays is None and cache is not None:
+            cache.put({key: value})
+        yield value
+
+
+def read_secret(path: Path) -> bytes:
+    """Secret in a file that its owner alone may read, made if missing. Raises PermissionError for any other file."""
+    if not path.exists():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        number, name = tempfile.mkstemp(dir=path.parent)  # of mode 0600
+        try:
+            with os.fdopen(number, "wb") as file:
+                file.write(secrets.token_bytes(SECRET))
+            os.link(name, path)
+        except FileExistsError:  # another process was first
+            pass
+        except OSError:  # no links here
+            os.replace(name, path)
+        finally:
+            Path(name).unlink(missing_ok=True)
+    with path.open("rb") as file:
+        there, secret = os.fstat(file.fileno()), file.read(SECRET)
+    ours = not hasattr(os, "geteuid") or (there.st_uid == os.geteuid() and not there.st_mode & 0o077)
+    if not ours or len(secret) < SECRET:
+        raise PermissionError(f"{path.name} is not a secret of yours alone: remove it, or give a folder of your own")
+    return secret
+
+
 def encode_arrays(key: bytes, arrays: Iterable[np.ndarray]) -> bytes:
     """Encode arrays: checksum, a line of JSON with types and shapes, content. Raises ValueError for arrays of objects
     or records."""
@@ -170,9 +212,9 @@ def encode_arrays(key: bytes, arrays: Iterable[np.ndarray]) -> bytes:
 
 
 def decode_arrays(key: bytes, value: bytes) -> Arrays | None:
-    """Decode arrays of `encode_arrays`; None for damaged bytes."""
-    body = value[CHECKSUM:]
-    if value[:CHECKSUM] != _checksum(key, body):
+    """Decode arrays of `encode_arrays`; None for damaged bytes, and for what is no bytes."""
+    body = value[CHECKSUM:] if isinstance(value, bytes) else b""
+    if not body or not secrets.compare_digest(value[:CHECKSUM], _checksum(key, body)):
         return None
     head, _, content = body.partition(b"\n")
     try:

@@ -68,7 +68,6 @@ def _is_ours(module: str) -> bool:
 
 
 def _file(module: str, top: Path) -> Path | None:
-    """Source file of a module."""
     if not _is_ours(module):
         loaded = getattr(sys.modules.get(module), "__file__", None)
         return Path(loaded) if loaded and loaded.endswith(".py") else None

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import io
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import EllipsisType
@@ -15,6 +15,8 @@ from typing import Any, Literal
 
 import h5py
 import numpy as np
+
+from toolkit.runtime.files import plain_file
 
 # Deflate makes nothing smaller than this; a dataset that claims more than that, and this many bytes, is damaged, and
 # reading it would stop the machine.
@@ -39,7 +41,7 @@ def reading(where: str) -> Iterator[None]:
 
 def open_hdf5(path: str | Path) -> h5py.File:
     """Open a file for reading. Raises OSError, in one line, where it is no HDF5 file, empty or cut off."""
-    path = Path(path)
+    path = plain_file(path)
     try:
         return h5py.File(path, "r")
     except _DAMAGE as error:
@@ -61,12 +63,32 @@ def open_hdf5(path: str | Path) -> h5py.File:
 
 def find_kinds(group: h5py.Group, names: Iterable[str]) -> dict[str, type]:
     """Kinds (h5py.Dataset, h5py.Group or h5py.Datatype) of those members that exist."""
-    kinds = {}
+    kinds: dict[str, type] = {}
     for name in names:
-        with reading(name):
-            if name in group:
-                kinds[name] = type(group[name])
+        node = _own(group, name)
+        kinds |= {} if node is None else {name: type(node)}
     return kinds
+
+
+def _own(group: h5py.Group, name: str) -> Any:
+    """Member of a group, None if missing. Raises ValueError if it lies elsewhere, perhaps in a file that is
+    nobody's business; that file is not even opened."""
+    node, place, elsewhere = group.file["/"] if name.startswith("/") else group, "", ""
+    for part in filter(None, name.split("/")):
+        place = f"{place}/{part}".lstrip("/")
+        with reading(place):
+            if not isinstance(node, h5py.Group) or not node.id.links.exists(part.encode()):
+                return None
+            if node.id.links.get_info(part.encode()).type != h5py.h5l.TYPE_HARD:
+                elsewhere = "is a link"
+                break
+            node = node[part]
+            if isinstance(node, h5py.Dataset) and (node.is_virtual or node.external):
+                elsewhere = "has its numbers in another file"
+                break
+    if elsewhere:
+        raise ValueError(f"{place} {elsewhere}, which is not followed: store what belongs there in this file")
+    return node
 
 
 def contains(group: h5py.Group, name: str) -> bool:
@@ -76,14 +98,15 @@ def contains(group: h5py.Group, name: str) -> bool:
 
 def child_names(group: h5py.Group, name: str) -> list[str]:
     """Names in a group, in order; empty if it is missing."""
+    node = _own(group, name)
     with reading(name):
-        return list(group[name]) if name in group and isinstance(group[name], h5py.Group) else []
+        return list(node) if isinstance(node, h5py.Group) else []
 
 
 def dataset(group: h5py.Group, name: str, *, axes: int | None = None, kinds: str = "fiu") -> h5py.Dataset:
     """Dataset of that name, not yet read. axes: their number; kinds: of NumPy's types that it may have."""
+    node = _own(group, name)
     with reading(name):
-        node = group.get(name)
         numeric = isinstance(node, h5py.Dataset) and node.shape is not None
         shape, dtype, size = (node.shape, node.dtype, node.nbytes) if numeric else ((), np.dtype(float), 0)
         stored = node.id.get_storage_size() if numeric else 0
@@ -116,15 +139,11 @@ def rows(node: h5py.Dataset, name: str, where: _Place) -> np.ndarray:
         return np.asarray(node[where])
 
 
-def read_parts(nodes: Mapping[str, h5py.Dataset], where: _Place) -> dict[str, np.ndarray]:
-    """Read the part `where` of several datasets."""
-    return {name: rows(node, name, where) for name, node in nodes.items()}
-
-
 def text(group: h5py.Group, name: str) -> str:
     """Text of a dataset."""
+    node = _own(group, name)
     with reading(name):
-        content = group[name][()]
+        content = (group[name] if node is None else node)[()]
         if isinstance(content, bytes):
             return content.decode("utf-8")
     if not isinstance(content, str):

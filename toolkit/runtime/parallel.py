@@ -15,7 +15,6 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from functools import lru_cache
 from importlib import import_module
 from itertools import islice
@@ -114,9 +113,8 @@ def _connect(address: str) -> Value:
         ray.init(address=address, log_to_driver=False, **here)
     except (OSError, ValueError, RuntimeError) as error:
         reason = str(error).partition("\n")[0]
-        raise ConnectionError(
-            f"no Ray cluster answers at {address!r} ({reason}): start one with `ray start --head`, or ask for 'local'"
-        ) from None
+        remedy = "start one with `ray start --head`, or ask for 'local'"
+        raise ConnectionError(f"no Ray cluster answers at {address!r} ({reason}): {remedy}") from None
     _address = address
     return ray
 
@@ -169,54 +167,43 @@ def _count_results(results: Iterator[Value], progress: Callable[[int], None] | N
         yield result
 
 
-@dataclass
-class _Task:
-    """Input and its future result; None while no pool has it."""
-
-    input: Value
-    future: Future[Value] | None = None
-
-    @property
-    def lost(self) -> bool:
-        future = self.future
-        return future is None or future.cancelled() or isinstance(future.exception(), BrokenProcessPool)
+def _is_lost(future: Future[Value] | None) -> bool:
+    return future is None or future.cancelled() or isinstance(future.exception(), BrokenProcessPool)
 
 
 def _in_processes(job: Task, inputs: Iterable[Value], workers: int, ticks: Callable[[int], None]) -> Iterator[Value]:
     pickled, remaining = pickle.dumps(job), iter(inputs)
-    pending: deque[_Task] = deque()  # every input without a result, also after the death of a process
+    pending: list[tuple[Value, Future[Value] | None]] = []  # every input without a result; None while no pool has it
     deaths = given = given_before = 0  # deaths since there was a result
     ticked = 0  # in pools that died
     while True:
         try:
             with _pool(pickled, workers) as pool:
                 while True:
-                    pending.extend(_Task(x) for x in islice(remaining, AHEAD * workers - len(pending)))
-                    for task in pending:
-                        task.future = task.future or pool.submit(task.input)
+                    pending.extend((x, None) for x in islice(remaining, AHEAD * workers - len(pending)))
+                    for k, (x, future) in enumerate(pending):
+                        pending[k] = x, future or pool.executor.submit(_work, x)
                     if not pending:
                         return
-                    future = pending[0].future
+                    future = pending[0][1]
                     assert future is not None
                     while not wait([future], TICK_S).done:
                         ticks(ticked + pool.ticks)
                     result = future.result()
                     ticks(ticked + pool.ticks)
-                    pending.popleft()
+                    del pending[0]
                     given += 1
                     yield result
         except BrokenProcessPool:
-            lost = [task for task in pending if task.lost]
+            pending = [(x, None if _is_lost(future) else future) for x, future in pending]
+            lost = [x for x, future in pending if future is None]
             known = given + len(pending) - len(lost)
             deaths, given_before = deaths + 1 if known == given_before else 1, known
             if deaths > RETRIES:
-                where = f"{deaths} times in a row, at or near input {str(lost[0].input)[:60]}"
+                where = f"{deaths} times in a row, at or near input {str(lost[0])[:60]}"
                 script = 'called from a script without `if __name__ == "__main__":`'
-                raise WorkLost(
-                    f"a worker process died {where}: out of memory (use fewer workers), or {script}"
-                ) from None
-            for task in lost:
-                task.future = None
+                cause = f"out of memory (use fewer workers), or {script}"
+                raise WorkLost(f"a worker process died {where}: {cause}") from None
             ticked += pool.ticks
 
 
@@ -231,7 +218,7 @@ def _pool(pickled: bytes, workers: int) -> Iterator[_Pool]:
         pool = _Pool(pickled, workers)
     elif pool.idle:
         pool.idle.cancel()
-    pool.ticks = 0
+    pool.counter.get_obj().value = 0
     try:
         yield pool
     except BaseException:
@@ -246,26 +233,17 @@ def _pool(pickled: bytes, workers: int) -> Iterator[_Pool]:
 
 
 class _Pool:
-    """Worker processes with a job."""
-
     def __init__(self, pickled: bytes, workers: int) -> None:
         context = multiprocessing.get_context("spawn")  # forking would copy the locks of Open3D's and torch's threads
         self._reader, self._writer = context.Pipe(duplex=False)
-        self._ticks = context.Value("q")
-        self._executor = ProcessPoolExecutor(workers, context, _start_worker, (pickled, self._reader, self._ticks))
+        self.counter = context.Value("q")
+        self.executor = ProcessPoolExecutor(workers, context, _start_worker, (pickled, self._reader, self.counter))
         self.idle: threading.Timer | None = None
 
     @property
     def ticks(self) -> int:
         """Number of calls of `tick`."""
-        return int(self._ticks.get_obj().value)  # without the lock, which a process may have been killed with
-
-    @ticks.setter
-    def ticks(self, count: int) -> None:
-        self._ticks.get_obj().value = count
-
-    def submit(self, x: Value) -> Future[Value]:
-        return self._executor.submit(_work, x)
+        return int(self.counter.get_obj().value)  # without the lock, which a process may have been killed with
 
     def end(self, at_once: bool = False) -> None:
         """End the processes, in mid-work if `at_once`."""
@@ -273,7 +251,7 @@ class _Pool:
             self.idle.cancel()
         if at_once:
             self._writer.close()
-        self._executor.shutdown(cancel_futures=True)
+        self.executor.shutdown(cancel_futures=True)
         self._reader.close()
         self._writer.close()
 

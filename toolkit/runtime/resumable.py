@@ -12,25 +12,20 @@ import os
 import re
 import shutil
 import zlib
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Generic, Protocol, TypeVar, runtime_checkable
 
-from toolkit.runtime.files import DISK_ERRORS, write_bytes, write_text, writing
+from toolkit.runtime.files import DISK_ERRORS, UNFINISHED, take, write_bytes, write_text, writing
 from toolkit.runtime.parallel import spread, tick
 
-try:
-    import fcntl
-except ImportError:  # not a Unix
-    fcntl = None  # type: ignore[assignment]
-
-_UNFINISHED = ".unfinished"  # in the names of files that a killed run left
 _SHARD = re.compile(r"(\d{5,})\.([0-9a-f]{8})\.hdf5")
 
 Plan = Mapping[str, object]  # of JSON values
 _Item = TypeVar("_Item")
+_Made = TypeVar("_Made")
 
 
 @runtime_checkable
@@ -39,11 +34,9 @@ class Work(Protocol[_Item]):
 
     def start(self, threads: int) -> Callable[[int], Iterator[_Item]]:
         """Prepare once per process; return a maker of a block's items. threads: that the process may use."""
-        ...
 
     def encode(self, items: Sequence[_Item]) -> bytes:
         """Content of the shard of a block's items."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -53,18 +46,23 @@ class ShardFolder:
     path: Path
     plan: Plan
 
+    @property
+    def found(self) -> Plan | None:
+        """Plan of the run that was killed here; None where there was none, or it cannot be read."""
+        with suppress(FileNotFoundError, NotADirectoryError, ValueError):
+            return dict(json.loads((self.path / "plan.json").read_text()))
+        return None
+
     def open(self, overwrite: bool) -> None:
         """Make the folder, or continue in it. Raises FileExistsError."""
-        note, found = self.path / "plan.json", None
-        with suppress(FileNotFoundError, ValueError):
-            found = json.loads(note.read_text())
+        found = self.found
         differences = "" if found is None else describe_differences(found, self.plan)
         if differences and not overwrite:
             remedy = "finish that one first, write to another file, or --overwrite it"
             raise FileExistsError(f"{self.path} holds an unfinished run made from {differences}: {remedy}")
         if found is None or differences:
             self._clear()
-            write_text(note, json.dumps(self.plan, indent=1))
+            write_text(self.path / "plan.json", json.dumps(self.plan, indent=1))
 
     def check_shards(self) -> dict[int, Path]:
         """Undamaged shards by block; everything else is removed."""
@@ -73,7 +71,7 @@ class ShardFolder:
             name = _SHARD.fullmatch(path.name)
             if name and zlib.crc32(path.read_bytes()) == int(name[2], 16):
                 shards[int(name[1])] = path
-            elif name or _UNFINISHED in path.name:
+            elif name or UNFINISHED in path.name:
                 path.unlink()
         return shards
 
@@ -81,15 +79,16 @@ class ShardFolder:
         """Store the shard of a block whole or not at all."""
         write_bytes(self.path / f"{block:05d}.{zlib.crc32(content):08x}.hdf5", content)
 
-    def publish(self, out: Path, join: Callable[[list[Path], Path], None]) -> None:
-        """Join all shards into `out`, which appears whole; remove them."""
+    def publish(self, out: Path, join: Callable[[list[Path], Path], _Made]) -> _Made:
+        """Join all shards into `out`, which appears whole; remove them. Returns what `join` returns."""
         shards = [path for _, path in sorted(self.shards().items())]
         size = sum(path.stat().st_size for path in shards)
         if size > shutil.disk_usage(self.path).free:
             raise OSError(errno.ENOSPC, f"{size / 1e6:.0f} MB are needed to join the shards")
-        with writing(out, self.path / f"joined{_UNFINISHED}") as joined:
-            join(shards, joined)
+        with writing(out, self.path / f"joined{UNFINISHED}") as joined:
+            made = join(shards, joined)
         self.remove()
+        return made
 
     def shards(self) -> dict[int, Path]:
         """Shards by block, as far as their names tell."""
@@ -106,23 +105,28 @@ class ShardFolder:
 
     def _clear(self) -> None:
         for path in self.path.iterdir():
-            if _SHARD.fullmatch(path.name) or _UNFINISHED in path.name:
+            if _SHARD.fullmatch(path.name) or UNFINISHED in path.name:
                 path.unlink()
 
     @contextmanager
     def lock(self) -> Iterator[None]:
-        """Keep a second run out until this process ends."""
+        """Keep a second run out until the block ends."""
         self.path.mkdir(parents=True, exist_ok=True)
-        with (self.path / "lock").open("w") as lock:
-            if fcntl is not None:
-                try:
-                    fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                except OSError:
-                    raise FileExistsError(f"another run is writing to {self.path}: wait for it, or stop it") from None
+        lock = self.path / "lock"
+        held = take(lock)
+        if held is None:
+            raise FileExistsError(f"another run is writing to {self.path}: wait for it, or stop it")
+        try:
             yield
+        finally:
+            with suppress(OSError):  # it may be gone already, with the folder, or be that of the next run
+                if os.path.samestat(os.fstat(held), lock.stat()):
+                    lock.unlink()
+                    self.path.rmdir()  # if empty
+            os.close(held)
 
     @contextmanager
-    def explain_disk_errors(self, out: Path, frames: Callable[[Iterable[int]], int]) -> Iterator[None]:
+    def explain_disk_errors(self, out: Path, frames: Callable[[Collection[int]], int]) -> Iterator[None]:
         """Turn a full or failing disk into one line that says what is safe. frames: counts the frames of blocks."""
         try:
             yield
@@ -143,16 +147,18 @@ def make_shards(
     *,
     workers: int,
     ray: str | None = None,
-    progress: Callable[[int], None],
+    progress: Callable[[int], None] | None = None,
 ) -> None:
-    """Make the shards of `blocks` in `workers` processes, or on a Ray cluster, which sends their content back.
-    progress: called with the number of finished items."""
+    """Make those shards of `blocks` that are missing, in `workers` processes, or on a Ray cluster, which sends their
+    content back. progress: called with the number of finished items."""
+    blocks = sorted(set(blocks) - folder.shards().keys())
     workers, done = min(workers, max(1, len(blocks))), 0
 
     def count(items: int = 1) -> None:
         nonlocal done
         done += items
-        progress(done)
+        if progress is not None:
+            progress(done)
 
     threads = 1 if ray else (os.cpu_count() or 1) // max(1, workers) or 1
     job = _ShardJob(work, None if ray else folder, threads, count if workers == 1 and not ray else tick)
@@ -175,8 +181,6 @@ def describe_differences(found: Plan, asked: Plan) -> str:
 
 @dataclass
 class _ShardJob(Generic[_Item]):
-    """Job of making a block's shard."""
-
     work: Work[_Item]
     folder: ShardFolder | None  # None on a Ray cluster, whose machines need not see it
     threads: int

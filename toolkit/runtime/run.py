@@ -42,7 +42,7 @@ class Processes:
 
     def __post_init__(self) -> None:
         if self.workers is not None:
-            _check_whole("workers", self.workers, least=1, remedy="None takes one per core")
+            check_whole("workers", self.workers, least=1, remedy="None takes one per core")
         if self.ray is not None and not find_spec("ray"):
             raise ImportError("work on a Ray cluster needs Ray: pip install coview[scale]")
 
@@ -68,9 +68,10 @@ class Processes:
         return spread(job, inputs, workers=self.count, ray=self.ray, progress=progress)
 
     def stage(self, name: str, total: int | None = None, *, before: int = 0) -> Callable[[int], None] | None:
-        """Callback that counts one stage; None where nobody listens. before: done already."""
+        """Callback that counts one stage, to `total` at most; None where nobody listens. before: done already."""
         tell = self.progress
-        return None if tell is None else lambda done: tell(name, before + done, total)
+        most = float("inf") if total is None else total
+        return None if tell is None else lambda done: tell(name, int(min(most, before + done)), total)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,9 +85,9 @@ class Simulation(Processes):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        _check_whole("seed", self.seed, least=0)
+        check_whole("seed", self.seed, least=0)
         if self.frames is not None:
-            _check_whole("frames", self.frames, least=1, remedy="leave it out for the usual number")
+            check_whole("frames", self.frames, least=1, remedy="leave it out for the usual number")
 
     def frames_or(self, usual: int) -> int:
         """Number of frames, the usual one where none is given.
@@ -107,6 +108,8 @@ class Run(Simulation):
     def __post_init__(self) -> None:
         super().__post_init__()
         object.__setattr__(self, "cache", None if self.cache is None else Path(self.cache))
+        if self.cache is not None and self.cache.exists() and not self.cache.is_dir():
+            raise ValueError(f"the cache is a folder, got the file {self.cache}: give another path, or leave it out")
 
     @cached_property
     def memo(self) -> Cache | None:
@@ -116,6 +119,7 @@ class Run(Simulation):
         return None if self.cache is None else Cache(self.cache / "cache.sqlite")
 
 
-def _check_whole(name: str, value: object, *, least: int, remedy: str = "") -> None:
+def check_whole(name: str, value: object, *, least: int, remedy: str = "") -> None:
+    """Raise ValueError unless a number is whole and large enough."""
     if not isinstance(value, Integral) or isinstance(value, bool) or value < least:
-        raise ValueError(f"{name} must be a whole number of at least {least}, got {value}{remedy and ': '}{remedy}")
+        raise ValueError(f"{name} must be a whole number of at least {least}, got {value!r}{remedy and ': '}{remedy}")

@@ -105,16 +105,11 @@ POOR = ErrorProfile("poor", (*_BAD, DeadRows(share=0.02), *_NOISE, *_BADLY_PLACE
 PROFILES = {profile.name: profile for profile in (PAPER_ERRORS, SURVEYED, TYPICAL, POOR)}
 
 
-def find_profile(name: str) -> ErrorProfile:
-    """Find a profile by name. Raises ValueError that lists all."""
-    if name not in PROFILES:
-        raise ValueError(f"unknown error profile {name!r}: choose among {', '.join(PROFILES)}, or make your own")
-    return PROFILES[name]
-
-
-def get_profile(errors: ErrorProfile | str) -> ErrorProfile:
-    """Return a profile, or find it by name."""
-    return find_profile(errors) if isinstance(errors, str) else errors
+def find_profile(errors: ErrorProfile | str) -> ErrorProfile:
+    """Find a profile by name; return a profile itself. Raises ValueError that lists all."""
+    if isinstance(errors, str) and errors not in PROFILES:
+        raise ValueError(f"unknown error profile {errors!r}: choose among {', '.join(PROFILES)}, or make your own")
+    return PROFILES[errors] if isinstance(errors, str) else errors
 
 
 def only_own_noise(errors: ErrorProfile) -> bool:

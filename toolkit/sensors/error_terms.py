@@ -70,7 +70,8 @@ class _Term:
 
     __dataclass_fields__: ClassVar[dict[str, Field[object]]]
     needs_velocities: ClassVar[bool] = False
-    _shares: ClassVar[tuple[str, ...]] = ()  # fields that are at most 1
+    _strengths: ClassVar[tuple[str, ...]] = ("share",)  # fields of which one must be above 0 to change anything
+    _shares: ClassVar[tuple[str, ...]] = ("share",)  # fields that are at most 1
     _positive: ClassVar[tuple[str, ...]] = ()  # fields that are at least 0.001
 
     def __post_init__(self) -> None:
@@ -83,19 +84,24 @@ class _Term:
             if isinstance(entry.default, float) and not (is_number and least <= value < np.inf):
                 raise ValueError(f"{entry.name} of {name} must be a number from {least:g} on, got {value!r}")
 
+    def apply(self, reading: Reading, draws: Draws) -> Reading:
+        """Apply the error; a term without strength returns the reading itself."""
+        return self._change(reading, draws) if any(getattr(self, name) for name in self._strengths) else reading
+
+    def _change(self, reading: Reading, draws: Draws) -> Reading:
+        raise NotImplementedError
+
 
 @dataclass(frozen=True)
 class ClockOffset(_Term):
     """Offset of each sensor's clock, constant over a recording."""
 
     needs_velocities: ClassVar[bool] = True
+    _strengths = ("offset",)
 
     offset: float = 0.0  # its standard deviation (s)
 
-    def apply(self, reading: Reading, draws: Draws) -> Reading:
-        """Move the points on objects to where they are when the sensor measures; ValueError without velocities."""
-        if not self.offset:
-            return reading
+    def _change(self, reading: Reading, draws: Draws) -> Reading:
         truth = reading.truth
         if truth.velocities is None:
             raise ValueError("a clock's offset needs the objects' velocities: read a recording with tracks and times")
@@ -131,15 +137,12 @@ def velocities(objects: Objects, time: float, around: Sequence[tuple[Objects, fl
 class DropOut(_Term):
     """Returns that fail, at random and by range and incidence."""
 
-    _shares = ("share",)
+    _strengths = ("share", "half_range")
     share: float = 0.0  # of all returns
     half_range: float = 0.0  # m from which half of the surfaces at right angles return; 0: no loss by range
     steepness: float = 2.0  # of the law above
 
-    def apply(self, reading: Reading, draws: Draws) -> Reading:
-        """Drop failed returns."""
-        if not (self.share or self.half_range):
-            return reading
+    def _change(self, reading: Reading, draws: Draws) -> Reading:
         kept, truth = np.full(reading.measurement.shape, 1.0 - self.share), reading.truth
         if self.half_range:
             kept *= chance_of_return(truth.ranges, truth.cosines, self.half_range, self.steepness)
@@ -150,13 +153,9 @@ class DropOut(_Term):
 class DeadRows(_Term):
     """Rows of the image that never return: lasers or lines of a detector that failed. share: of all rows."""
 
-    _shares = ("share",)
     share: float = 0.0
 
-    def apply(self, reading: Reading, draws: Draws) -> Reading:
-        """Drop the dead rows."""
-        if not self.share:
-            return reading
+    def _change(self, reading: Reading, draws: Draws) -> Reading:
         dead = draws.of_sensor().random((len(reading.measurement), 1)) < self.share
         return reading.without(np.broadcast_to(dead, reading.measurement.shape))
 
@@ -188,15 +187,11 @@ class MixedPixels(_Term):
     One of the four neighbours of each pixel is drawn. A neighbour without return mixes nothing.
     """
 
-    _shares = ("share",)
     share: float = 0.0  # of the pixels beside an edge
     gap: float = 0.3  # least difference to a neighbour at an edge (m)
     reach: float = 1000.0  # largest difference that mixes (m): c/2 times the pulse of a lidar, some 1.5 m
 
-    def apply(self, reading: Reading, draws: Draws) -> Reading:
-        """Mix pixels at edges."""
-        if not self.share:
-            return reading
+    def _change(self, reading: Reading, draws: Draws) -> Reading:
         image, rng = reading.measurement, draws.of_frame()
         side = rng.integers(len(_NEIGHBOURS), size=image.shape)
         mixed, weight = rng.random(image.shape) < self.share, rng.random(image.shape, np.float32)
@@ -212,13 +207,11 @@ class MixedPixels(_Term):
 class Calibration(_Term):
     """Error of calibration, constant over a recording, normal about and along each axis."""
 
+    _strengths = ("rotation", "translation")
     rotation: float = angle(0.0)  # root mean square of the angle (rad) about any axis through the sensor
     translation: float = 0.0  # root mean square of the displacement (m) in any direction
 
-    def apply(self, reading: Reading, draws: Draws) -> Reading:
-        """Place the reading at the calibrated pose."""
-        if not (self.rotation or self.translation):
-            return reading
+    def _change(self, reading: Reading, draws: Draws) -> Reading:
         turn, move = draws.of_sensor().standard_normal((2, 3)) / np.sqrt(3)
         error = np.eye(4)
         error[:3, :3] = make_rotation(turn * self.rotation)
@@ -234,14 +227,11 @@ class PoleSway(_Term):
     rendered anew. A pole's foot is taken to be at z = 0.
     """
 
-    _positive = ("period",)
+    _strengths, _positive = ("amplitude",), ("period",)
     amplitude: float = angle(0.0)  # angle by which the tip of a pole turns (rad)
     period: float = 3.0  # s, up to a third longer or shorter from pole to pole
 
-    def apply(self, reading: Reading, draws: Draws) -> Reading:
-        """Place the reading at the pose of the pole at rest."""
-        if not self.amplitude:
-            return reading
+    def _change(self, reading: Reading, draws: Draws) -> Reading:
         position = reading.truth.sensor.position
         towards, phase, longer = draws.of_pole(position).random(3)
         period = self.period * (1 + (2 * longer - 1) / 3)
@@ -254,17 +244,14 @@ class PoleSway(_Term):
 
 
 def make_rotation(vector: Float64[np.ndarray, "3"]) -> Float64[np.ndarray, "3 3"]:
-    """Rotation about a vector by its length (rad): Rodrigues' formula.
+    """Rotation about a vector by its length (rad).
 
     >>> make_rotation(np.array([0, 0, np.pi / 2])).round(6).tolist()
     [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
     """
-    length = float(np.linalg.norm(vector))
-    if not length:
-        return np.eye(3)
-    x, y, z = vector / length
-    skew = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + np.sin(length) * skew + (1 - np.cos(length)) * skew @ skew
+    from scipy.spatial.transform import Rotation
+
+    return Rotation.from_rotvec(vector).as_matrix()
 
 
 @dataclass(frozen=True)
@@ -278,8 +265,9 @@ class OwnNoise(_Term):
 
 @dataclass(frozen=True)
 class RangeNoise(_Term):
-    """Normal noise, sigma = constant + proportional · z + quadratic · z² (m) of the measurement z."""
+    """Normal noise, sigma = constant + proportional · z + quadratic · z² (m); no return comes from behind a sensor."""
 
+    _strengths = ("constant", "proportional", "quadratic")
     constant: float = 0.0
     proportional: float = 0.0
     quadratic: float = 0.0
@@ -290,11 +278,8 @@ class RangeNoise(_Term):
         if self.measures not in (None, "depth", "range"):
             raise ValueError(f"measures must be depth, range or None for all sensors, got {self.measures!r}")
 
-    def apply(self, reading: Reading, draws: Draws) -> Reading:
-        """Add noise; nothing returns from at or behind the sensor."""
+    def _change(self, reading: Reading, draws: Draws) -> Reading:
         if self.measures not in (None, reading.truth.sensor.model.measures):
-            return reading
-        if not (self.constant or self.proportional or self.quadratic):
             return reading
         z = np.where(reading.valid, reading.measurement, np.float32(0))
         noise = draws.of_frame().standard_normal(z.shape, dtype=np.float32)
@@ -340,10 +325,7 @@ class Glass(_Term):
         if not self.lower < self.upper:
             raise ValueError(f"the window band must have lower < upper, got {self.lower} and {self.upper}")
 
-    def apply(self, reading: Reading, draws: Draws) -> Reading:
-        """Look through the windows."""
-        if not self.share:
-            return reading
+    def _change(self, reading: Reading, draws: Draws) -> Reading:
         rng, shape = draws.of_frame(), reading.measurement.shape
         pane, inside, way = rng.random(shape) < self.share, rng.random(shape) < self.behind, rng.random(shape)
         glass = self.band(reading.truth) & pane & reading.valid
@@ -411,7 +393,7 @@ PER_METRE_OF_DB_PER_KM = np.log(10) / 10 / 1000
 class Weather(_Term):
     """Rain, fog or snow."""
 
-    _shares, _positive = ("share",), ("reach",)
+    _strengths, _positive = ("extinction", "share"), ("reach",)
     extinction: float = 0.0  # per metre
     share: float = 0.0  # of rays into the open that return from the air, below 1
     reach: float = 8.0  # m by which the rate of such returns falls to 1/e
@@ -421,10 +403,7 @@ class Weather(_Term):
         if self.share == 1:
             raise ValueError("share of Weather must be below 1, got 1: nothing else would ever be seen")
 
-    def apply(self, reading: Reading, draws: Draws) -> Reading:
-        """Lose returns on their way; add returns from air."""
-        if not (self.extinction or self.share):
-            return reading
+    def _change(self, reading: Reading, draws: Draws) -> Reading:
         rng, truth = draws.of_frame(), reading.truth
         survives, met = rng.random(reading.measurement.shape), rng.random(reading.measurement.shape)
         ranges = np.where(reading.valid, reading.measurement * truth.ray_lengths, np.float32(np.inf))

@@ -26,6 +26,7 @@ from toolkit.sensors.sensor import (
     bounding_spheres,
     check_noise,
     check_numbers,
+    check_rays,
     clip_windows,
     freeze,
     with_noise,
@@ -68,6 +69,8 @@ class DepthCamera(_Noisy):
         check_numbers(self)
         if min(self.width, self.height, self.stride) < 1:
             raise ValueError(f"width, height and stride must be at least 1, got {self}")
+        check_rays(*self.shape)
+        check_rays(1, max(self.width, self.height, self.stride))
         if not 0 < self.fov < np.pi:
             raise ValueError(f"fov must lie between 0 and pi rad, got {self.fov}: give degrees as np.deg2rad(90)")
         centre = (0.0, 0.0) if self.centre is None else self.centre
@@ -137,54 +140,21 @@ def _camera_rays(camera: DepthCamera) -> np.ndarray:
 
 
 class AngleGrid(NamedTuple):
-    """Grid of rays from `up` down to `down`, over `width` (rad)."""
+    """Rows of rays at some elevations, top first, and columns evenly spaced over `width` about `heading` (rad)."""
 
-    rows: int
+    elevations: tuple[float, ...]
     columns: int
-    up: float
-    down: float
     width: float
-    max_range: float
+    heading: float = 0.0
 
 
 @lru_cache(maxsize=64)
-def unit_rays(
-    grid: AngleGrid, elevations: tuple[float, ...] | None = None, heading: float = 0.0
-) -> Float32[np.ndarray, "rows columns 3"]:
-    """Unit ray per row and column. elevations: of rows that are not evenly spaced; heading: of the middle column."""
-    rows = np.linspace(grid.up, grid.down, grid.rows) if elevations is None else np.array(elevations)
-    elevation = rows[:, None]
-    azimuth = heading + (np.arange(grid.columns) - (grid.columns - 1) / 2) * grid.width / grid.columns
+def unit_rays(grid: AngleGrid) -> Float32[np.ndarray, "rows columns 3"]:
+    """Unit ray per row and column."""
+    elevation = np.array(grid.elevations)[:, None]
+    azimuth = grid.heading + (np.arange(grid.columns) - (grid.columns - 1) / 2) * grid.width / grid.columns
     flat = np.cos(elevation)
     return freeze(np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation) + 0 * azimuth], axis=-1))
-
-
-def in_grid(grid: AngleGrid, points: Float64[np.ndarray, "*n 3"]) -> Bool[np.ndarray, "*n"]:
-    """Mask of points inside the grid and in range."""
-    x, y, z = np.moveaxis(points, -1, 0)
-    across = np.hypot(x, y)
-    elevation = np.arctan2(z, across)
-    in_rows = (grid.down <= elevation) & (elevation <= grid.up)
-    return in_rows & (np.abs(np.arctan2(y, x)) <= grid.width / 2) & (np.hypot(across, z) < grid.max_range)
-
-
-def grid_windows(grid: AngleGrid, sensor_corners: Float64[np.ndarray, "n 8 3"]) -> Int64[np.ndarray, "m 5"]:
-    """Rectangles around the sphere through the corners of each box, at up to three turns of the azimuth."""
-    middle, radius, distance = bounding_spheres(sensor_corners)
-    elevation = np.arcsin(middle[:, 2] / np.maximum(distance, 1e-9))
-    azimuth = np.arctan2(middle[:, 1], middle[:, 0])
-    per_row = (grid.up - grid.down) / max(grid.rows - 1, 1) or np.inf
-    per_column = grid.width / grid.columns
-    half_rows = _half_angle(radius, distance) / per_row
-    half_columns = np.minimum(_half_angle(radius, np.linalg.norm(middle[:, :2], axis=1)), np.pi) / per_column
-    row = (grid.up - elevation) / per_row
-    top, bottom, turns = np.floor(row - half_rows), np.ceil(row + half_rows) + 1, []
-    for turn in (-2 * np.pi, 0.0, 2 * np.pi):
-        column = (azimuth + turn) / per_column + (grid.columns - 1) / 2
-        left, right = np.floor(column - half_columns), np.ceil(column + half_columns) + 1
-        bounds = np.column_stack([np.arange(len(middle)), top, bottom, left, right])
-        turns.append(bounds[distance - radius < grid.max_range])
-    return clip_windows(np.concatenate(turns), (grid.rows, grid.columns))
 
 
 def _half_angle(radius: np.ndarray, distance: np.ndarray) -> np.ndarray:
@@ -196,7 +166,7 @@ class _Lidar(_Noisy):
     """Rays of a lidar on a grid of angles."""
 
     measures: ClassVar[Measure] = "range"
-    heading = 0.0
+    max_range: float
 
     @property
     def _grid(self) -> AngleGrid:
@@ -204,13 +174,13 @@ class _Lidar(_Noisy):
 
     @property
     def body_SE3_sensor(self) -> Float64[np.ndarray, "4 4"]:
-        """The body looks along `heading`."""
-        return pose(yaw=-self.heading) if self.heading else np.eye(4)
+        """The body looks along the heading."""
+        return pose(yaw=-self._grid.heading) if self._grid.heading else np.eye(4)
 
     @property
     def shape(self) -> tuple[int, int]:
         """Rows and columns."""
-        return self._grid.rows, self._grid.columns
+        return len(self._grid.elevations), self._grid.columns
 
     @property
     def horizontal_fov(self) -> float:
@@ -220,7 +190,7 @@ class _Lidar(_Noisy):
     @property
     def vertical_fov(self) -> float:
         """Angle between the lowest row and the highest (rad)."""
-        return self._grid.up - self._grid.down
+        return self._grid.elevations[0] - self._grid.elevations[-1]
 
     def rays(self) -> Float32[np.ndarray, "rows columns 3"]:
         """Unit ray per row and column, sensor frame."""
@@ -228,14 +198,32 @@ class _Lidar(_Noisy):
 
     def in_view(self, points: Float64[np.ndarray, "*n 3"]) -> Bool[np.ndarray, "*n"]:
         """Mask of points inside the rows, columns and range."""
-        return in_grid(self._grid, self._ahead(points))
+        x, y, z = np.moveaxis(self._ahead(points), -1, 0)
+        across, grid = np.hypot(x, y), self._grid
+        elevation = np.arctan2(z, across)
+        in_rows = (grid.elevations[-1] <= elevation) & (elevation <= grid.elevations[0])
+        return in_rows & (np.abs(np.arctan2(y, x)) <= grid.width / 2) & (np.hypot(across, z) < self.max_range)
 
     def windows(self, sensor_corners: Float64[np.ndarray, "n 8 3"]) -> Int64[np.ndarray, "m 5"]:
-        """Pixels that may meet each box; a box across the seam of the turn comes twice."""
-        return grid_windows(self._grid, self._ahead(sensor_corners))
+        """Rectangles around the sphere through the corners of each box, at up to three turns of the azimuth."""
+        middle, radius, distance = bounding_spheres(self._ahead(sensor_corners))
+        elevation, half = np.arcsin(middle[:, 2] / np.maximum(distance, 1e-9)), _half_angle(radius, distance)
+        azimuth = np.arctan2(middle[:, 1], middle[:, 0])
+        falling = -np.array(self._grid.elevations)
+        top = np.searchsorted(falling, -(elevation + half) - 1e-6)
+        bottom = np.searchsorted(falling, -(elevation - half) + 1e-6, side="right")
+        columns, per_column = self._grid.columns, self._grid.width / self._grid.columns
+        half_columns = np.minimum(_half_angle(radius, np.linalg.norm(middle[:, :2], axis=1)), np.pi) / per_column
+        turns = []
+        for turn in (-2 * np.pi, 0.0, 2 * np.pi):
+            column = (azimuth + turn) / per_column + (columns - 1) / 2
+            left, right = np.floor(column - half_columns), np.ceil(column + half_columns) + 1
+            bounds = np.column_stack([np.arange(len(middle)), top, bottom, left, right])
+            turns.append(bounds[distance - radius < self.max_range])
+        return clip_windows(np.concatenate(turns), self.shape)
 
     def _ahead(self, points: Float64[np.ndarray, "*n 3"]) -> Float64[np.ndarray, "*n 3"]:
-        return points @ self.body_SE3_sensor[:3, :3].T if self.heading else points
+        return points @ self.body_SE3_sensor[:3, :3].T if self._grid.heading else points
 
 
 @dataclass(frozen=True)
@@ -260,12 +248,13 @@ class SpinningLidar(_Lidar):
             raise ValueError(f"need -pi/2 <= fov_down <= fov_up <= pi/2 rad, got {self.fov_down} and {self.fov_up}")
         if not 0 < self.azimuth_step <= self.azimuth_fov <= 2 * np.pi + 1e-9:
             raise ValueError(f"need 0 < azimuth_step <= azimuth_fov <= 2 pi rad, got {self.azimuth_step}")
+        check_rays(self.channels, self.azimuth_fov / self.azimuth_step)
         check_noise(self.sigma, self.max_range)
 
     @property
     def _grid(self) -> AngleGrid:
-        columns = max(1, round(self.azimuth_fov / self.azimuth_step))
-        return AngleGrid(self.channels, columns, self.fov_up, self.fov_down, self.azimuth_fov, self.max_range)
+        elevations = np.linspace(self.fov_up, self.fov_down, self.channels).tolist()
+        return AngleGrid(tuple(elevations), max(1, round(self.azimuth_fov / self.azimuth_step)), self.azimuth_fov)
 
 
 @dataclass(frozen=True)
@@ -286,6 +275,7 @@ class SolidStateLidar(_Lidar):
         check_numbers(self)
         if min(self.rows, self.columns) < 1:
             raise ValueError(f"rows and columns must be at least 1, got {self.rows} and {self.columns}")
+        check_rays(self.rows, self.columns)
         if not (0 < self.horizontal_fov <= 2 * np.pi and 0 < self.vertical_fov <= np.pi):
             got = f"{self.horizontal_fov} and {self.vertical_fov}: give degrees as np.deg2rad(120)"
             raise ValueError(f"need 0 < horizontal_fov <= 2 pi and 0 < vertical_fov <= pi rad, got {got}")
@@ -299,8 +289,8 @@ class SolidStateLidar(_Lidar):
 
     @property
     def _grid(self) -> AngleGrid:
-        up = self.vertical_fov / 2
-        return AngleGrid(self.rows, self.columns, up, -up, self.horizontal_fov, self.max_range)
+        elevations = np.linspace(self.vertical_fov / 2, -self.vertical_fov / 2, self.rows).tolist()
+        return AngleGrid(tuple(elevations), self.columns, self.horizontal_fov)
 
 
 _DEGREES = [15, 10, 7, 5, 3, *np.arange(2.0, -4.5, -1 / 3), -5, -6, -7, -9, -11, -15, -25]
@@ -329,35 +319,14 @@ class RowLidar(_Lidar):
             raise ValueError(f"elevations must lie in -pi/2..pi/2 rad, got {rows[0]:.2f} to {rows[-1]:.2f}")
         if self.columns < 1:
             raise ValueError(f"columns must be at least 1, got {self.columns}")
+        check_rays(len(rows), self.columns)
         if not (0 < self.azimuth_fov <= 2 * np.pi + 1e-9 and abs(self.heading) <= np.pi + 1e-9):
             raise ValueError(f"need 0 < azimuth_fov <= 2 pi and heading within pi rad, got {self.azimuth_fov}")
         check_noise(self.sigma, self.max_range)
 
     @property
-    def shape(self) -> tuple[int, int]:
-        """Rows and columns."""
-        return len(self.elevations), self.columns
-
-    def rays(self) -> Float32[np.ndarray, "rows columns 3"]:
-        """Unit ray per row and azimuth, sensor frame."""
-        return unit_rays(self._grid, self.elevations, self.heading)
-
-    def windows(self, sensor_corners: Float64[np.ndarray, "n 8 3"]) -> Int64[np.ndarray, "m 5"]:
-        """Pixels that may meet each box; a box across the seam of the turn comes twice."""
-        found = super().windows(sensor_corners)
-        middle, radius, distance = bounding_spheres(sensor_corners)
-        half = _half_angle(radius, distance)
-        elevation = np.arcsin(middle[:, 2] / np.maximum(distance, 1e-9))
-        falling = -np.array(self.elevations)
-        found[:, 1] = np.searchsorted(falling, -(elevation + half) - 1e-6)[found[:, 0]]
-        found[:, 2] = np.searchsorted(falling, -(elevation - half) + 1e-6, side="right")[found[:, 0]]
-        return found[found[:, 1] < found[:, 2]]
-
-    @property
     def _grid(self) -> AngleGrid:
-        """Grid of one row, for its columns and outermost elevations."""
-        up, down = self.elevations[0], self.elevations[-1]
-        return AngleGrid(1, self.columns, up, down, self.azimuth_fov, self.max_range)
+        return AngleGrid(self.elevations, self.columns, self.azimuth_fov, self.heading)
 
 
 MODELS: dict[str, type[Any]] = {}  # by the name of the class in words, such as "depth-camera"

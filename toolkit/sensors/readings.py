@@ -31,7 +31,7 @@ class Draws:
     term: int
 
     def own_noise(self) -> np.random.Generator:
-        """Generator of the sensor's own noise, the same as in `toolkit.datasets.dataset.noisy`."""
+        """Generator of the sensor's own noise, which other errors do not change."""
         return np.random.default_rng([self.seed, self.frame, self.sensor])
 
     def of_frame(self) -> np.random.Generator:

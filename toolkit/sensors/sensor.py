@@ -84,7 +84,7 @@ class SensorModel(Protocol):
         """Rectangles of pixels (row, top, bottom, left, right) around boxes, given by corners in the sensor frame.
 
         No ray outside its rectangles meets a box. A box may come more than once, as across the seam of a spinning
-        lidar, or not at all. See `clip_windows` and `whole_image`.
+        lidar, or not at all. See `clip_windows`.
         """
 
 
@@ -129,16 +129,6 @@ def clip_windows(bounds: Float64[np.ndarray, "m 5"], shape: tuple[int, int]) -> 
     return np.column_stack([bounds[:, 0], low[:, 0], high[:, 0], low[:, 1], high[:, 1]])[some].astype(np.int64)
 
 
-def whole_image(count: int, shape: tuple[int, int]) -> Int64[np.ndarray, "m 5"]:
-    """Whole image for each of `count` boxes: correct for `windows`, but slow.
-
-    >>> whole_image(1, (3, 4))
-    array([[0, 0, 3, 0, 4]])
-    """
-    rows, columns = shape
-    return np.column_stack([np.arange(count), *np.tile([[0], [rows], [0], [columns]], (1, count))])
-
-
 def freeze(rays: np.ndarray) -> np.ndarray:
     """Return rays as read-only float32."""
     rays = rays.astype(np.float32)
@@ -166,7 +156,17 @@ def check_numbers(model: Any) -> None:
         fits = isinstance(value, int | np.integer) or (not whole and isinstance(value, float | np.floating))
         if isinstance(value, bool) or not fits or value != value:
             word = "whole number" if whole else "number"
-            raise ValueError(f"{entry.name} must be a {word}, got {value!r} for a {type(model).__name__}")
+            raise ValueError(f"{entry.name} must be a {word}, got {value!r:.60} for a {type(model).__name__}")
+
+
+MOST_RAYS = 1 << 23  # of a sensor; a camera of 3840 x 2160 pixels fits
+
+
+def check_rays(rows: float, columns: float) -> None:
+    """Raise ValueError for more rays than can be followed."""
+    if max(rows, columns, rows * columns) > MOST_RAYS:
+        got = f"{rows!s:.20} x {columns!s:.20}"
+        raise ValueError(f"a sensor has at most {MOST_RAYS} rays, got {got}: take fewer, or wider steps")
 
 
 def check_noise(sigma: float, max_range: float) -> None:

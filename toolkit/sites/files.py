@@ -16,12 +16,13 @@ from typing import Any
 
 import numpy as np
 
+from toolkit.arrays import Float64
 from toolkit.geometry import LEVEL, pose
 from toolkit.runtime.files import name_errors, read_json, write_text
 from toolkit.sensors.models import class_names, find_model_class, make_model
 from toolkit.sensors.sensor import Sensor, SensorModel, find_angles
 from toolkit.sites import BUILT_IN
-from toolkit.sites.site import HYBRID_RADIUS, Mount, Relief, Site, Solid, check_polygons
+from toolkit.sites.site import HYBRID_RADIUS, Mount, Relief, Site, Solid, check_polygon
 
 
 def load_site(name_or_path: str | Path) -> Site:
@@ -151,9 +152,8 @@ def parse(collection: JsonValue) -> Site:
         layers[layer].append(value)
     if len(layers["area"]) != 1:
         raise ValueError(f"features must hold exactly one of layer 'area', got {len(layers['area'])}")
-    outlines = [outline for layer in ("area", "lane", "footway", "solid") for outline, *_ in layers[layer]]
-    polygons = check_polygons(dict(outlines))
     relief = root.node("relief")
+    rise, across = relief.numbers("slope", 2) if "slope" in relief.value else LEVEL
     geo_reference = collection.get("geo_reference")
     if not isinstance(geo_reference, str | None):
         raise ValueError(f"geo_reference must be a PROJ text or null, got {geo_reference!r}")
@@ -166,14 +166,13 @@ def parse(collection: JsonValue) -> Site:
         lines = root.get("network", list)
         if not lines or not all(isinstance(line, str) for line in lines):
             raise ValueError("network must be the lines of a SUMO net.xml, or null for a site without traffic")
-    rise, across = relief.numbers("slope", 2) if "slope" in relief.value else LEVEL
     return Site(
         name=root.get("name", str),
-        area=_find_area(layers["area"][0][0], polygons),
+        area=layers["area"][0],
         height=root.number("height"),
-        lanes=tuple(polygons[where] for (where, _), _ in layers["lane"]),
-        footways=tuple(polygons[where] for (where, _), _ in layers["footway"]),
-        solids=tuple(_make_solid(polygons[where], properties) for (where, _), properties in layers["solid"]),
+        lanes=tuple(layers["lane"]),
+        footways=tuple(layers["footway"]),
+        solids=tuple(layers["solid"]),
         mounts=tuple(layers["mount"]),
         sensors=tuple(layers["sensor"]),
         parking=np.array(layers["parking"], np.float64).reshape(-1, 3),
@@ -200,29 +199,27 @@ def _read_feature(feature: _Node) -> tuple[str, JsonValue]:
     return layer, read(geometry, properties)
 
 
-_Outline = tuple[str, list[JsonValue]]  # its place in the document, and its corners
-
-
-def _read_ring(geometry: _Node, properties: _Node) -> tuple[_Outline, _Node]:
-    """Outline of a polygon, not yet checked, and the rest of its feature."""
+def _read_ring(geometry: _Node, properties: _Node) -> Float64[np.ndarray, "k 2"]:
     coordinates, where = geometry.get("coordinates", list), geometry.where("coordinates")
     if len(coordinates) != 1:
         raise ValueError(f"{where} must hold one ring, got {len(coordinates)}: split polygons with holes")
     ring = coordinates[0]
     if not isinstance(ring, list) or len(ring) < 4 or ring[0] != ring[-1]:
         raise ValueError(f"{where} must be a closed ring of at least three corners: repeat the first corner at the end")
-    return (where, ring[:-1]), properties
+    return check_polygon(ring[:-1], where)
 
 
-def _find_area(outline: _Outline, polygons: Mapping[str, np.ndarray]) -> np.ndarray:
-    ring = polygons[outline[0]]
+def _read_area(geometry: _Node, properties: _Node) -> Float64[np.ndarray, "4"]:
+    ring = _read_ring(geometry, properties)
     (xmin, ymin), (xmax, ymax) = ring.min(axis=0), ring.max(axis=0)
     if len(ring) != 4 or not np.isin(ring, [[xmin, ymin], [xmax, ymax]]).all():
-        raise ValueError(f"{outline[0]}: the area must be a rectangle along x and y, got {ring.tolist()}")
+        where = geometry.where("coordinates")
+        raise ValueError(f"{where}: the area must be a rectangle along x and y, got {ring.tolist()}")
     return np.array([xmin, ymin, xmax, ymax])
 
 
-def _make_solid(footprint: np.ndarray, properties: _Node) -> Solid:
+def _read_solid(geometry: _Node, properties: _Node) -> Solid:
+    footprint = _read_ring(geometry, properties)
     base, top = properties.number("base"), properties.number("top")
     kind = properties.get("kind", str)
     with name_errors(properties.path):
@@ -262,29 +259,24 @@ def _read_model(properties: _Node) -> SensorModel:
             raise ValueError(f"{properties.where(key)} is unknown to {kind}: it has {', '.join(known)}")
         if key == "type":
             continue
-        entry, default = known[key], known[key].default
-        found: JsonValue  # has the type of its default
-        if isinstance(default, str):
-            found = properties.get(key, str)
-        elif isinstance(default, bool) and isinstance(value, bool):
-            found = value
-        elif isinstance(default, int):
-            found = properties.get(key, int)
+        name, default = known[key].name, known[key].default  # whose type it has
+        if isinstance(default, bool) and isinstance(value, bool):
+            values[name] = value
+        elif isinstance(default, str | int):
+            values[name] = properties.get(key, str if isinstance(default, str) else int)
         else:
             several = isinstance(value, list) and not isinstance(default, float)
             numbers = np.array(properties.numbers(key) if several else properties.number(key))
-            found = (np.deg2rad(numbers) if angles[entry.name] else numbers).tolist()
-            found = tuple(found) if several else found
-        values[entry.name] = found
+            values[name] = (np.deg2rad(numbers) if angles[name] else numbers).tolist()
     with name_errors(properties.path):
         return make_model(kind, values)
 
 
 _READERS: Mapping[str, tuple[str, Callable[[_Node, _Node], JsonValue], tuple[str, ...]]] = {
-    "area": ("Polygon", _read_ring, ()),
+    "area": ("Polygon", _read_area, ()),
     "lane": ("Polygon", _read_ring, ()),
     "footway": ("Polygon", _read_ring, ()),
-    "solid": ("Polygon", _read_ring, ("kind", "base", "top")),
+    "solid": ("Polygon", _read_solid, ("kind", "base", "top")),
     "parking": ("Point", _read_parking, ("heading_deg",)),
     "mount": ("Point", _read_mount, ("name", "min_height", "max_height", "price", "capacity", "max_sensors")),
     "sensor": ("Point", _read_sensor, ("name", "heading_deg", "tilt_deg", "roll_deg", "model")),

@@ -13,11 +13,11 @@ import numpy as np
 import shapely
 from shapely.ops import substring
 
-from toolkit.arrays import Float, Float64
+from toolkit.arrays import Float
 from toolkit.sites import furniture as f
 from toolkit.sites.furniture import BUILT, PLANTED, Make, bushes, container, digger, heap, move_solids, skip
 from toolkit.sites.site import Mount, Solid
-from toolkit.sites.surroundings import Plot, Road, Strip, along, forecourts, kerb_bays
+from toolkit.sites.surroundings import Bays, Extent, Plot, Road, Strip, along, forecourts, kerb_bays
 
 UNDERSIDE = (2.5, 5.0)  # m above the ground, of a crown over lanes or bays, from .. to
 OVER_ROAD = (3.0, 9.0)  # m, how wide such a crown is, from .. to
@@ -43,13 +43,7 @@ def avenues(plot: Plot, kerb: Float[np.ndarray, "n 3"], rng: np.random.Generator
 
 
 def plant(
-    plot: Plot,
-    foot: Float[np.ndarray, "2"],
-    radius: float,
-    levels: tuple[float, float],
-    rng: np.random.Generator,
-    *,
-    footway: bool = True,
+    plot: Plot, foot: np.ndarray, radius: float, levels: f.Span, rng: np.random.Generator, *, footway: bool = True
 ) -> bool:
     """Plant a tree at `foot`; return False if there is no room.
 
@@ -70,7 +64,7 @@ def plant(
     return True
 
 
-def clumps(x: float, y: float, radius: float, levels: tuple[float, float], rng: np.random.Generator) -> list[Solid]:
+def clumps(x: float, y: float, radius: float, levels: f.Span, rng: np.random.Generator) -> list[Solid]:
     """Draw a crown of 3 to 8 overlapping clumps."""
     low, high = levels
     number = int(rng.integers(3, 9))
@@ -164,13 +158,7 @@ def verge_works(plot: Plot, rng: np.random.Generator) -> None:
 
 
 def _put_works(
-    plot: Plot,
-    path: shapely.LineString,
-    stretch: tuple[float, float],
-    width: float,
-    rng: np.random.Generator,
-    *,
-    shoulder: bool,
+    plot: Plot, path: shapely.LineString, stretch: f.Span, width: float, rng: np.random.Generator, *, shoulder: bool
 ) -> None:
     start, end = stretch
 
@@ -237,28 +225,18 @@ FOOT_AIR = 0.2  # m from the top of a mount's own post to the lowest sensor on i
 Draw = Callable[[float, float, float], list[Solid]]  # x, y and the direction along the road (rad)
 
 
-def furnish(
-    road: Road,
-    area: Float[np.ndarray, "4"],
-    mounts: Sequence[Mount],
-    rng: np.random.Generator,
-    *,
-    strips: Mapping[str, Strip] | None = None,
-    angles: Mapping[str, int] | None = None,
-) -> tuple[list[Solid], Float64[np.ndarray, "n 3"]]:
+def furnish(road: Road, area: Extent, mounts: Sequence[Mount], rng: np.random.Generator) -> tuple[list[Solid], Bays]:
     """Draw solids on level ground, and parking bays x, y, yaw, in and around `area`.
 
-    strips: shoulders of the road by edge; angles: of the bays on strips that have bays (degrees); the others have road
-    works.
+    Strips of the road without bays have road works.
     """
-    strips, angles = strips or {}, angles or {}
     plot = Plot(road, shapely.box(*area).buffer(25.0, join_style="mitre"), mounts)
     for mount in mounts:
         x, y, _ = mount.position.tolist()
         plot.solids.append(f.post(x, y, round(mount.min_height - FOOT_AIR, 2)))
     kerb = along(road.carriageway.buffer(0.8).boundary.intersection(plot.window), 0.5)
-    bays = kerb_bays(plot, strips, angles, rng)
-    lane_works(plot, {edge: strip for edge, strip in strips.items() if edge not in angles}, rng)
+    bays = kerb_bays(plot, road.strips, road.angles, rng)
+    lane_works(plot, {edge: strip for edge, strip in road.strips.items() if edge not in road.angles}, rng)
     plant_islands(plot, rng)
     _houses(plot, rng)
     bays = np.concatenate([bays, forecourts(plot, rng)])

@@ -14,10 +14,12 @@ import numpy as np
 import shapely
 
 from toolkit.arrays import Float, Float64
+from toolkit.mesh import Span as Span
 from toolkit.sites.network import unite
 from toolkit.sites.site import Mount, Relief, Site, Solid
 
 Point = tuple[float, float]
+
 Outlines = Iterable[Float[np.ndarray, "_ 2"]]
 
 
@@ -39,9 +41,7 @@ def bar(start: Point, end: Point, width: float) -> Float64[np.ndarray, "4 2"]:
     return np.round(np.array([start - across, end - across, end + across, start + across]), 3)
 
 
-def block(
-    size: tuple[float, float], middle: tuple[float, float] = (0.0, 0.0), yaw: float = 0.0
-) -> Float64[np.ndarray, "4 2"]:
+def block(size: Point, middle: Point = (0.0, 0.0), yaw: float = 0.0) -> Float64[np.ndarray, "4 2"]:
     """Rectangle (m) about `middle`; yaw: direction of its length."""
     ahead = size[0] / 2 * np.array([np.cos(yaw), np.sin(yaw)])
     start, end = ((float(middle[0] + k * ahead[0]), float(middle[1] + k * ahead[1])) for k in (-1, 1))
@@ -95,20 +95,18 @@ def railing(line: Sequence[Point], height: float = 1.1) -> list[Solid]:
     return uprights + [Solid(bar(*piece, 0.06), *level, "fence") for piece in pieces for level in levels]
 
 
-def kerbs(lanes: Outlines, footways: Outlines, height: float = 0.12, width: float = 0.15) -> list[Solid]:
+def kerbs(lanes: Outlines, footways: Outlines, height: float = 0.12) -> list[Solid]:
     """Kerbstones on the footway's side of the road's edges."""
     road, walk = unite(lanes).buffer(0.01), unite(footways)
     if walk.is_empty:
         return []
     edge = shapely.line_merge(shapely.intersection(walk.boundary, road)).simplify(0.02)
-    return set_kerbs(edge, road, width, height, broken=False)
+    return set_kerbs(edge, road, (0.15, height), broken=False)
 
 
-def set_kerbs(
-    edge: shapely.Geometry, road: shapely.Geometry, width: float, height: float, *, broken: bool = True
-) -> list[Solid]:
-    """Kerbstones along `edge`, off `road`, in pieces of at most 4 m. broken: keep the rest of one cut in parts."""
-    solids = []
+def set_kerbs(edge: shapely.Geometry, road: shapely.Geometry, size: Point, *, broken: bool = True) -> list[Solid]:
+    """Kerbstones of a width and height, at most 4 m long, off `road`. broken: keep the rest of one cut in parts."""
+    (width, height), solids = size, []
     lines = [part for part in shapely.get_parts(shapely.segmentize(edge, 4.0)) if part.geom_type == "LineString"]
     for piece in (piece for line in lines for piece in pairwise(shapely.get_coordinates(line))):
         stone = shapely.LineString(piece).buffer(width, cap_style="flat").difference(road)
@@ -155,11 +153,11 @@ def move_solids(solids: list[Solid], x: float, y: float, yaw: float) -> list[Sol
     return [replace(solid, footprint=np.round(solid.footprint @ turn + [x, y], 3)) for solid in solids]
 
 
-def _size(rng: np.random.Generator, *ranges: tuple[float, float]) -> tuple[float, ...]:
+def _size(rng: np.random.Generator, *ranges: Span) -> tuple[float, ...]:
     return tuple(round(float(rng.uniform(*between)), 2) for between in ranges)
 
 
-def _draw_block(kind: str, *ranges: tuple[float, float]) -> Make:
+def _draw_block(kind: str, *ranges: Span) -> Make:
     """Maker of a block whose length, width and height are drawn."""
 
     def make(rng: np.random.Generator) -> list[Solid]:

@@ -215,13 +215,9 @@ def _layers(site: Site) -> Iterator[_Json]:
     yield from (mount_feature(site, mount) for mount in site.mounts)
     for sensor in site.sensors:
         x, y, z = sensor.world_SE3_body[:3, 0]
-        yield feature(
-            site,
-            shapely.Point(sensor.position[:2]),
-            layer="sensor",
-            name=sensor.name,
-            model=name_in_words(type(sensor.model).__name__),
-            height=round(float(sensor.position[2] - site.ground(sensor.position[:2])), 3),
-            bearing_deg=round(bearing_deg(site, float(np.arctan2(y, x))), 1) % 360.0,
-            tilt_deg=round(float(np.rad2deg(np.arctan2(-z, np.hypot(x, y)))), 1) + 0.0,
-        )
+        model, spot = name_in_words(type(sensor.model).__name__), sensor.position[:2]
+        height = round(float(sensor.position[2] - site.ground(spot)), 3)
+        bearing = round(bearing_deg(site, float(np.arctan2(y, x))), 1) % 360.0
+        tilt = round(float(np.rad2deg(np.arctan2(-z, np.hypot(x, y)))), 1) + 0.0
+        said = {"model": model, "height": height, "bearing_deg": bearing, "tilt_deg": tilt}
+        yield feature(site, shapely.Point(spot), layer="sensor", name=sensor.name, **said)

@@ -12,7 +12,7 @@ import tempfile
 import warnings
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -22,29 +22,11 @@ import shapely
 from toolkit.arrays import Float, Float64
 from toolkit.geometry import STEEPEST, pose
 from toolkit.runtime.files import name_errors
-from toolkit.sites import furniture as f
-from toolkit.sites import opendrive, osm, osm_parking
+from toolkit.sites import furniture as f, network as nets, opendrive, osm, osm_parking
 from toolkit.sites.furnishing import furnish
 from toolkit.sites.georeference import projection
-from toolkit.sites.network import (
-    FOOT,
-    MOTOR,
-    Polygons,
-    convert,
-    cut_polygons,
-    enclose,
-    format_element,
-    format_xml,
-    lane_width,
-    list_lanes,
-    list_polygons,
-    list_users,
-    parse_shape,
-    road_polygons,
-    unite,
-)
 from toolkit.sites.site import Mount, Relief, Site, Solid
-from toolkit.sites.surroundings import POLE, Road, outline, place_along, place_mounts
+from toolkit.sites.surroundings import POLE, Bay, Road, outline, place_along, place_mounts
 
 CRACK = 0.3  # m, half the width of cracks between polygons of a map that are closed
 STUB = 1.2  # m, half the width of a slot in the carriageway that is a fault of the network's corners
@@ -63,19 +45,19 @@ ROUGHEST = 0.12  # m, of the ground's unevenness that is drawn, as in random sit
 def find_tracks(network: str) -> shapely.Geometry:
     """Tracks of motor vehicles in a net.xml text. Over junctions with the room that both ends of a vehicle need."""
     tracks = []
-    for edge, lane in list_lanes(network, "normal", "internal"):
-        if "passenger" in list_users(lane):
+    for edge, lane in nets.list_lanes(network, "normal", "internal"):
+        if "passenger" in nets.list_users(lane):
             tracks.append(_track(lane))
-            tracks += _turning(parse_shape(lane)) if edge.get("function") == "internal" else []
+            tracks += _turning(nets.parse_shape(lane)) if edge.get("function") == "internal" else []
     return shapely.union_all(tracks)
 
 
 def find_turns(network: str) -> shapely.Geometry:
     """Ground within `CORNER_CUT` of bent tracks over junctions."""
     bent = []
-    for _, lane in list_lanes(network, "internal"):
-        if "passenger" in list_users(lane):
-            line = shapely.LineString(points := parse_shape(lane))
+    for _, lane in nets.list_lanes(network, "internal"):
+        if "passenger" in nets.list_users(lane):
+            line = shapely.LineString(points := nets.parse_shape(lane))
             if line.hausdorff_distance(shapely.LineString(points[[0, -1]])) > 0.3:
                 bent += [_track(lane), *_turning(points)]
     return shapely.union_all(bent).buffer(CORNER_CUT)
@@ -83,9 +65,9 @@ def find_turns(network: str) -> shapely.Geometry:
 
 def junction_corners(network: str) -> tuple[shapely.Geometry, shapely.Geometry]:
     """Carriageway and footway at the corners of a network's junctions."""
-    footway = shapely.union_all([enclose(lane) for _, lane in list_lanes(network, "walkingarea")])
+    footway = shapely.union_all([nets.enclose(lane) for _, lane in nets.list_lanes(network, "walkingarea")])
     junctions = ElementTree.fromstring(network).iter("junction")
-    ground = [enclose(junction) for junction in junctions if junction.get("type") not in ("internal", "dead_end")]
+    ground = [nets.enclose(junction) for junction in junctions if junction.get("type") not in ("internal", "dead_end")]
     return shapely.union_all(ground).difference(footway), footway
 
 
@@ -96,7 +78,7 @@ def whole_road(
     window: shapely.Geometry,
     *,
     fillings: tuple[shapely.Geometry, shapely.Geometry] = (shapely.Polygon(), shapely.Polygon()),
-) -> tuple[Polygons, Polygons]:
+) -> tuple[nets.Polygons, nets.Polygons]:
     """Lanes and footways within `window` without cracks, stubs and slivers.
 
     Driven ground is carriageway, and a footway begins where the carriageway ends. fillings: carriageway and footway
@@ -119,39 +101,39 @@ def whole_road(
     carriageway = shapely.union_all([closed, stubs, *islets])
     carriageway = shapely.set_precision(carriageway, OUTLINE_GRID)  # off the grid an overlay may lose a whole lane
     between = _open_shape(carriageway.difference(shapely.union_all(list(lanes))), 0.01)
-    pieces = cut_polygons([lane.intersection(carriageway) for lane in lanes] + [between], window)
-    carriageway = unite(pieces)
+    pieces = nets.cut_polygons([lane.intersection(carriageway) for lane in lanes] + [between], window)
+    carriageway = nets.unite(pieces)
     walk = _open_shape(walk.difference(carriageway), SLIVER).difference(carriageway)
-    return pieces, cut_polygons([walk], window)
+    return pieces, nets.cut_polygons([walk], window)
 
 
-def kerbstones(lanes: Polygons, footways: Polygons, lowered: shapely.Geometry) -> list[Solid]:
+def kerbstones(lanes: nets.Polygons, footways: nets.Polygons, lowered: shapely.Geometry) -> list[Solid]:
     """Kerbstones between lanes and footways, none on ground where they are `lowered`, as at corners vehicles cut."""
-    carriageway, walk = unite(lanes).buffer(0.01), unite(footways)
+    carriageway, walk = nets.unite(lanes).buffer(0.01), nets.unite(footways)
     if walk.is_empty:
         return []
     edge = shapely.intersection(walk.boundary, carriageway.buffer(0.02)).simplify(0.02).difference(lowered)
     edge = shapely.line_merge(edge) if edge.geom_type == "MultiLineString" else edge
-    return f.set_kerbs(edge, carriageway, *KERB)
+    return f.set_kerbs(edge, carriageway, KERB)
 
 
-def legs(network: str, reach: float = 100.0) -> tuple[list[Float64[np.ndarray, "_ 2"]], list[tuple[float, float]]]:
-    """Paths of the network's streets within `reach` m of the site's middle, with half their widths left and right (m).
+def legs(network: str) -> tuple[list[Float64[np.ndarray, "_ 2"]], list[tuple[float, float]]]:
+    """Paths of the network's streets within 100 m of the site's middle, with half their widths left and right (m).
 
     A path runs along the lane nearest to the middle of the street, one for each direction, and straight on for 130 m
     where its edge ends, since houses are drawn along 90 m.
     """
     edges: dict[ElementTree.Element, list[ElementTree.Element]] = {}
-    for edge, lane in list_lanes(network):
+    for edge, lane in nets.list_lanes(network):
         edges.setdefault(edge, []).append(lane)
     paths, widths = [], []
     for lanes in edges.values():
-        if not any("passenger" in list_users(lane) for lane in lanes):
+        if not any("passenger" in nets.list_users(lane) for lane in lanes):
             continue
-        line = shapely.LineString(parse_shape(lanes[-1])).intersection(shapely.Point(0, 0).buffer(reach))
+        line = shapely.LineString(nets.parse_shape(lanes[-1])).intersection(shapely.Point(0, 0).buffer(100.0))
         for part in shapely.get_parts(line):
             if part.geom_type == "LineString" and part.length > 10.0:
-                width = round(sum(map(lane_width, lanes)) - lane_width(lanes[-1]) / 2, 3)
+                width = round(sum(map(nets.lane_width, lanes)) - nets.lane_width(lanes[-1]) / 2, 3)
                 path = shapely.get_coordinates(part)
                 ahead = (path[-1] - path[-2]) / np.hypot(*(path[-1] - path[-2]))
                 paths.append(np.vstack([path, path[-1] + 130.0 * ahead]))
@@ -183,13 +165,10 @@ def furnish_site(site: Site, mounts: Sequence[Mount], solids: Sequence[Solid], s
 
 
 def free_bays(
-    bays: Sequence[tuple[float, float, float]],
-    window: shapely.Geometry,
-    solids: Sequence[Solid],
-    tracks: shapely.Geometry,
+    bays: Sequence[Bay], window: shapely.Geometry, solids: Sequence[Solid], tracks: shapely.Geometry
 ) -> Float64[np.ndarray, "n 3"]:
     """Bays (x, y, yaw) in `window` without solids and traffic."""
-    standing = unite(s.footprint for s in solids if s.kind not in ("island", "kerb"))
+    standing = nets.unite(s.footprint for s in solids if s.kind not in ("island", "kerb"))
     tracks = tracks.buffer(-0.3)
     ground = [(bay, outline(bay, MAP_BAY)) for bay in bays]
     ground = [(bay, shape) for bay, shape in ground if window.contains(shape) and not standing.intersects(shape)]
@@ -197,11 +176,10 @@ def free_bays(
     return np.array(free, np.float64).reshape(-1, 3).round(4)
 
 
-def bays_along(middle: Float[np.ndarray, "k 2"], every: float = 6.4) -> list[tuple[float, float, float]]:
-    """Bays x, y, yaw along a parking lane's middle."""
+def bays_along(middle: Float[np.ndarray, "k 2"]) -> list[Bay]:
+    """Bays x, y, yaw along a parking lane's middle, every 6.4 m."""
     line = shapely.LineString(middle)
-    rows = place_along(line, np.arange(every / 2, line.length - every / 2, every), 0.5)
-    return [(float(x), float(y), float(a)) for x, y, a in rows]
+    return [(x, y, yaw) for x, y, yaw in place_along(line, np.arange(3.2, line.length - 3.2, 6.4), 0.5).tolist()]
 
 
 def _keep_apart(solids: Sequence[Solid], ours: shapely.Geometry) -> list[Solid]:
@@ -213,9 +191,9 @@ def _keep_apart(solids: Sequence[Solid], ours: shapely.Geometry) -> list[Solid]:
 
 
 def _track(lane: ElementTree.Element) -> shapely.Geometry:
-    if len(points := parse_shape(lane)) < 2:
+    if len(points := nets.parse_shape(lane)) < 2:
         return shapely.Polygon()
-    half = min(lane_width(lane), WIDEST) / 2
+    half = min(nets.lane_width(lane), WIDEST) / 2
     return shapely.LineString(points).simplify(0.05).buffer(half, cap_style="flat", quad_segs=4)
 
 
@@ -248,7 +226,7 @@ LEAST_SLOPE = 0.005  # m per m; flatter ground counts as level
 SAME_LEVEL = 3.5  # m; a road higher or lower than that is another storey, and left out
 BRACKET = 0.45  # m from a lamp post's axis to the sensor it carries
 
-_USED_LANES = {"driving": (13.89, 5, MOTOR), "sidewalk": (2.78, 0, FOOT), "walking": (2.78, 0, FOOT)}
+_USED_LANES = {"driving": (13.89, 5, nets.MOTOR), "sidewalk": (2.78, 0, nets.FOOT), "walking": (2.78, 0, nets.FOOT)}
 _USED_LANES["biking"] = (5.56, 0, "bicycle")
 _UNUSED_LANES = ("none", "parking", "shoulder", "border", "curb", "median", "restricted")
 _OPENDRIVE_OPTIONS = ("--opendrive.import-all-lanes", "--opendrive.curve-resolution=1", "--junctions.endpoint-shape")
@@ -258,19 +236,51 @@ _OSM_OPTIONS = (
 )
 
 
-def import_opendrive(
-    path: str | Path,
-    *,
-    centre: Sequence[float | int],
-    size: Sequence[float | int],
-    name: str | None = None,
-    heading: float = 0.0,
-    seed: int | None = None,
-) -> Site:
-    """Import a site from an OpenDRIVE file.
+@dataclass(frozen=True)
+class MapPiece:
+    """Piece of a map file to import as a site.
 
-    centre: in map coordinates (m); size: along x and y (m); heading: of x (rad); seed: draws what the map is silent of,
-    None leaves it bare.
+    centre: in the map's coordinates (m), or longitude and latitude of OpenStreetMap; size: along x and y (m); heading:
+    of x (rad counter-clockwise from the map's east); seed: draws what the map is silent of, which a warning lists, None
+    leaves it bare.
+
+    Raises FileNotFoundError for a missing file, ValueError for an empty one and for an impossible place.
+    """
+
+    path: Path
+    centre: tuple[float | int, float | int]
+    size: tuple[float | int, float | int]
+    heading: float = 0.0
+    seed: int | None = None
+
+    def __post_init__(self) -> None:
+        path, centre, size = self.path, self.centre, self.size
+        if not path.is_file():
+            raise FileNotFoundError(f"no map {str(path)!r}: give an .xodr or .osm file")
+        if path.stat().st_size == 0:
+            raise ValueError(f"{path}: the file is empty: download the map again")
+        if not (len(centre) == 2 and np.isfinite([*centre, self.heading]).all()):
+            raise ValueError(f"centre must be two finite numbers and heading one, got {centre} and {self.heading}")
+        if not (len(size) == 2 and np.isfinite(size).all() and min(size) > 0 and max(size) <= 1000):
+            raise ValueError(f"size must be two lengths above 0 and at most 1000 m, got {size}: give --size X Y")
+
+    @property
+    def area(self) -> Float64[np.ndarray, "4"]:
+        """Detection area in the site's frame."""
+        return np.array([-self.size[0], -self.size[1], self.size[0], self.size[1]]) / 2
+
+    def around(self, margin: float) -> shapely.Polygon:
+        """Ground up to `margin` m around the area."""
+        return shapely.box(*(self.area + margin * np.array([-1, -1, 1, 1])))
+
+    def no_road(self) -> ValueError:
+        """Error for a piece without a road."""
+        where = f"{self.centre[0]:g} {self.centre[1]:g}"
+        return ValueError(f"{self.path}: no road within the area about {where}: move --centre onto a road")
+
+
+def import_opendrive(piece: MapPiece) -> Site:
+    """Import a site from an OpenDRIVE file.
 
     Roads lie on one plane, which slopes as they do; those more than SAME_LEVEL m above or below are left out. Objects
     and signals become solids and bays, mounts are made along the kerbs. Warnings name a georeference that is no
@@ -278,24 +288,24 @@ def import_opendrive(
 
     Raises ValueError in one line if the file is no OpenDRIVE map or has no road there, ImportError without SUMO.
     """
-    path, (x, y), area = _check(path, ".xodr", centre, size, heading)
+    path, (x, y), heading = piece.path, map(float, piece.centre), piece.heading
     with name_errors(path):
         root = opendrive.read_opendrive(path, (x, y))
     geo_reference = opendrive.find_projection(root, path.name)
-    window = opendrive.in_map(_around(area, REACH), pose(x, y, yaw=heading))
-    used = [{"id": k, "speed": s, "priority": p, "allow": u} for k, (s, p, u) in _USED_LANES.items()]
-    unused = [{"id": kind, "speed": 1, "priority": 0, "disallow": "all"} for kind in _UNUSED_LANES]
+    window = opendrive.in_map(piece.around(REACH), pose(x, y, yaw=heading))
+    rows = [{"id": k, "speed": s, "priority": p, "allow": u} for k, (s, p, u) in _USED_LANES.items()]
+    rows += [{"id": kind, "speed": 1, "priority": 0, "disallow": "all"} for kind in _UNUSED_LANES]
     with tempfile.TemporaryDirectory() as folder:
         types, whole = Path(folder, "types.xml"), Path(folder, "net.xml")
-        types.write_text(format_xml("types", (format_element("type", row) for row in [*used, *unused])), "utf-8")
+        types.write_text(nets.format_xml("types", (nets.format_element("type", row) for row in rows)), "utf-8")
         options = [f"--opendrive-files={path}", f"--type-files={types}", *_OPENDRIVE_OPTIONS, "--no-warnings"]
-        network = _convert(options, path, (x, y))
+        network = _convert(options, piece)
         level, elsewhere, is_near = _elsewhere(network, window)
         if not is_near:
-            raise ValueError(_no_road(path, (x, y)))
+            raise piece.no_road()
         whole.write_text(network, "utf-8")  # netconvert cuts networks, but not OpenDRIVE maps
         cut = [f"--sumo-net-file={whole}", f"--remove-edges.explicit={','.join(elsewhere)}"]
-        network = _convert([*cut, "--junctions.endpoint-shape", "--crossings.guess", "--no-warnings"], path, (x, y))
+        network = _convert([*cut, "--junctions.endpoint-shape", "--crossings.guess", "--no-warnings"], piece)
     map_SE3_site = pose(x, y, level, yaw=heading)
     network = _in_site_frame(network, map_SE3_site)
     with name_errors(path):
@@ -306,15 +316,17 @@ def import_opendrive(
     paved = [shape for kind, shape in shapes if kind not in opendrive.UNPAVED]
     walked = [shape for kind, shape in shapes if kind in opendrive.FOOTWAY]
     if not paved:
-        raise ValueError(_no_road(path, (x, y)))
-    reach, tracks = _around(area, SURROUNDINGS), find_tracks(network)
+        raise piece.no_road()
+    reach, tracks = piece.around(SURROUNDINGS), find_tracks(network)
     lanes, footways = whole_road(paved, walked, tracks, reach, fillings=junction_corners(network))
     for lane in found:
         if lane.kind == "parking" and lane.width >= 1.8:
             middle = opendrive.in_site(shapely.LineString(lane.middle), map_SE3_site)
             there.bays.extend(bays_along(shapely.get_coordinates(middle)))
     solids, notes = opendrive.off_the_road(there, reach, lanes, tracks)
-    slope, off, steepest = opendrive.find_plane(roads, opendrive.in_map(shapely.box(*area), map_SE3_site), map_SE3_site)
+    slope, off, steepest = opendrive.find_plane(
+        roads, opendrive.in_map(shapely.box(*piece.area), map_SE3_site), map_SE3_site
+    )
     rise, relief = float(np.hypot(*slope)), Relief()
     if steepest > LEAST_SLOPE and LEAST_SLOPE < rise <= STEEPEST:
         relief = Relief(slope=(round(slope[0], 5), round(slope[1], 5)))
@@ -323,8 +335,8 @@ def import_opendrive(
     elif steepest > LEAST_SLOPE:
         notes.append(f"the steepest road in the area rises by {100 * steepest:.1f} %; the site is level")
     site = Site(
-        name or path.stem,
-        area,
+        path.stem,
+        piece.area,
         lanes=lanes,
         footways=footways,
         parking=free_bays(there.bays, reach, solids, tracks),
@@ -334,23 +346,11 @@ def import_opendrive(
         relief=relief,
     )
     lamps = np.array(there.lamps).reshape(-1, 2)
-    return _finish(site, path, (x, y), solids, lamps=lamps, seed=seed, notes=notes)
+    return _finish(site, piece, solids, lamps=lamps, notes=notes)
 
 
-def import_osm(
-    path: str | Path,
-    *,
-    centre: Sequence[float | int],
-    size: Sequence[float | int],
-    name: str | None = None,
-    heading: float = 0.0,
-    lefthand: bool = False,
-    seed: int | None = None,
-) -> Site:
-    """Import a site from an OpenStreetMap file (.osm, .osm.gz).
-
-    centre: longitude, latitude; size: along x and y (m); heading: of x (rad counter-clockwise from east); lefthand:
-    traffic keeps left; seed: draws what the map is silent of, which a warning lists; None leaves it bare.
+def import_osm(piece: MapPiece, *, lefthand: bool = False) -> Site:
+    """Import a site from an OpenStreetMap file (.osm, .osm.gz). lefthand: traffic keeps left.
 
     Roads, footways, parking along kerbs, buildings with heights, walls, fences, hedges, trees and lamp posts come from
     the map; mounts are on its lamp posts, or else along the kerbs. What the site cannot hold (tunnels, bridges over a
@@ -358,11 +358,11 @@ def import_osm(
 
     Raises ValueError in one line if the file is no OSM map or has no road there, ImportError without SUMO.
     """
-    path, place, area = _check(path, ".osm", centre, size, heading)
-    extract, within = osm.read_map(path, place, heading), _around(area, REACH)
+    path, place, heading = piece.path, (float(piece.centre[0]), float(piece.centre[1])), piece.heading
+    extract, within = osm.read_map(path, place, heading), piece.around(REACH)
     pieces, notes = osm.roads(extract, within, lefthand=lefthand)
     if not pieces:
-        raise ValueError(_no_road(path, place))
+        raise piece.no_road()
     parking = osm_parking.find_parking(extract, osm.ROADS, within, lefthand=lefthand)
     map_SE3_site, driving, on_earth = pose(yaw=heading), ["--lefthand"] if lefthand else [], projection(*place)
     with tempfile.TemporaryDirectory() as folder:
@@ -371,32 +371,32 @@ def import_osm(
         types.write_text(osm.road_types(), "utf-8")
         options = [f"--osm-files={streets}", f"--type-files={types}", f"--proj={on_earth}", *_OSM_OPTIONS, *driving]
         options += [f"--plain-output-prefix={Path(folder, 'plain')}"]
-        network = _in_site_frame(_convert(options, path, place), map_SE3_site)
+        network = _in_site_frame(_convert(options, piece), map_SE3_site)
         if parking and (strips := osm_parking.find_parking_strips(network, parking)):
             options = [*osm_parking.widen_network(Path(folder), strips), "--no-warnings", *driving]
             try:
-                network = _in_site_frame(convert(options), map_SE3_site)
+                network = _in_site_frame(nets.convert(options), map_SE3_site)
             except ValueError as error:
                 notes.append(f"parking along the kerbs was left out ({error})")
-    window = _around(area, SURROUNDINGS)
-    lanes, footways = road_polygons(network, area)
-    paved, street = unite(lanes), unite([*lanes, *footways])
+    window = piece.around(SURROUNDINGS)
+    lanes, footways = nets.road_polygons(network, piece.area)
+    paved, street = nets.unite(lanes), nets.unite([*lanes, *footways])
     solids, cut = osm.buildings(extract, window, street.buffer(0.1))
-    houses = unite(solid.footprint for solid in solids)
-    squares = cut_polygons([each.difference(street).difference(houses) for each in osm.paths(extract, window)], window)
+    houses = nets.unite(solid.footprint for solid in solids)
+    squares = [each.difference(street).difference(houses) for each in osm.paths(extract, window)]
     beside = street.union(houses)
     solids += osm.barriers(extract, window, beside) + osm.trees(extract, window, beside)
     posts, lamps = osm.furniture(extract, window, paved.union(houses))
-    walked = [shapely.Polygon(p).difference(paved) for p in (*footways, *squares)]
+    walked = [shapely.Polygon(p).difference(paved) for p in (*footways, *nets.cut_polygons(squares, window))]
     tracks = find_tracks(network)
     lanes, footways = whole_road([shapely.Polygon(p) for p in lanes], walked, tracks, window)
     solids += posts
-    taken = unite(solid.footprint for solid in solids).union(unite(lanes)).buffer(0.2)
+    taken = nets.unite(solid.footprint for solid in solids).union(nets.unite(lanes)).buffer(0.2)
     bays = np.array(osm.bays(extract, window, taken), np.float64).reshape(-1, 3)
     at_kerbs = free_bays(osm_parking.find_strip_bays(network, parking), window, solids, tracks)
     site = Site(
-        name or path.name.partition(".")[0],
-        area,
+        path.name.partition(".")[0],
+        piece.area,
         lanes=lanes,
         footways=footways,
         parking=np.concatenate([bays, at_kerbs]),
@@ -404,24 +404,15 @@ def import_osm(
         map_SE3_site=map_SE3_site,
         geo_reference=on_earth,
     )
-    return _finish(site, path, place, solids, lamps=lamps, seed=seed, notes=[*notes, *cut])
+    return _finish(site, piece, solids, lamps=lamps, notes=[*notes, *cut])
 
 
-def _finish(
-    site: Site,
-    path: Path,
-    centre: tuple[float, float],
-    solids: Sequence[Solid],
-    *,
-    lamps: np.ndarray,
-    seed: int | None,
-    notes: Sequence[str],
-) -> Site:
+def _finish(site: Site, piece: MapPiece, solids: Sequence[Solid], *, lamps: np.ndarray, notes: Sequence[str]) -> Site:
     """Add kerbs and mounts to a site, and furnish it if a seed is given."""
-    if not unite(site.lanes).intersects(shapely.box(*site.area)):
-        raise ValueError(_no_road(path, centre))
+    if not nets.unite(site.lanes).intersects(shapely.box(*site.area)):
+        raise piece.no_road()
     road = Road((), (), site.lanes, site.footways)
-    walls = unite(s.footprint for s in solids if s.top > 2.0).buffer(0.3)
+    walls = nets.unite(s.footprint for s in solids if s.top > 2.0).buffer(0.3)
     walls = walls.union(shapely.union_all([outline(bay, MAP_BAY) for bay in site.parking]).buffer(0.3))
     mounts: list[Mount] = []
     near, occupied = shapely.box(*site.area).buffer(10.0), walls.buffer(-0.3)
@@ -436,44 +427,23 @@ def _finish(
         near = shapely.MultiPoint(lamps).buffer(2.0)
         mounts += [replace(m, price=1.0) for m in drawn if not near.intersects(shapely.Point(m.position[:2]))]
     stones = kerbstones(site.lanes, site.footways, find_turns(site.network))
-    if seed is None:
+    if piece.seed is None:
         feet = [m.position.tolist() for m in mounts if m.name.startswith("pole")]
         poles = [f.post(x, y, POLE) for x, y, _ in feet]
         made = replace(site, solids=f.settle([*solids, *poles, *stones], site.relief), mounts=f.on_ground(mounts, site))
     else:
-        made, note = furnish_site(site, mounts, [*solids, *stones], seed)
+        made, note = furnish_site(site, mounts, [*solids, *stones], piece.seed)
         notes = [*notes, note]
     for note in notes:
-        warnings.warn(f"{path.name}: {note}", stacklevel=3)
+        warnings.warn(f"{piece.path.name}: {note}", stacklevel=3)
     return made
 
 
-def _check(
-    path: str | Path, suffix: str, centre: Sequence[float | int], size: Sequence[float | int], heading: float
-) -> tuple[Path, tuple[float, float], Float64[np.ndarray, "4"]]:
-    """Path, centre, and area in the site's frame."""
-    path = Path(path)
-    if not path.is_file():
-        raise FileNotFoundError(f"no map {str(path)!r}: give an {suffix} file")
-    if path.stat().st_size == 0:
-        raise ValueError(f"{path}: the file is empty: download the map again")
-    if not (len(centre) == 2 and np.isfinite([*centre, heading]).all()):
-        raise ValueError(f"centre must be two finite numbers and heading one, got {centre} and {heading}")
-    if not (len(size) == 2 and np.isfinite(size).all() and min(size) > 0 and max(size) <= 1000):
-        raise ValueError(f"size must be two lengths above 0 and at most 1000 m, got {size}: give --size LENGTH WIDTH")
-    area = np.array([-size[0], -size[1], size[0], size[1]]) / 2
-    return path, (float(centre[0]), float(centre[1])), area
-
-
-def _no_road(path: Path, centre: tuple[float, float]) -> str:
-    return f"{path}: no road within the area about {centre[0]:g} {centre[1]:g}: move --centre onto a road"
-
-
-def _convert(options: Sequence[str], path: Path, centre: tuple[float, float]) -> str:
-    with name_errors(path):
-        network = convert(options)
+def _convert(options: Sequence[str], piece: MapPiece) -> str:
+    with name_errors(piece.path):
+        network = nets.convert(options)
     if ElementTree.fromstring(network).find("edge") is None:
-        raise ValueError(_no_road(path, centre))
+        raise piece.no_road()
     return network
 
 
@@ -484,7 +454,7 @@ def _elsewhere(network: str, window: shapely.Polygon) -> tuple[float, list[str],
     """
     heights, near = {}, set()
     nearest, level = np.inf, 0.0
-    for edge, lane in list_lanes(network):
+    for edge, lane in nets.list_lanes(network):
         name = edge.get("id", "")
         points = [(*map(float, p.split(",")), 0.0)[:3] for p in lane.get("shape", "").split()]
         line = shapely.LineString(points)
@@ -502,7 +472,7 @@ def _in_site_frame(network: str, map_SE3_site: Float64[np.ndarray, "4 4"]) -> st
     root = ElementTree.fromstring(network)
     for element in root.iter():
         if "shape" in element.attrib:
-            moved = (parse_shape(element) - [x, y]) @ turn
+            moved = (nets.parse_shape(element) - [x, y]) @ turn
             closed = element.tag == "junction" or "_w" in element.get("id", "").partition(":")[2]
             moved = _repair(moved) if closed and len(moved) > 2 else moved
             element.set("shape", " ".join(f"{a:.3f},{b:.3f}" for a, b in moved))
@@ -520,10 +490,6 @@ def _repair(ring: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, "_ 2"]:
     shape = shapely.Polygon(ring.round(3))
     if shape.is_valid:
         return ring
-    polygons = [p for p in list_polygons(shapely.set_precision(shapely.make_valid(shape), 1e-3)) if p.area > 0]
+    polygons = [p for p in nets.list_polygons(shapely.set_precision(shapely.make_valid(shape), 1e-3)) if p.area > 0]
     strip = shapely.LineString(ring).buffer(0.05, cap_style="square", join_style="mitre").convex_hull
     return shapely.get_coordinates(max(polygons, key=shapely.area, default=strip).exterior)[:-1]
-
-
-def _around(area: Float[np.ndarray, "4"], margin: float) -> shapely.Polygon:
-    return shapely.box(*(area + margin * np.array([-1, -1, 1, 1])))

@@ -11,6 +11,7 @@ import os
 import re
 import shutil
 import subprocess
+import sys
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -32,7 +33,21 @@ _OPTIONS = (
     *("--junctions.corner-detail=6", "--junctions.internal-link-detail=20", "--default.lanewidth=3.5"),
 )
 
+SLOWEST, MOST_MEMORY = 60.0, 1 << 31  # s and bytes of memory that netconvert may take
+_LIMITED = f"""
+import os, sys
+try:
+    import ctypes, resource
+    resource.setrlimit(resource.RLIMIT_AS, ({MOST_MEMORY}, {MOST_MEMORY}))
+    ctypes.CDLL(None).prctl(1, 9)  # Linux: to be killed when the parent dies
+except Exception:
+    pass
+if os.getppid() == int(sys.argv[1]):
+    os.execv(sys.argv[2], sys.argv[2:])
+"""
+
 XmlAttributes = Mapping[str, Any]
+_Rows = Iterable[XmlAttributes]
 Polygons = tuple[Float64[np.ndarray, "_ 2"], ...]
 
 
@@ -54,23 +69,15 @@ def line(points: Float[np.ndarray, "n 2"] | Sequence[tuple[float, float]]) -> st
     return " ".join(f"{x:.3f},{y:.3f}" for x, y in points)
 
 
-def build_network(
-    nodes: Iterable[XmlAttributes],
-    edges: Iterable[XmlAttributes],
-    *,
-    crossings: Iterable[XmlAttributes] | None = None,
-    roundabouts: Iterable[XmlAttributes] = (),
-    options: Sequence[str] = (),
-) -> str:
+def build_network(nodes: _Rows, edges: _Rows, *, roundabouts: _Rows = ()) -> str:
     """Build the net.xml text of a network. The same rows give the same text.
 
     nodes: id, x, y, type, radius...; edges: id, from, to, shape, spreadType, priority... and `lanes`, a list of rows as
-    `street` makes them; crossings: node, edges, width, priority, None to let netconvert guess them; roundabouts: nodes,
-    edges; options: of netconvert.
+    `street` makes them; roundabouts: nodes, edges. netconvert guesses where pedestrians cross.
 
     Raises ValueError with netconvert's own words if it refuses the rows, ImportError without SUMO.
     """
-    guess, ways = ["--crossings.guess"] if crossings is None else [], []
+    ways = []
     for edge in edges:
         lanes = edge.get("lanes", ())
         inside = "".join(format_element("lane", {"index": i, **lane}) for i, lane in enumerate(lanes))
@@ -80,11 +87,10 @@ def build_network(
         files = {
             "node": format_xml("nodes", (format_element("node", row) for row in nodes)),
             "edge": format_xml("edges", [*ways, *(format_element("roundabout", row) for row in roundabouts)]),
-            "connection": format_xml("connections", (format_element("crossing", row) for row in crossings or ())),
         }
         for kind, text in files.items():
             Path(folder, kind).write_text(text, encoding="utf-8")
-        return convert([*(f"--{kind}-files={Path(folder, kind)}" for kind in files), *guess, *options])
+        return convert([*(f"--{kind}-files={Path(folder, kind)}" for kind in files), "--crossings.guess"])
 
 
 def convert(options: Sequence[str]) -> str:
@@ -97,7 +103,11 @@ def convert(options: Sequence[str]) -> str:
     command = [str(netconvert()), *_OPTIONS, *options]
     with tempfile.TemporaryDirectory() as folder:
         output = Path(folder, "net.xml")
-        run = subprocess.run([*command, f"--output-file={output}"], capture_output=True, text=True, check=False)
+        command = [sys.executable, "-S", "-c", _LIMITED, str(os.getpid()), *command, f"--output-file={output}"]
+        try:
+            run = subprocess.run(command, capture_output=True, text=True, check=False, timeout=SLOWEST)
+        except subprocess.TimeoutExpired:
+            raise ValueError(f"netconvert: no network made in {SLOWEST:g} s: cut out a smaller piece") from None
         if run.returncode or not output.is_file():
             said = [text for text in run.stderr.splitlines() if text.startswith("Error")] or ["Error: no network made"]
             raise ValueError(f"netconvert: {said[0].removeprefix('Error: ')}")
@@ -176,9 +186,7 @@ def enclose(element: ElementTree.Element) -> shapely.Geometry:
     if len(coordinates) < 3:
         return shapely.Polygon()
     valid = shapely.make_valid(shapely.Polygon(coordinates))
-    if valid.geom_type in ("Polygon", "MultiPolygon"):
-        return valid
-    return shapely.union_all([part for part in shapely.get_parts(valid) if part.area > 0])
+    return valid if "Polygon" in valid.geom_type else shapely.union_all(list_polygons(valid))
 
 
 def parse_shape(element: ElementTree.Element) -> Float64[np.ndarray, "_ 2"]:

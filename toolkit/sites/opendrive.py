@@ -20,10 +20,11 @@ import numpy as np
 import shapely
 
 from toolkit.arrays import Float, Float64
-from toolkit.geometry import LEVEL, Slope
+from toolkit.geometry import LEVEL, Pose, Slope
 from toolkit.sites import furniture as f
 from toolkit.sites.network import list_polygons, unite
 from toolkit.sites.site import Solid
+from toolkit.sites.surroundings import Bay
 
 LONGEST = 1e5  # m, of one piece of a road
 _STEP = 0.25  # m between the points at which a spiral is summed up
@@ -114,9 +115,9 @@ class MapRoad:
         x, y, heading = self.at(s).T
         return np.column_stack([x - t * np.sin(heading), y + t * np.cos(heading)])
 
-    def stations(self, window: shapely.Geometry) -> tuple[Float64[np.ndarray, " k"], Float64[np.ndarray, "k 2"]]:
-        """s and place of stations within `window`."""
-        s = np.linspace(0.0, self.length, int(self.length / STATIONS_EVERY) + 2)
+    def stations(self, window: shapely.Geometry, every: float) -> tuple[np.ndarray, Float64[np.ndarray, "k 2"]]:
+        """s and place of stations within `window`, `every` m apart or less."""
+        s = np.linspace(0.0, self.length, int(self.length / every) + 2)
         xy = self.at(s)[:, :2]
         inside = shapely.intersects_xy(window, xy)
         return s[inside], xy[inside]
@@ -186,9 +187,8 @@ def roads_near(root: ElementTree.Element, window: shapely.Geometry, level: float
     """Roads in `window` near the height `level` (m)."""
     found = []
     for road in map(read_road, root.iter("road")):
-        s = np.linspace(0.0, road.length, int(road.length / 5.0) + 2)
-        near = shapely.intersects_xy(window.buffer(30.0), road.at(s)[:, :2])
-        if near.any() and abs(road.elevation.at(s[near]) - level).min() <= storey:
+        s, _ = road.stations(window.buffer(30.0), 5.0)
+        if len(s) and abs(road.elevation.at(s) - level).min() <= storey:
             found.append(road)
     return found
 
@@ -215,15 +215,13 @@ def lanes(road: MapRoad) -> Iterator[MapLane]:
                 inner = outer
 
 
-def find_plane(
-    roads_there: Sequence[MapRoad], window: shapely.Geometry, map_SE3_site: Float[np.ndarray, "4 4"]
-) -> tuple[Slope, float, float]:
+def find_plane(roads: Sequence[MapRoad], window: shapely.Geometry, map_SE3_site: Pose) -> tuple[Slope, float, float]:
     """Slope of the roads, their deviation from it (m), and the steepest slope (rise over run).
 
     The slope is along x and y of the site, fitted by least squares to the middle lines within `window` (map frame). It
     is level if the roads give no slope in one direction.
     """
-    found = [(road, *road.stations(window)) for road in roads_there]
+    found = [(road, *road.stations(window, STATIONS_EVERY)) for road in roads]
     steepest = max([0.0, *(float(abs(road.elevation.slope(s)).max(initial=0.0)) for road, s, _ in found)])
     places = np.concatenate([np.zeros((0, 2)), *(xy for _, _, xy in found)])
     if len(places) < 3:
@@ -238,12 +236,12 @@ def find_plane(
     return (float(slope[0]), float(slope[1])), float(abs(z - xy @ slope).max()), steepest
 
 
-def in_site(shape: shapely.Geometry, map_SE3_site: Float[np.ndarray, "4 4"]) -> shapely.Geometry:
+def in_site(shape: shapely.Geometry, map_SE3_site: Pose) -> shapely.Geometry:
     """Shape of the map in the site's frame."""
     return shapely.transform(shape, lambda xy: (xy - map_SE3_site[:2, 3]) @ map_SE3_site[:2, :2])
 
 
-def in_map(shape: shapely.Geometry, map_SE3_site: Float[np.ndarray, "4 4"]) -> shapely.Geometry:
+def in_map(shape: shapely.Geometry, map_SE3_site: Pose) -> shapely.Geometry:
     """Shape of the site in the map's frame."""
     return shapely.transform(shape, lambda xy: xy @ map_SE3_site[:2, :2].T + map_SE3_site[:2, 3])
 
@@ -267,6 +265,8 @@ def read_opendrive(path: Path, centre: tuple[float, float]) -> ElementTree.Eleme
     pieces = [[number(e, key) for key in ("x", "y", "length")] for e in root.iterfind("road/planView/geometry")]
     if not pieces:
         raise ValueError("the map has no road: export it again")
+    for repeat in root.iter("repeat"):  # near or far: netconvert follows them all
+        _count(repeat)
     starts, longest = np.array(pieces)[:, :2], np.max(pieces, axis=0)[2]
     low, high = starts.min(axis=0), starts.max(axis=0)
     if not ((low - longest <= centre) & (centre <= high + longest)).all():
@@ -303,7 +303,7 @@ class Standing:
     """Objects beside the roads, in the map's frame."""
 
     groups: list[list[Solid]] = field(default_factory=list)  # solids that stand or fall together
-    bays: list[tuple[float, float, float]] = field(default_factory=list)  # x, y, yaw
+    bays: list[Bay] = field(default_factory=list)  # x, y, yaw
     lamps: list[tuple[float, float]] = field(default_factory=list)
     understood: Counter[str] = field(default_factory=Counter)  # number of objects by type
     unknown: Counter[str] = field(default_factory=Counter)
@@ -377,15 +377,22 @@ def _places(road: MapRoad, element: ElementTree.Element) -> Iterator[tuple[float
         s, t = number(element, "s"), number(element, "t")
         yield *_place(road, s, t, turn), max(number(element, "zOffset", 0.0), 0.0)
     for repeat in repeats:
-        start, length, every = number(repeat, "s"), number(repeat, "length", 0.0), number(repeat, "distance", 0.0)
-        count = 1 + (int(length / every) if every > 0 else 0)
-        if not 0 < count <= MOST:
-            raise ValueError(f"<repeat> makes {count} objects: it must be 1 to {MOST}, mend its length or distance")
+        start, (length, every, count) = number(repeat, "s"), _count(repeat)
         first = number(repeat, "tStart", number(element, "t"))
         last = number(repeat, "tEnd", first)
         base = max(number(repeat, "zOffsetStart", 0.0), 0.0)
         for share in np.arange(count) * every / length if length > 0 else [0.0]:
             yield *_place(road, start + share * length, first + share * (last - first), turn), base
+
+
+def _count(repeat: ElementTree.Element) -> tuple[float, float, int]:
+    """Length, distance and number of repeated objects. Raises ValueError for a negative one or too many."""
+    length, every = number(repeat, "length", 0.0), number(repeat, "distance", 0.0)
+    count = 1 + (int(length / every) if every > 0 else 0)
+    if min(length, every) < 0 or count > MOST:
+        found = f"a length of {length:g} m and a distance of {every:g} m make {count}"
+        raise ValueError(f"<repeat> needs both from 0 up and at most {MOST} objects, but {found}: export it again")
+    return length, every, count
 
 
 def _continuous(road: MapRoad, repeat: ElementTree.Element, kind: str, height: float, width: float) -> Iterator[Solid]:
@@ -418,7 +425,7 @@ def _ring(road: MapRoad, outline: ElementTree.Element, place: tuple[float, float
     return shapely.get_coordinates(largest.exterior)[:-1].round(3)
 
 
-def move_to_site(there: Standing, map_SE3_site: Float64[np.ndarray, "4 4"]) -> Standing:
+def move_to_site(there: Standing, map_SE3_site: Pose) -> Standing:
     """Move objects into the site's frame."""
     turn, origin = map_SE3_site[:2, :2], map_SE3_site[:2, 3]
     yaw = float(np.arctan2(map_SE3_site[1, 0], map_SE3_site[0, 0]))

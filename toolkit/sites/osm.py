@@ -18,6 +18,7 @@ from dataclasses import dataclass, field
 from io import BufferedIOBase
 from itertools import pairwise
 from pathlib import Path
+from typing import cast
 from xml.etree import ElementTree
 
 import numpy as np
@@ -28,9 +29,13 @@ from toolkit.sites import furniture as f
 from toolkit.sites.georeference import inverse_project, project
 from toolkit.sites.network import MOTOR, cut_polygons, format_element, format_xml, list_polygons
 from toolkit.sites.site import Solid
+from toolkit.sites.surroundings import Bay
 
 Tags = Mapping[str, str]
+Relation = tuple[list[tuple[str, str]], Tags]  # ways with their roles
 
+LARGEST_MAP, MOST_TAGS = 1 << 26, 200_000  # bytes of a map that are read, and tags within one element
+_PART = 1 << 20  # bytes read at once
 AT_THE_EDGE = 5e-4  # degrees beyond the map's bounds where a centre still is in it
 
 
@@ -69,15 +74,15 @@ def read_map(path: Path, centre: tuple[float, float], heading: float = 0.0) -> E
     place_tags: dict[str, Tags] = {}
     bounds: list[list[float]] = []
     raw_ways: dict[str, tuple[list[str], Tags]] = {}
-    relations: list[tuple[list[tuple[str, str]], Tags]] = []
+    relations: list[Relation] = []
     for element in _elements(path):
         tags = {tag.get("k", ""): tag.get("v", "") for tag in element.iter("tag")}
         name = element.get("id", "")
         if element.tag == "bounds":
-            bounds.append([_degrees(element, key) for key in ("minlon", "minlat", "maxlon", "maxlat")])
+            bounds.append([*_lon_lat(element, "minlon", "minlat"), *_lon_lat(element, "maxlon", "maxlat")])
         elif element.tag == "node":
-            lon_lat = [_degrees(element, "lon"), _degrees(element, "lat")]
-            if np.isfinite(lon_lat).all():
+            lon_lat = _lon_lat(element, "lon", "lat")
+            if lon_lat[0] == lon_lat[0]:
                 points[name] = lon_lat
                 place_tags |= {name: tags} if tags else {}
         elif element.tag == "way":
@@ -133,14 +138,27 @@ def _elements(path: Path) -> Iterator[ElementTree.Element]:
         start = re.search(rb"<(?!\?|!)", head)
         if start is None or not head[start.start() :].startswith(b"<osm") or b"<!DOCTYPE" in head[: start.start()]:
             raise ValueError(f"{path}: not OpenStreetMap XML (it does not begin with <osm>): export the map as .osm")
+        parser: ElementTree.XMLPullParser[ElementTree.Element] = ElementTree.XMLPullParser(("start", "end"))
+        root: ElementTree.Element | None = None
+        read, silent, inside = 0, 0, 0  # bytes, bytes since the last tag, tags since the last element
         with _open(path) as stream:
-            parser = ElementTree.iterparse(stream, events=("start", "end"))
-            _, root = next(parser)
-            for event, element in parser:
-                if event == "end" and element.tag in ("node", "way", "relation", "bounds"):
-                    if element.get("action") != "delete" and element.get("visible") != "false":
-                        yield element
-                    root.clear()
+            while part := stream.read(_PART):
+                parser.feed(part)
+                read, silent = read + len(part), silent + len(part)
+                for event, element in cast("Iterable[tuple[str, ElementTree.Element]]", parser.read_events()):
+                    root = element if root is None else root
+                    silent, inside = 0, inside + 1
+                    if event == "end" and element.tag in ("node", "way", "relation", "bounds"):
+                        if element.get("action") != "delete" and element.get("visible") != "false":
+                            yield element
+                        root.clear()
+                        inside = 0
+                if read > LARGEST_MAP or silent > 4 * _PART or inside > MOST_TAGS:
+                    most = (
+                        f"{LARGEST_MAP >> 20} MB, {4 * _PART >> 20} MB without a tag or {MOST_TAGS} tags in one element"
+                    )
+                    raise ValueError(f"{path}: more than {most}: cut out the site first (osmium extract --bbox)")
+        parser.close()
     except (ElementTree.ParseError, LookupError) as error:
         raise ValueError(f"{path}: damaged XML ({error}): download the map again") from None
     except (gzip.BadGzipFile, EOFError, zlib.error) as error:
@@ -157,16 +175,16 @@ def _turn(angle: float) -> Float64[np.ndarray, "2 2"]:
     return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
 
 
-def _degrees(element: ElementTree.Element, key: str) -> float:
+def _lon_lat(element: ElementTree.Element, lon: str, lat: str) -> list[float]:
+    """Longitude and latitude in two attributes, NaN where they are no place on earth."""
     try:
-        return float(element.get(key, "nan"))
+        found = [float(element.get(lon, "nan")), float(element.get(lat, "nan"))]
     except ValueError:
-        return float("nan")
+        found = []
+    return found if found and abs(found[0]) <= 180 and abs(found[1]) < 90 else [np.nan, np.nan]
 
 
-def _areas(
-    ways: Mapping[str, Way], relations: list[tuple[list[tuple[str, str]], Tags]]
-) -> Iterator[tuple[shapely.Polygon, Tags]]:
+def _areas(ways: Mapping[str, Way], relations: list[Relation]) -> Iterator[tuple[shapely.Polygon, Tags]]:
     for way in ways.values():
         if way.is_closed and (way.tags.get("highway") is None or way.tags.get("area") == "yes"):
             yield from ((polygon, way.tags) for polygon in _valid(shapely.Polygon(way.line)))
@@ -261,7 +279,7 @@ def road_types() -> str:
 
 
 def _below(tags: Tags) -> bool:
-    layer = re.fullmatch(r"\s*([+-]?\d+)\s*", tags.get("layer", "0"))
+    layer = re.fullmatch(r"\s*([+-]?\d{1,3})\s*", tags.get("layer", "0"))
     sunk = layer is not None and int(layer[1]) < 0 and "tunnel" in tags
     return sunk or tags.get("tunnel", "no") not in ("no", "building_passage")
 
@@ -415,7 +433,7 @@ def furniture(extract: Extract, window: shapely.Geometry, road: shapely.Geometry
     return solids, np.array(lamps).reshape(-1, 2)
 
 
-def bays(extract: Extract, window: shapely.Geometry, road: shapely.Geometry) -> list[tuple[float, float, float]]:
+def bays(extract: Extract, window: shapely.Geometry, road: shapely.Geometry) -> list[Bay]:
     """Parking spaces (x, y, yaw) within `window`, off `road`."""
     found = []
     for shape, tags in extract.areas:

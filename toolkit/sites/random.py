@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import shapely
 
 from toolkit.arrays import Float64
 from toolkit.geometry import look, pose
@@ -71,18 +70,15 @@ def random_site(rng: np.random.Generator | int) -> Site:
     area = np.round(np.concatenate([middle - size / 2, middle + size / 2]), 1)
     legs, network = (_roundabout if rng.random() < 0.25 else _crossroads)(rng)
     lanes, footways = road_polygons(network, area)
-    strips = shoulders(network)
-    lines = [(shapely.LineString(middle), width / 2) for middle, width in strips.values()]
-    unused = [middle.buffer(half, cap_style="flat", join_style="mitre") for middle, half in lines]
-    shoulder_grounds = [shapely.get_coordinates(strip)[:-1] for strip in unused]
-    road = Road([leg.path for leg in legs], [leg.half_widths for leg in legs], lanes, footways, shoulder_grounds)
-    relief = sloping(Relief(round(float(rng.uniform(0.0, 0.12)), 3), int(rng.integers(2**31))))
-    mounts = place_mounts(road, area, rng, at_least=12)
-    low = rng.random(len(mounts)) < _LOW_MOUNTS
-    mounts = tuple(replace(m, min_height=LOWEST) if is_low else m for m, is_low in zip(mounts, low, strict=True))
     ways = [(f"{way}{i}", leg.shoulders[k]) for i, leg in enumerate(legs) for k, way in enumerate(("in", "out"))]
     angles = {edge: shoulder.angle for edge, shoulder in ways if shoulder.angle is not None}
-    solids, bays = furnish(road, area, mounts, rng, strips=strips, angles=angles)
+    paths, widths = [leg.path for leg in legs], [leg.half_widths for leg in legs]
+    road = Road(paths, widths, lanes, footways, shoulders(network), angles)
+    relief = sloping(Relief(round(float(rng.uniform(0.0, 0.12)), 3), int(rng.integers(2**31))))
+    mounts = place_mounts(road, area, rng)
+    low = rng.random(len(mounts)) < _LOW_MOUNTS
+    mounts = tuple(replace(m, min_height=LOWEST) if is_low else m for m, is_low in zip(mounts, low, strict=True))
+    solids, bays = furnish(road, area, mounts, rng)
     site = Site(name, area, lanes=lanes, footways=footways, parking=bays, network=network, relief=relief)
     site = replace(site, solids=settle(solids, relief), mounts=on_ground(mounts, site))
     return replace(site, sensors=random_sensors(site, rng))

@@ -7,7 +7,7 @@ Site frame: right-handed, metres, z up, zero at the mean height of the street; w
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, is_dataclass
 from typing import Any
 from xml.etree import ElementTree
@@ -184,19 +184,17 @@ def _alike(one: object, other: object) -> bool:
     return bool(one == other)
 
 
-def check_area(area: object, where: str = "area") -> Float64[np.ndarray, "4"]:
+def check_area(area: object) -> Float64[np.ndarray, "4"]:
     """Return `area` as xmin ymin xmax ymax; ValueError if empty."""
     box = np.asarray(area, np.float64)
     if box.shape != (4,) or not np.isfinite(box).all():
-        raise ValueError(f"{where} must be four finite numbers xmin, ymin, xmax, ymax, got {area}")
+        raise ValueError(f"area must be four finite numbers xmin, ymin, xmax, ymax, got {area}")
     if not (box[0] < box[2] and box[1] < box[3]):
-        raise ValueError(f"{where} is empty: it needs xmin < xmax and ymin < ymax, got {box.tolist()}")
+        raise ValueError(f"area is empty: it needs xmin < xmax and ymin < ymax, got {box.tolist()}")
+    size = box[2:] / 1e3 - box[:2] / 1e3
+    if not (size.max() <= 10 and size.prod() <= 4):
+        raise ValueError(f"area must be at most 10 km long and 4 km² large, got {box.tolist()}: cut it into several")
     return box
-
-
-def check_polygons(rings: Mapping[str, Any]) -> dict[str, Float64[np.ndarray, "_ 2"]]:
-    """Check several polygons by name, as `check_polygon`."""
-    return {where: check_polygon(ring, where) for where, ring in rings.items()}
 
 
 def check_polygon(vertices: object, where: str) -> Float64[np.ndarray, "k 2"]:
@@ -219,11 +217,12 @@ def check_polygon(vertices: object, where: str) -> Float64[np.ndarray, "k 2"]:
 
 
 def _check_unique(names: Sequence[str], where: str) -> None:
+    seen: dict[str, int] = {}
     for i, name in enumerate(names):
         if not name or not isinstance(name, str):
             raise ValueError(f"{where}[{i}].name must be a text that is not empty, got {name!r}")
-        if name in names[:i]:
-            raise ValueError(f"{where}[{i}].name {name!r} is taken by {where}[{names.index(name)}]: rename one of them")
+        if seen.setdefault(name, i) != i:
+            raise ValueError(f"{where}[{i}].name {name!r} is taken by {where}[{seen[name]}]: rename one of them")
 
 
 def _check_network(network: str) -> None:

@@ -7,7 +7,7 @@ near the kerb. Bays lie along kerbs, in line, at an angle or at right angles, an
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -20,7 +20,12 @@ from toolkit.sites.site import Mount, Solid
 
 LANE_CLEARANCE = 0.25  # m between a lane and solids beside it
 MOUNT_CLEARANCE = 0.5  # m of air around a mount's axis
+FEWEST_MOUNTS = 12  # mounts of a site
 POLE = 2.8  # m, height of a mount's own pole: sensors hang above it
+
+
+Extent = Float[np.ndarray, "4"]
+Strip = tuple[Float[np.ndarray, "_ 2"], float]  # middle line as traffic goes, width (m)
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,9 +34,10 @@ class Road:
 
     paths: Sequence[Float64[np.ndarray, "_ 2"]]
     half_widths: Sequence[tuple[float, float]]  # of each leg, left and right (m)
-    lanes: f.Outlines  # everything with a kerb, including `shoulders`
+    lanes: f.Outlines  # everything with a kerb, including `strips`
     footways: f.Outlines
-    shoulders: f.Outlines = ()  # strips without traffic
+    strips: Mapping[str, Strip] = field(default_factory=dict)  # shoulders without traffic, by edge
+    angles: Mapping[str, int] = field(default_factory=dict)  # of the bays on strips that have bays (degrees)
 
     @cached_property
     def carriageway(self) -> shapely.Geometry:
@@ -41,7 +47,9 @@ class Road:
     @cached_property
     def driven(self) -> shapely.Geometry:
         """Carriageway without its shoulders."""
-        return self.carriageway.difference(unite(self.shoulders).buffer(0.02, join_style="mitre"))
+        lines = [(shapely.LineString(line), width / 2) for line, width in self.strips.values()]
+        strips = [line.buffer(half, cap_style="flat", join_style="mitre") for line, half in lines]
+        return self.carriageway.difference(shapely.union_all(strips).buffer(0.02, join_style="mitre"))
 
     @cached_property
     def surface(self) -> shapely.Geometry:
@@ -94,17 +102,12 @@ class Plot:
 
 
 def place_mounts(
-    road: Road,
-    area: Float[np.ndarray, "4"],
-    rng: np.random.Generator,
-    *,
-    at_least: int = 12,
-    spacing: float = 5.0,
-    avoid: shapely.Geometry | None = None,
+    road: Road, area: Extent, rng: np.random.Generator, *, spacing: float = 5.0, avoid: shapely.Geometry | None = None
 ) -> tuple[Mount, ...]:
     """Choose sensor places at the kerb and behind the footway, their feet at z = 0.
 
-    `at_least` to twice as many mounts in and just around `area`, out of `avoid`, `spacing` m apart where there is room.
+    `FEWEST_MOUNTS` to twice as many mounts in and just around `area`, out of `avoid`, `spacing` m apart where there is
+    room.
     """
     window = shapely.box(*area).buffer(5.0)
     kerb = along(road.carriageway.buffer(0.7).boundary.intersection(window), 1.0)
@@ -113,13 +116,13 @@ def place_mounts(
     candidates = rng.permutation(np.concatenate([kerb, behind]))[:, :2]
     kept_clear = road.carriageway.buffer(0.6).union(avoid or shapely.Polygon())
     candidates = candidates[~shapely.intersects_xy(kept_clear, candidates)]
-    wanted = int(rng.integers(at_least, 2 * at_least + 1))
+    wanted = int(rng.integers(FEWEST_MOUNTS, 2 * FEWEST_MOUNTS + 1))
     while True:
         chosen = np.zeros((0, 2))
         for point in candidates:
             if len(chosen) < wanted and (np.hypot(*(chosen - point).T) >= spacing).all():
                 chosen = np.vstack([chosen, point])
-        if len(chosen) >= at_least or spacing <= 0.5:
+        if len(chosen) >= FEWEST_MOUNTS or spacing <= 0.5:
             break
         spacing *= 0.7
     return tuple(
@@ -145,17 +148,16 @@ def _close_gaps(polygons: f.Outlines, gap: float) -> shapely.Geometry:
     return union.buffer(gap, join_style="mitre", quad_segs=2).buffer(-gap, join_style="mitre", quad_segs=2)
 
 
+Bay = tuple[float, float, float]  # x, y, yaw
+Bays = Float64[np.ndarray, "n 3"]
 BAY = (5.8, 2.6)  # m, length and width of a parking bay
 ANGLES = {0: 2.3, 45: 4.8, 60: 5.1, 90: 5.2}  # degrees between bay and kerb, and how wide a strip of such bays is (m)
 _CLEAR = 6.0  # m between a junction and the first bay
 _REACH = 75.0  # m from a junction; bays are drawn this far
 _UNSEEN = 15.0  # m from the edge of the furnished ground; no bays lie on the road there
-Strip = tuple[Float[np.ndarray, "_ 2"], float]  # middle line as traffic goes, width
 
 
-def kerb_bays(
-    plot: Plot, strips: Mapping[str, Strip], angles: Mapping[str, int], rng: np.random.Generator
-) -> Float64[np.ndarray, "n 3"]:
+def kerb_bays(plot: Plot, strips: Mapping[str, Strip], angles: Mapping[str, int], rng: np.random.Generator) -> Bays:
     """Draw bays x, y, yaw on the strips that have an angle (degrees, 0 in line with the kerb).
 
     The junction is at the end of a strip of an edge `in...`, and at the start of the others.
@@ -172,7 +174,7 @@ def kerb_bays(
     return np.concatenate(rows)
 
 
-def stations(strip: Strip, angle: int, *, at_end: bool) -> Float64[np.ndarray, "n 3"]:
+def stations(strip: Strip, angle: int, *, at_end: bool) -> Bays:
     """Middles x, y and headings of all bays on a strip, from the junction on."""
     line = shapely.LineString(strip[0])
     at = np.arange(_CLEAR + BAY[0] / 2, min(line.length - BAY[0] / 2, _REACH), _spacing(angle))
@@ -180,7 +182,7 @@ def stations(strip: Strip, angle: int, *, at_end: bool) -> Float64[np.ndarray, "
     return (place_along(line, at, 0.25) - [0.0, 0.0, np.deg2rad(angle)]).round(4)  # the kerb is to the right
 
 
-def bays_between(line: shapely.LineString, angle: int, *, kerb_left: bool = False) -> Float64[np.ndarray, "n 3"]:
+def bays_between(line: shapely.LineString, angle: int, *, kerb_left: bool = False) -> Bays:
     """Middles x, y and headings of bays on a strip between junctions. line: as traffic goes."""
     at = np.arange(_CLEAR + BAY[0] / 2, line.length - _CLEAR - BAY[0] / 2, _spacing(angle))
     slant = np.deg2rad(-angle if kerb_left else angle)
@@ -192,15 +194,15 @@ def _spacing(angle: int) -> float:
     return BAY[0] + 0.4 if angle == 0 else BAY[1] / float(np.sin(np.deg2rad(angle)))
 
 
-def place_along(line: shapely.LineString, at: Float[np.ndarray, " n"], half: float) -> Float64[np.ndarray, "n 3"]:
+def place_along(line: shapely.LineString, at: Float[np.ndarray, " n"], half: float) -> Bays:
     """Places x, y and headings `at` metres along a line. Both ends, `half` m from each middle, lie on the line."""
     here, ahead = (shapely.get_coordinates(line.interpolate(s)).reshape(-1, 2) for s in (at - half, at + half))
     return np.column_stack([(here + ahead) / 2, np.arctan2(*(ahead - here).T[::-1])])
 
 
-def forecourts(plot: Plot, rng: np.random.Generator) -> Float64[np.ndarray, "n 3"]:
+def forecourts(plot: Plot, rng: np.random.Generator) -> Bays:
     """Parking bays behind the footways, along the road or across."""
-    bays: list[tuple[float, float, float]] = []
+    bays: list[Bay] = []
     across = rng.random() < 0.5
     line = along(plot.road.surface.buffer(0.7 + BAY[not across] / 2).boundary.intersection(plot.window), 1.0)
     for x, y, direction in rng.permutation(line)[: rng.integers(0, 14)]:

@@ -4,16 +4,15 @@ As in the paper's dataset, a spawned object is a car, a two-wheeler or a pedestr
 (8 % of the cars are heavy vehicles), at most 30 objects exist, and each is seen in four frames, 5 s apart, before
 another takes its place. Classes without bodies, or without lanes of their own near the area (pedestrians, where there
 is no footway), are left out and the other probabilities grow in proportion. Parked vehicles are drawn for the bays;
-they count among the 30, a fifth of them at most by default, and stay longer. Boxes that overlap are moved aside or
+they count among the 30, a fifth of them at most by default, and stay longer. _Boxes that overlap are moved aside or
 dropped.
 """
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import count
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,7 +22,7 @@ from toolkit.arrays import Bool, Float64, Int64
 from toolkit.boxes import footprints
 from toolkit.objects import VEHICLE, Objects
 from toolkit.sites.site import Site
-from toolkit.traffic.spawner import Spawner, Supply, VehicleTypes
+from toolkit.traffic.spawner import Spawner, Supply
 from toolkit.traffic.sumo import FINE_STEP, STEP, running
 
 if TYPE_CHECKING:
@@ -31,6 +30,7 @@ if TYPE_CHECKING:
 
 GAP = 0.1  # m left between bodies
 STEPS_ASIDE = (0.0, 0.25, -0.25, 0.5, -0.5, 0.75, -0.75, 1.0, -1.0)  # m, tried in this order
+_Boxes = Float64[np.ndarray, "n 7"]
 _WALKABLE = 0.3  # m above the ground; lower solids can be stepped on
 
 
@@ -48,7 +48,7 @@ class Obstacles:
         self.bases = np.array([solid.base for solid in blocking]) - site.plane(places)
         self.tree = shapely.STRtree([shapely.Polygon(solid.footprint) for solid in blocking])
 
-    def hit(self, boxes: Float64[np.ndarray, "n 7"]) -> Bool[np.ndarray, " n"]:
+    def hit(self, boxes: _Boxes) -> Bool[np.ndarray, " n"]:
         """Mask of boxes that touch an obstacle; they pass under one that begins above them, such as a tree's crown."""
         rows, obstacles = self.tree.query(_shapes(boxes), predicate="intersects")
         hit = np.zeros(len(boxes), bool)
@@ -56,9 +56,7 @@ class Obstacles:
         return hit
 
 
-def separate(
-    boxes: Float64[np.ndarray, "n 7"], obstacles: Obstacles
-) -> tuple[Float64[np.ndarray, "n 7"], Bool[np.ndarray, " n"], int]:
+def separate(boxes: _Boxes, obstacles: Obstacles) -> tuple[_Boxes, Bool[np.ndarray, " n"], int]:
     """Separate boxes; return them, a mask of kept rows and the number of changes.
 
     Earlier rows have precedence. A row in the way steps aside by up to 1 m across its heading, or is dropped.
@@ -79,7 +77,7 @@ def separate(
     return settled, kept, int((~kept | (settled != boxes).any(axis=1)).sum())
 
 
-def overlaps(boxes: Float64[np.ndarray, "n 7"]) -> Bool[np.ndarray, "n n"]:
+def overlaps(boxes: _Boxes) -> Bool[np.ndarray, "n n"]:
     """Mask of pairs of boxes closer than `GAP`, above the diagonal."""
     radius = np.hypot(boxes[:, 3] + GAP, boxes[:, 4] + GAP) / 2
     gaps = boxes[:, None, :2] - boxes[None, :, :2]
@@ -90,7 +88,7 @@ def overlaps(boxes: Float64[np.ndarray, "n 7"]) -> Bool[np.ndarray, "n n"]:
     return close
 
 
-def _shapes(boxes: Float64[np.ndarray, "n 7"]) -> np.ndarray:
+def _shapes(boxes: _Boxes) -> np.ndarray:
     widened = boxes.copy()
     widened[:, 3:5] += GAP  # half of it on each side: two neighbours keep one gap
     return shapely.polygons(footprints(widened))
@@ -113,45 +111,28 @@ class Parked:
     poses: Float64[np.ndarray, "n 3"]
 
     @staticmethod
-    def draw(
-        site: Site,
-        obstacles: Obstacles,
-        types: VehicleTypes,
-        rng: np.random.Generator,
-        ids: Iterator[int],
-        *,
-        most: int,
-        supply: Supply | None = None,
-    ) -> Parked:
-        """Park vehicles in a random share of the free bays, `most` at most. supply: any vehicle's body by default."""
+    def draw(site: Site, obstacles: Obstacles, supply: Supply, *, most: int) -> Parked:
+        """Park vehicles in a random share of the free bays, `most` at most."""
         x, y, yaw = site.parking.T
         room = np.column_stack([x, y, np.full((len(x), 4), (ROOM[2] / 2, *ROOM)), yaw])
         bays = site.parking[~obstacles.hit(room)]
-        number = min(round(len(bays) * rng.uniform(*OCCUPIED)), most)
-        places = rng.permutation(len(bays))[:number]
-        nobody = np.zeros(number, np.int64)
-        return Parked(bays, places, nobody, nobody, np.zeros((number, 3)))._refill(
-            np.ones(number, bool), types, rng, ids, supply
-        )
+        number = min(round(len(bays) * supply.rng.uniform(*OCCUPIED)), most)
+        places, nobody = supply.rng.permutation(len(bays))[:number], np.zeros(number, np.int64)
+        return Parked(bays, places, nobody, nobody, np.zeros((number, 3)))._refill(np.ones(number, bool), supply)
 
-    def later(
-        self, types: VehicleTypes, rng: np.random.Generator, ids: Iterator[int], supply: Supply | None = None
-    ) -> Parked:
+    def later(self, supply: Supply) -> Parked:
         """Parked vehicles a frame later: each has left with probability 1 / `STAY`, another stands in a free bay."""
-        return self._refill(rng.random(len(self.ids)) < 1 / STAY, types, rng, ids, supply)
+        return self._refill(supply.rng.random(len(self.ids)) < 1 / STAY, supply)
 
-    def _refill(
-        self, left: np.ndarray, types: VehicleTypes, rng: np.random.Generator, ids: Iterator[int], supply: Supply | None
-    ) -> Parked:
+    def _refill(self, left: np.ndarray, supply: Supply) -> Parked:
         if not left.any():
             return self
-        number = int(left.sum())
+        rng, number = supply.rng, int(left.sum())
         parked = replace(self, **{k: getattr(self, k).copy() for k in ("places", "bodies", "ids", "poses")})
         free = np.setdiff1d(np.arange(len(self.bays)), self.places[~left])
         parked.places[left] = rng.permutation(free)[:number]
-        supply = supply or Supply(len(types.labels))
-        parked.bodies[left] = supply.several(np.flatnonzero(types.labels == VEHICLE), number, rng)
-        parked.ids[left] = [next(ids) for _ in range(number)]
+        parked.bodies[left] = supply.several(np.flatnonzero(supply.labels == VEHICLE), number)
+        parked.ids[left] = [next(supply.ids) for _ in range(number)]
         off_centre = JITTER * np.clip(rng.standard_normal((number, 3)), -1.5, 1.5)
         parked.poses[left] = self.bays[parked.places[left]] + off_centre
         parked.poses[left, 2] += np.pi * rng.integers(2, size=number)  # nose or tail first
@@ -220,18 +201,19 @@ def simulate(
         raise ValueError(f"site {site.name!r} has no network, so no traffic: import one from a map, or build_network")
     if frames < 0:
         raise ValueError(f"frames must be at least 0, got {frames}")
-    step, mix, rng = sumo_step(interval), mix or Mix(), np.random.default_rng(seed)
+    step, mix = sumo_step(interval), mix or Mix()
     if not any(body.label == VEHICLE for body in bodies):
         raise ValueError(f"bodies must hold at least one vehicle, got {len(bodies)} bodies: pass catalogue()")
-    ids, obstacles, types, supply = count(), Obstacles(site), VehicleTypes.of(bodies), Supply(len(bodies), once)
-    draw = partial(Parked.draw, site, obstacles, types, rng, ids, most=mix.most_parked, supply=supply)
+    obstacles, supply = Obstacles(site), Supply(bodies, np.random.default_rng(seed), once=once)
+    draw = partial(Parked.draw, site, obstacles, supply, most=mix.most_parked)
 
     def run() -> Generator[Snapshot, None, None]:
         parked, periods = draw(), 0
         standing = len(parked.ids) if mix.stay is None else min(len(parked.bays), mix.most_parked)
-        with running(site.network, types.sumo_types(rng), seed=int(rng.integers(2**31 - 1)), step=step) as sumo:
-            spawner = Spawner(sumo, site, types, rng, ids, most=mix.most - standing, supply=supply, step=step)
-            look = partial(_snapshot, site, types, spawner, obstacles)
+        types, sumo_seed = supply.sumo_types(), int(supply.rng.integers(2**31 - 1))
+        with running(site.network, types, seed=sumo_seed, step=step) as sumo:
+            spawner = Spawner(sumo, site, supply, most=mix.most - standing, step=step)
+            look = partial(_snapshot, site, spawner, obstacles)
             spawner.advance(WARM_UP)
             for _ in range(COMING_AND_GOING if step < STEP else 0):
                 look(parked, time=0.0)
@@ -243,7 +225,7 @@ def simulate(
                 if last:
                     periods += 1
                     if mix.stay is None:
-                        parked = parked.later(types, rng, ids, supply)
+                        parked = parked.later(supply)
                     elif periods % mix.stay == 0:
                         parked = draw()
                 spawner.advance(interval)
@@ -261,19 +243,12 @@ def sumo_step(interval: float) -> float:
 
 
 def _snapshot(
-    site: Site,
-    types: VehicleTypes,
-    spawner: Spawner,
-    obstacles: Obstacles,
-    parked: Parked,
-    *,
-    time: float,
-    counts: bool = True,
+    site: Site, spawner: Spawner, obstacles: Obstacles, parked: Parked, *, time: float, counts: bool = True
 ) -> Snapshot:
     """Objects near the area now; those that cannot be kept apart are removed. counts: note that they were seen."""
     standing = (parked.ids, parked.bodies, parked.poses)
     ids, bodies, poses = (np.concatenate(both) for both in zip(standing, spawner.state(), strict=True))
-    sizes = types.sizes[bodies]
+    sizes = spawner.supply.sizes[bodies]
     yaw = np.arctan2(np.sin(poses[:, 2]), np.cos(poses[:, 2]))
     boxes = np.column_stack([poses[:, :2], sizes[:, 2] / 2, sizes, yaw])
     boxes, kept, repaired = separate(boxes, obstacles)
@@ -284,4 +259,4 @@ def _snapshot(
         spawner.count_frame(ids[seen])
     boxes, bodies, ids = boxes[seen], bodies[seen], ids[seen]
     boxes[:, 2] += site.ground(footprints(boxes)).mean(axis=1)
-    return Snapshot(Objects(boxes, types.labels[bodies], ids), bodies, time, repaired)
+    return Snapshot(Objects(boxes, spawner.supply.labels[bodies], ids), bodies, time, repaired)

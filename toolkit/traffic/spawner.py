@@ -6,9 +6,10 @@ bumper, both on the path, so headings turn continuously through bends. A body's 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import count
 from types import ModuleType
 from typing import TYPE_CHECKING
 
@@ -30,75 +31,53 @@ BICYCLE_LENGTH = 1.75  # m; a longer two-wheeler has an engine
 POSITIONS = 3  # lateral positions in the lane, drawn per body
 
 
-@dataclass(frozen=True, eq=False)
-class VehicleTypes:
-    """SUMO vehicle type per body, pedestrians included.
+class Supply:
+    """Bodies of traffic in random order of use, with SUMO's types for them and the next numbers of objects.
 
-    labels: class numbers; sizes: length, width, height (m); classes: SUMO's, which say what lanes are open to it.
+    labels: class numbers; sizes: length, width, height (m); classes: SUMO's, which say what lanes are open to it; once:
+    a body that was taken does not come again before all others offered with it have been taken too, so that in a large
+    fleet every object has a body of its own.
     """
 
-    labels: Int64[np.ndarray, " n"]
-    sizes: Float64[np.ndarray, "n 3"]
-    classes: tuple[str, ...]
+    def __init__(self, bodies: Sequence[Body], rng: np.random.Generator, *, once: bool = False) -> None:
+        self.rng, self.once, self.ids, self._taken = rng, once, count(), np.zeros(len(bodies), bool)
+        self.labels = np.array([body.label for body in bodies], np.int64)
+        self.sizes = np.array([body.size for body in bodies], np.float64).reshape(-1, 3)
+        names = {VEHICLE: "passenger", HEAVY: "truck", PEDESTRIAN: "pedestrian"}
+        two_wheelers = ("bicycle" if body.size[0] <= BICYCLE_LENGTH else "motorcycle" for body in bodies)
+        self.classes = tuple(names.get(body.label, other) for body, other in zip(bodies, two_wheelers, strict=True))
 
-    @staticmethod
-    def of(bodies: Sequence[Body]) -> VehicleTypes:
-        """Vehicle types of some bodies."""
-        labels = np.array([body.label for body in bodies], np.int64)
-        sizes = np.array([body.size for body in bodies], np.float64)
-        classes = []
-        for label, (length, *_) in zip(labels.tolist(), sizes.tolist(), strict=True):
-            two_wheeler = "bicycle" if length <= BICYCLE_LENGTH else "motorcycle"
-            names = {VEHICLE: "passenger", HEAVY: "truck", CYCLIST: two_wheeler, PEDESTRIAN: "pedestrian"}
-            classes.append(names[label])
-        return VehicleTypes(labels, sizes, tuple(classes))
-
-    def sumo_types(self, rng: np.random.Generator) -> str:
+    def sumo_types(self) -> str:
         """SUMO's additional file with a type "row-position" for each body and lateral position in the lane."""
         rows = []
         for row, (label, (length, width, height)) in enumerate(zip(self.labels.tolist(), self.sizes, strict=True)):
             for position in range(POSITIONS):
-                aside = np.clip(rng.normal(0, ASIDE[label]), -1.2, 1.2)
-                gap = rng.uniform(1.0, 2.5) if label != PEDESTRIAN else 0.5
+                aside = np.clip(self.rng.normal(0, ASIDE[label]), -1.2, 1.2)
+                gap = self.rng.uniform(1.0, 2.5) if label != PEDESTRIAN else 0.5
                 rows.append(
                     f'<vType id="{row}-{position}" vClass="{self.classes[row]}" length="{length:.3f}" '
                     f'width="{width:.3f}" height="{height:.3f}" minGap="{gap:.2f}" latAlignment="{aside:.2f}"/>'
                 )
         return "<additional>\n" + "\n".join(rows) + "\n</additional>\n"
 
-
-class Supply:
-    """Bodies in random order of use.
-
-    once: a body that was taken does not come again before all others offered with it have been taken too, so that in a
-    large fleet every object has a body of its own.
-    """
-
-    def __init__(self, count: int, once: bool = False) -> None:
-        self.once, self._taken = once, np.zeros(count, bool)
-
-    def offer(self, rows: Int64[np.ndarray, " n"], rng: np.random.Generator) -> int:
+    def offer(self, rows: Int64[np.ndarray, " n"]) -> int:
         """Draw one of these rows; call `take` when it is used."""
         if not self.once:
-            return int(rng.choice(rows))
+            return int(self.rng.choice(rows))
         free = rows[~self._taken[rows]]
         if not len(free):
             self._taken[rows], free = False, rows
-        return int(rng.choice(free))
+        return int(self.rng.choice(free))
 
-    def take(self, row: int) -> None:
-        """Note that a row is used."""
-        self._taken[row] = True
+    def take(self, row: int, *, taken: bool = True) -> None:
+        """Note that a row is used. taken: False if it was not used after all."""
+        self._taken[row] = taken
 
-    def give_back(self, row: int) -> None:
-        """Note that a row was not used after all."""
-        self._taken[row] = False
-
-    def several(self, rows: Int64[np.ndarray, " n"], number: int, rng: np.random.Generator) -> Int64[np.ndarray, " m"]:
+    def several(self, rows: Int64[np.ndarray, " n"], number: int) -> Int64[np.ndarray, " m"]:
         """Draw and take `number` of these rows."""
-        drawn = [] if self.once else rng.choice(rows, number).tolist()
+        drawn = [] if self.once else self.rng.choice(rows, number).tolist()
         while len(drawn) < number:
-            drawn.append(self.offer(rows, rng))
+            drawn.append(self.offer(rows))
             self.take(drawn[-1])
         return np.array(drawn, np.int64)
 
@@ -240,30 +219,18 @@ class Spawner:
     Object n is vehicle or person "n" in SUMO. Raises ValueError where no lane near the area is open to cars.
     """
 
-    def __init__(
-        self,
-        sumo: ModuleType,
-        site: Site,
-        types: VehicleTypes,
-        rng: np.random.Generator,
-        ids: Iterator[int],
-        *,
-        most: int,
-        supply: Supply | None = None,
-        step: float = STEP,
-    ) -> None:
-        self.step = step
-        self.sumo, self.area, self.rng, self.ids, self.most = sumo, site.area, rng, ids, most
+    def __init__(self, sumo: ModuleType, site: Site, supply: Supply, *, most: int, step: float = STEP) -> None:
+        self.sumo, self.area, self.most, self.step = sumo, site.area, most, step
+        self.supply, self.rng, self.ids = supply, supply.rng, supply.ids
         self.domains = {False: sumo.vehicle, True: sumo.person}  # True: on foot
-        self.types, self.supply = types, supply or Supply(len(types.labels))
         self.roads = Roads.read(sumo)
-        self.places = {kind: self.roads.places(site.area, SPAWN_REACH, kind) for kind in sorted(set(types.classes))}
+        self.places = {kind: self.roads.places(site.area, SPAWN_REACH, kind) for kind in sorted(set(supply.classes))}
         if not self.places["passenger"].lanes:
             where = f"within {SPAWN_REACH:.0f} m of the area {site.area.tolist()}"
             remedy = "give the network in site coordinates, or move the area onto the road"
             raise ValueError(f"site {site.name!r}: no lane open to cars {where}: {remedy}")
-        possible = np.array([bool(self.places[kind].lanes) for kind in types.classes])
-        rows = {label: np.flatnonzero(possible & (types.labels == label)) for label in SHARES}
+        possible = np.array([bool(self.places[kind].lanes) for kind in supply.classes])
+        rows = {label: np.flatnonzero(possible & (supply.labels == label)) for label in SHARES}
         self.choices = {label: found for label, found in rows.items() if len(found)}
         shares = np.array([SHARES[label] for label in self.choices])
         self.shares = shares / shares.sum()
@@ -284,8 +251,8 @@ class Spawner:
                     continue
                 del self.spawned[name]  # it arrived, or SUMO could not insert it: then it is due again
                 if not spawned.inserted:
-                    self.supply.give_back(spawned.body)
-                    self.due += [int(self.types.labels[spawned.body])] if spawned.leader is None else []
+                    self.supply.take(spawned.body, taken=False)
+                    self.due += [int(self.supply.labels[spawned.body])] if spawned.leader is None else []
             for known in self.sumo.vehicle.getIDList():  # none may come later
                 if int(known) not in self.spawned:
                     self.sumo.vehicle.remove(known)
@@ -298,7 +265,7 @@ class Spawner:
             domain, known = self.domains[spawned.walks], str(name if spawned.leader is None else spawned.leader)
             x, y = domain.getPosition(known)
             yaw = np.pi / 2 - np.radians(domain.getAngle(known))  # SUMO: clockwise from north
-            back = spawned.behind if spawned.walks else self.types.sizes[spawned.body, 0] / 2
+            back = spawned.behind if spawned.walks else self.supply.sizes[spawned.body, 0] / 2
             x -= back * np.cos(yaw) + spawned.aside * np.sin(yaw)
             y -= back * np.sin(yaw) - spawned.aside * np.cos(yaw)
             poses[name] = np.array([x, y, yaw + spawned.turn])
@@ -339,7 +306,7 @@ class Spawner:
         waiting, self.due = self.due, []
         for label in waiting:
             walks = label == PEDESTRIAN
-            body = self.supply.offer(self.choices[label], self.rng)
+            body = self.supply.offer(self.choices[label])
             place = self._free_place(body, positions[walks])
             if place is None:
                 self.due.append(label)
@@ -352,23 +319,23 @@ class Spawner:
             self.spawned[name] = Spawned(body, walks, aside, turn)
             if walks and self.supply.once:
                 self._add_companions(name, self.most - len(self.spawned) - len(waiting))
-            positions[walks] = np.vstack([positions[walks], self.places[self.types.classes[body]].points[place]])
+            positions[walks] = np.vstack([positions[walks], self.places[self.supply.classes[body]].points[place]])
 
     def _free_place(self, body: int, taken: Float64[np.ndarray, "m 2"]) -> int | None:
         """Draw a free place with room for the body behind it, if found quickly."""
-        places, length = self.places[self.types.classes[body]], self.types.sizes[body, 0]
+        places, length = self.places[self.supply.classes[body]], self.supply.sizes[body, 0]
         candidates = self.rng.integers(len(places.lanes), size=_TRIES)
         gaps = np.square(places.points[candidates][:, None] - taken[None]).sum(-1)
-        drives = self.types.labels[body] != PEDESTRIAN
+        drives = self.supply.labels[body] != PEDESTRIAN
         free = (gaps > (length + (2.0 if drives else 0.5)) ** 2).all(axis=1)
         if drives:
             free &= places.offsets[candidates] >= np.minimum(length, places.lengths[candidates] - 1)
         return int(candidates[np.argmax(free)]) if free.any() else None
 
     def _add_driver(self, name: str, body: int, place: int) -> None:
-        places = self.places[self.types.classes[body]]
+        places = self.places[self.supply.classes[body]]
         lane = places.lanes[place]
-        edges = self.roads.route(lane, self.types.classes[body], _ROUTE_LENGTH, self.rng)
+        edges = self.roads.route(lane, self.supply.classes[body], _ROUTE_LENGTH, self.rng)
         if (route := " ".join(edges)) not in self.routes:
             self.sumo.route.add(route, edges)
             self.routes.add(route)
@@ -391,7 +358,7 @@ class Spawner:
         """Add companions beside a pedestrian, room permitting."""
         first, beside = self.spawned[leader], 0.0
         for _ in range(min(int(self.rng.choice(len(_COMPANIONS), p=_COMPANIONS)), room)):
-            body = self.supply.offer(self.choices[PEDESTRIAN], self.rng)
+            body = self.supply.offer(self.choices[PEDESTRIAN])
             self.supply.take(body)
             beside = beside + self.rng.uniform(*_SHOULDER) if beside >= 0 else -beside
             turn = first.turn + float(np.radians(self.rng.normal(0, SWAY[PEDESTRIAN])))

@@ -47,13 +47,8 @@ def running(network: str, types: str, *, seed: int, step: float = STEP) -> Itera
         files = {name: Path(folder) / name for name in ("net.xml", "types.xml", "said.txt")}
         files["net.xml"].write_text(network, encoding="utf-8")
         files["types.xml"].write_text(types, encoding="utf-8")
-        changing = {
-            "net-file": files["net.xml"],
-            "additional-files": files["types.xml"],
-            "seed": seed,
-            "step-length": step,
-        }
-        options = {**changing, **({} if step == STEP else {"default.action-step-length": STEP}), **_OPTIONS}
+        options = {**_OPTIONS, "net-file": files["net.xml"], "additional-files": files["types.xml"], "seed": seed}
+        options |= {"step-length": step} | ({} if step == STEP else {"default.action-step-length": STEP})
         try:
             with _stderr_into(files["said.txt"]):
                 sumo.start(["sumo", *(word for name, value in options.items() for word in (f"--{name}", str(value)))])

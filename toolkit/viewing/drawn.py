@@ -13,8 +13,8 @@ import numpy as np
 from toolkit.arrays import Float32, Float64, UInt8
 from toolkit.detection.breakdown import select_truth
 from toolkit.detection.detect import Detected, detect_frames
-from toolkit.detection.metrics import TRUE_IOU, match
-from toolkit.detection.place import Place, find_middle
+from toolkit.detection.metrics import TRUE_IOU, matches
+from toolkit.detection.place import Place
 from toolkit.frame import Frame, OtherObjects
 from toolkit.objects import LABELS, Detections, Detector, label_index
 from toolkit.plots.palette import Outcome, sensor_colour
@@ -32,7 +32,7 @@ def sort_outcomes(each: Detected) -> dict[Marked, BoxesByKind]:
         return {}
     scored = select_truth(each.frame, each.stand.corners).judge(each.detections)
     for label, name in enumerate(LABELS):
-        what = match(scored.found, scored.truths, TRUE_IOU[label], label=label, counted=scored.counted)
+        (what,) = matches(scored.found, scored.truths, [TRUE_IOU[label]], label=label, counted=scored.counted)
         rows = {
             "hits": scored.found.boxes[~what.ignored & (what.truth >= 0)],
             "missed": scored.truths.boxes[what.scored & ~what.hit],
@@ -104,7 +104,7 @@ class Drawing:
         points = sample.points()
         stays = self.place.level == "none" and len(points) > 0
         low = np.round(np.percentile(points[:, 2], GROUND_PERCENTILE)) if stays else 0.0
-        return np.array([*(find_middle(sample) if self.place.middle is None else self.place.middle), low], np.float64)
+        return np.array([*self.place.find_middle(sample), low], np.float64)
 
     def draw(self, sample: Frame, origin: Float64[np.ndarray, "3"]) -> DrawnSample:
         """Draw a frame. Raises ValueError for an unknown levelling."""
@@ -178,16 +178,16 @@ UNKNOWN_SHADE = (150, 150, 150)  # of points without the coloured attribute
 _SPREAD = (2.0, 98.0)  # percentiles that the scales span
 _STEPS = 256
 
-Span = tuple[float, float]
+_Span = tuple[float, float]
 
 
 @dataclass(frozen=True)
 class Scales:
     """Ranges of the colours. height is in m, intensity as the set gives it, age in s."""
 
-    height: Span = (0.0, 1.0)
-    intensity: Span = (0.0, 1.0)
-    age: Span = (0.0, 1.0)
+    height: _Span = (0.0, 1.0)
+    intensity: _Span = (0.0, 1.0)
+    age: _Span = (0.0, 1.0)
 
     @staticmethod
     def of(sample: DrawnSample) -> Scales:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import secrets
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
@@ -9,21 +10,8 @@ from threading import Lock
 from typing import TYPE_CHECKING
 
 from toolkit.datasets.recordings import Part
+from toolkit.viewing import recording_scene
 from toolkit.viewing.drawn import BOX_KINDS, COLOURINGS, Colouring, Drawing, DrawnSample, Scales
-from toolkit.viewing.recording_scene import (
-    BOXES,
-    GRID_NODE,
-    OUTCOME_NODES,
-    SHOWN_AS,
-    SceneStyle,
-    add_grid,
-    add_groups,
-    add_sample,
-    add_sensor,
-    find_view_area,
-    list_sensors,
-    nodes_of_kind,
-)
 from toolkit.viewing.scene import Handle, overview, set_view, viser_server
 
 if TYPE_CHECKING:
@@ -45,9 +33,11 @@ class LiveView:
         first = samples[0]
         self.origin = drawing.origin(first)
         drawn = drawing.draw(first, self.origin)
-        self.style = SceneStyle(list_sensors([drawn]), COLOURINGS, Scales.of(drawn), LIVE_POINTS)
-        area = find_view_area(drawn)
-        groups = [add_grid(server.scene, area), *add_groups(server.scene, self.style)]
+        self.style = recording_scene.SceneStyle(
+            recording_scene.list_sensors([drawn]), COLOURINGS, Scales.of(drawn), LIVE_POINTS
+        )
+        area = recording_scene.find_view_area(drawn)
+        groups = [recording_scene.add_grid(server.scene, area), *recording_scene.add_groups(server.scene, self.style)]
         self.groups: dict[str, Handle] = {handle.name: handle for handle in groups}
         self.shown: list[Handle] = []
         self.switches: dict[str, Handle] = {}  # of the page, by the part they show
@@ -64,13 +54,13 @@ class LiveView:
         for number, name in enumerate(self.style.sensors):
             self._add_switch(self.sensor_switches, name, [f"/sensors/{number}"])
         boxes = server.gui.add_folder("Boxes")
-        for group, how in zip(BOXES, ("truth, solid", "detections, dashed"), strict=True):
+        for group, how in zip(recording_scene.BOXES, ("truth, solid", "detections, dashed"), strict=True):
             self._add_switch(boxes, how, [f"/{group}"])
-        for name, node in OUTCOME_NODES.items() if drawing.detector is not None else ():
-            self._add_switch(boxes, f"{name}, {SHOWN_AS[name]}", [f"/{node}"])
+        for name, node in recording_scene.OUTCOME_NODES.items() if drawing.detector is not None else ():
+            self._add_switch(boxes, f"{name}, {recording_scene.SHOWN_AS[name]}", [f"/{node}"])
         for kind in BOX_KINDS:
-            self._add_switch(boxes, kind, nodes_of_kind(kind, outcomes=True))
-        self._add_switch(boxes, "grid of 10 m", [GRID_NODE])
+            self._add_switch(boxes, kind, recording_scene.nodes_of_kind(kind, outcomes=True))
+        self._add_switch(boxes, "grid of 10 m", [recording_scene.GRID_NODE])
         self.show(0)
 
     def show(self, number: int) -> None:
@@ -98,15 +88,16 @@ class LiveView:
             self._redraw()
 
     def _redraw(self) -> None:
-        """Replace the frame that is shown."""
         for handle in self.shown:
             handle.remove()
         self.shown = []
         if self._drawn is not None:
-            for name in list_sensors([self._drawn]):
+            for name in recording_scene.list_sensors([self._drawn]):
                 if name not in self.style.sensors:
                     self._add_sensor(name)
-            self.shown = add_sample(self.server.scene, self._drawn, replace(self.style, colourings=(self.colouring,)))
+            self.shown = recording_scene.add_sample(
+                self.server.scene, self._drawn, replace(self.style, colourings=(self.colouring,))
+            )
         for number in range(len(self.style.sensors)):
             for each in self.style.colourings:
                 self.groups[f"/sensors/{number}/{each}"].visible = each == self.colouring
@@ -115,7 +106,9 @@ class LiveView:
         """Add a sensor that earlier frames did not have."""
         number = len(self.style.sensors)
         self.style = replace(self.style, sensors=(*self.style.sensors, name))
-        self.groups |= {handle.name: handle for handle in add_sensor(self.server.scene, self.style, number)}
+        self.groups |= {
+            handle.name: handle for handle in recording_scene.add_sensor(self.server.scene, self.style, number)
+        }
         self._add_switch(self.sensor_switches, name, [f"/sensors/{number}"])
 
     def _add_slider(self) -> None:
@@ -146,8 +139,9 @@ def view_live(samples: Part, drawing: Drawing, *, port: int = PORT, ready: Calla
     frame."""
     if not 1 <= port < 2**16:
         raise ValueError(f"port must lie in 1..65535, got {port}: leave it out for {PORT}")
-    with viser_server(port) as server:
+    token = secrets.token_urlsafe(16)
+    with viser_server(port, token) as server:
         LiveView(server, samples, drawing)
-        ready(f"http://127.0.0.1:{server.get_port()}")
+        ready(f"http://127.0.0.1:{server.get_port()}/{token}/")
         with suppress(KeyboardInterrupt):
             server.sleep_forever()

@@ -10,19 +10,8 @@ from pathlib import Path
 
 from toolkit.plots.palette import OUTCOME, sensor_colour
 from toolkit.runtime.files import write_text
+from toolkit.viewing import recording_scene
 from toolkit.viewing.drawn import BOX_KINDS, MARKED, DrawnSample, Scales, list_colourings
-from toolkit.viewing.recording_scene import (
-    BOXES,
-    GRID_NODE,
-    OUTCOME_NODES,
-    SceneStyle,
-    add_grid,
-    add_groups,
-    add_sample,
-    find_view_area,
-    list_sensors,
-    nodes_of_kind,
-)
 from toolkit.viewing.scene import overview, render_page, scene_html, set_view, viser_server
 
 PAGE_FRAMES = 20  # of a recording, unless another number is asked for
@@ -60,28 +49,32 @@ def page_content(samples: Sequence[DrawnSample], title: str, *, most: int = PAGE
     if not samples:
         raise ValueError("there is no sample to view: check the path and the layout")
     sizes = [len(cloud.points) for sample in samples for cloud in sample.clouds]
-    sensors, colourings, scales = list_sensors(samples), list_colourings(samples), Scales.of(samples[0])
-    style = SceneStyle(sensors, colourings, scales, max(most // max(len(sizes), 1), 1), "float16")
-    area = find_view_area(samples[0])
+    sensors, colourings, scales = recording_scene.list_sensors(samples), list_colourings(samples), Scales.of(samples[0])
+    style = recording_scene.SceneStyle(sensors, colourings, scales, max(most // max(len(sizes), 1), 1), "float16")
+    area = recording_scene.find_view_area(samples[0])
     nodes: list[tuple[str, ...]] = []
     with viser_server() as server:
-        add_grid(server.scene, area)
-        add_groups(server.scene, style)
+        recording_scene.add_grid(server.scene, area)
+        recording_scene.add_groups(server.scene, style)
         for frame, sample in enumerate(samples):
-            made = add_sample(server.scene, sample, style, frame=frame, visible=frame == 0)
+            made = recording_scene.add_sample(server.scene, sample, style, frame=frame, visible=frame == 0)
             nodes.append(tuple(handle.name for handle in made))
         set_view(server, *overview(area))
         html = scene_html(server)
     switches = [Switch(name, f"/sensors/{k}", sensor_colour(k)) for k, name in enumerate(sensors)]
-    switches += [Switch(name, f"/{name}", colour) for name, colour in BOXES.items()]
+    switches += [Switch(name, f"/{name}", colour) for name, colour in recording_scene.BOXES.items()]
     known = any(sample.outcomes for sample in samples)
     colours = {name: OUTCOME[outcome].colour for name, outcome in MARKED.items() if known}
-    switches += [Switch(name, f"/{OUTCOME_NODES[name]}", colour) for name, colour in colours.items()]
+    switches += [Switch(name, f"/{recording_scene.OUTCOME_NODES[name]}", colour) for name, colour in colours.items()]
     there = {kind for sample in samples for kind in (*sample.truth, *sample.detections)}
-    switches += [Switch(kind, " ".join(nodes_of_kind(kind, outcomes=known))) for kind in BOX_KINDS if kind in there]
+    switches += [
+        Switch(kind, " ".join(recording_scene.nodes_of_kind(kind, outcomes=known)))
+        for kind in BOX_KINDS
+        if kind in there
+    ]
     points = {each: " ".join(f"/sensors/{number}/{each}" for number in range(len(sensors))) for each in colourings}
     return PageContent(
-        *(title, html, (*switches, Switch("grid of 10 m", GRID_NODE))),
+        *(title, html, (*switches, Switch("grid of 10 m", recording_scene.GRID_NODE))),
         tuple(Switch(scales.describe(each), points[each], checked=each == colourings[0]) for each in colourings),
         *(tuple(nodes), tuple(sample.describe() for sample in samples)),
         *(sum(sizes), sum(min(size, style.most) for size in sizes)),

@@ -5,8 +5,11 @@ system's choice, while the scene is written."""
 from __future__ import annotations
 
 import json
+import re
+import secrets
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
@@ -40,20 +43,24 @@ def check_viser() -> None:
 
 
 @contextmanager
-def viser_server(port: int = 0) -> Iterator[ViserServer]:
+def viser_server(port: int = 0, token: str = "") -> Iterator[ViserServer]:
     """Open a viser server for this machine alone. Its scene is empty, with light and up direction. port: 0 for one of
-    the system's choice, else this or, if it is taken, one after it. Nothing is printed, and viser does not rebuild its
-    viewer, for which it would use the network. Raises ImportError without viser."""
+    the system's choice, else this or, if it is taken, one after it; token: that its address ends with, "" to serve
+    nobody. Nothing is printed, and viser does not rebuild its viewer, for which it would use the network. Raises
+    ImportError without viser."""
     check_viser()
     import rich
     from viser import ViserServer
 
     builder: Any = import_module("viser._client_autobuild")
+    sockets: Any = import_module("websockets.asyncio.server")
     console, build = rich.get_console(), builder.ensure_client_is_built
     quiet, console.quiet = console.quiet, True
     builder.ensure_client_is_built = lambda: None
+    serve, sockets.serve = sockets.serve, partial(_serve_guarded, sockets.serve, token)
     try:
         server = ViserServer(host="127.0.0.1", port=port, verbose=False)
+        sockets.serve = serve
         try:
             server.scene.set_up_direction("+z")
             server.scene.configure_environment_map(None)
@@ -64,8 +71,26 @@ def viser_server(port: int = 0) -> Iterator[ViserServer]:
         finally:
             server.stop()
     finally:
-        console.quiet = quiet
+        console.quiet, sockets.serve = quiet, serve
         builder.ensure_client_is_built = build
+
+
+_LOCAL = re.compile(r"http://(127\.0\.0\.1|localhost)(:\d+)?")
+
+
+def _serve_guarded(serve: Handle, token: str, *arguments: object, process_request: Handle, **options: object) -> Handle:
+    """Serve requests below /token/ alone, and sockets to pages of this machine alone."""
+
+    def guard(connection: Handle, request: Handle) -> Handle:
+        first, _, rest = request.path.removeprefix("/").partition("/")
+        if not token or not secrets.compare_digest(first.encode(), token.encode()):
+            return connection.respond(403, "open the whole address that coview view prints\n")
+        if "Upgrade" in request.headers and not _LOCAL.fullmatch(request.headers.get("Origin", "")):
+            return connection.respond(403, "open the viewer in a browser of this machine\n")
+        request.path = f"/{rest}"
+        return process_request(connection, request)
+
+    return serve(*arguments, process_request=guard, **options)
 
 
 def set_view(server: ViserServer, position: tuple[float, ...], look_at: tuple[float, ...]) -> None:
@@ -196,7 +221,7 @@ def thin_evenly(points: Float32[np.ndarray, "n 3"], most: int) -> Float32[np.nda
 
 
 POLICY = (
-    "default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval' 'wasm-unsafe-eval' blob: data:; "
+    "default-src 'none'; script-src 'unsafe-inline' 'wasm-unsafe-eval' blob: data:; "
     "style-src 'unsafe-inline'; img-src data: blob:; font-src data:; connect-src data: blob:; worker-src blob: data:; "
     "frame-src 'self' blob: data:; media-src data:; form-action 'none'; base-uri 'none'"
 )

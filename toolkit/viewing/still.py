@@ -8,10 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from toolkit.boxes import footprints
-from toolkit.plots.base_map import Entry, draw_outcome
 from toolkit.plots.canvas import blank_figure, house_style, shorten, write_figure
 from toolkit.plots.palette import FAINT, INK, Outcome, PlotStyle, sensor_colour
-from toolkit.plots.plan_view import outcome_entry
+from toolkit.plots.plan_view import Entry, draw_outcome, outcome_entry
 from toolkit.viewing.drawn import MARKED, BoxesByKind, Colouring, DrawnSample, Scales, find_newest, shades, thinned
 from toolkit.viewing.recording_scene import find_view_area
 

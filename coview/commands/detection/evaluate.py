@@ -9,14 +9,15 @@ from typing import TYPE_CHECKING, Literal
 
 from tyro.conf import Positional
 
-from coview.arguments import Label, check_errors, check_ious, check_least, check_positive, check_schemes, sensor_set
+from coview.arguments import Label, check_ious, check_least, check_positive, check_schemes, sensor_set
 from coview.detectors import recording_detector
-from coview.outputs import OK, Writing, check_folder, print_result
+from coview.outputs import OK, Writing, check_folder, claim, print_result
 from coview.progress_bar import progress_bar
 from coview.recordings import Opening
 from toolkit.detection.place import Place
 from toolkit.frame import Frame, RecordingView
 from toolkit.runtime.run import Run
+from toolkit.sensors.error_profiles import find_profile
 
 if TYPE_CHECKING:
     from toolkit.calibration.poses import FoundPose
@@ -102,9 +103,9 @@ def evaluate(
         dataset: Recording made by coview simulate, one of the authors' files, or clouds in any layout.
         out: Folder for table.json and the PR curves.
     """
+    from toolkit.calibration.empty_scene import Scenes
     from toolkit.calibration.poses import TOGETHER, Corrected, find_poses
     from toolkit.calibration.registration import read_surface
-    from toolkit.calibration.scenes import Scenes
     from toolkit.datasets.readings import ReadRecording, Reads
     from toolkit.datasets.recordings import Part
     from toolkit.detection.evaluation import curve_files, evaluate_recording, save_evaluation
@@ -115,15 +116,15 @@ def evaluate(
     check_least("--radius", rules.radius, 0.0)
     check_positive("--rate", rules.link.rate)
     check_least("--key-every", rules.link.key_every, 1)
-    check_errors(subject.errors)
+    find_profile(subject.errors)
     inputs, reads = [dataset, *opening.files], Reads(subject.errors, run.seed, run.frames)
 
-    def check_outputs(labels: Sequence[str]) -> None:
+    def check_outputs(overwrite: bool, labels: Sequence[str] = rules.classes or ("vehicle",)) -> None:
         for name in ("table.json", *curve_files(labels, rules.iou)):
-            check_folder(out, holds=name, inputs=inputs, overwrite=writing.overwrite)
+            check_folder(out, holds=name, inputs=inputs, overwrite=overwrite)
 
-    check_outputs(rules.classes or ("vehicle",))
-    with opening.open(dataset) as opened:
+    claimed = claim(out, (inputs, subject, rules, place, run), check_outputs, overwrite=writing.overwrite)
+    with claimed as again, opening.open(dataset) as opened:
         recording = opened
         poses: tuple[FoundPose, ...] = ()
         if subject.calibrate is not None:
@@ -142,7 +143,7 @@ def evaluate(
         detect = recording_detector(subject.detector, some, place, scenes)
         labels = rules.classes or known_labels(detect) or ("vehicle",)
         check_known(detect, labels)
-        check_outputs(labels)
+        check_outputs(again, labels)
         with progress_bar("frame", reads.count(recording), hidden=writing.json) as bar:
             found = evaluate_recording(
                 recording,
@@ -153,8 +154,8 @@ def evaluate(
                 scenes=scenes,
                 run=replace(run, progress=bar.stage),
             )
-    found = replace(found, poses=poses)
-    save_evaluation(found, out)
+        found = replace(found, poses=poses)
+        save_evaluation(found, out)
     print_result(
         found.as_dict(), f"{found.text()}\nwritten to {out}/table.json, PR curves beside it", as_json=writing.json
     )
@@ -162,7 +163,6 @@ def evaluate(
 
 
 def _compare(rules: Rules, *, known: bool) -> Comparison:
-    """Return the comparison that the options ask for."""
     from toolkit.detection.evaluation import Comparison
     from toolkit.detection.link.range_images import find_codec
     from toolkit.detection.schemes import PAPER_SCHEMES, schemes_in_steps

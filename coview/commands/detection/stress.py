@@ -3,31 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 from tyro.conf import Positional
 
-from coview.arguments import Label, check_ious, check_schemes, site_file
+from coview.arguments import site_file
 from coview.detectors import check_digest, recording_detector
-from coview.outputs import OK, Writing, check_folder, print_result
+from coview.outputs import OK, Writing, check_folder, claim, print_result
 from coview.progress_bar import progress_bar
 from coview.recordings import frame_count, open_recording
+from coview.studies.stress.conditions import StressQuestion
 from toolkit.runtime.run import Run
-
-
-@dataclass(frozen=True)
-class Question:
-    """Schemes and kinds of stress, and objects to find."""
-
-    schemes: tuple[str, ...] = ("early", "foreground", "hybrid", "late")
-    """Fusion schemes: early, late, hybrid, foreground and differences (of foregrounds)."""
-    kinds: tuple[str, ...] = ()
-    """Stress: bytes, pose, mounting, silent, pairs, blinded, frozen, delay, loss, rate, clock; all when left out."""
-    label: Label = "vehicle"
-    """Class of the road users to find."""
-    iou: tuple[float, ...] = (0.7,)
-    """IoU thresholds at which a detection counts, with rows for each."""
 
 
 def stress(
@@ -38,7 +25,7 @@ def stress(
     site: str | None = None,
     table: str | None = None,
     out: Path = Path("out/stress"),
-    question: Question = Question(),
+    question: StressQuestion = StressQuestion(),
     run: Run = Run(),
     writing: Writing = Writing(),
 ) -> int:
@@ -57,55 +44,43 @@ def stress(
         table: Built-in site or .npz of coview table, to add exact figures for one or two failing sensors.
         out: Folder for stress.json and stress.svg, rewritten after each condition.
     """
+    from coview.studies.stress import outputs, stressing
     from coview.studies.stress.noticing import time_faults
-    from coview.studies.stress.outputs import (
-        STRESS_FILES,
-        StressResults,
-        exact_failures,
-        find_crossings,
-        write_rows,
-        write_stress,
-    )
-    from coview.studies.stress.stressing import (
-        KeptDetections,
-        StressQuestion,
-        StressRow,
-        choose_kinds,
-        is_sequence,
-        run_stress,
-    )
     from placement_env.fidelity.table import load_table
     from toolkit.detection.codec import PAPER
     from toolkit.detection.provenance import dataset_origin, detector_origin, settings_origin
 
-    check_ious(question.iou)
-    check_schemes(question.schemes)
-    for name in STRESS_FILES:
-        check_folder(out, holds=name, inputs=[dataset, *site_file(site)], overwrite=writing.overwrite)
-    exact = None if table is None else exact_failures(load_table(table), ious=question.iou, label=question.label)
-    with open_recording(dataset, site) as recording:
+    def check(overwrite: bool) -> None:
+        for name in outputs.STRESS_FILES:
+            check_folder(out, holds=name, inputs=[dataset, *site_file(site)], overwrite=overwrite)
+
+    asked = (dataset, detector, site, table, question, run)
+    exact = (
+        None if table is None else outputs.exact_failures(load_table(table), ious=question.iou, label=question.label)
+    )
+    with claim(out, asked, check, overwrite=writing.overwrite), open_recording(dataset, site) as recording:
         total = frame_count(recording, run.frames)
-        kinds = choose_kinds(recording, question.kinds)
-        asked = StressQuestion(schemes=question.schemes, kinds=kinds, label=question.label, ious=question.iou)
+        kinds = stressing.choose_kinds(recording, question.kinds)
         detect = recording_detector(detector, recording)
         if run.cache is not None:
             check_digest(detector, detect, ", or leave --cache out")
-        kept = KeptDetections.of(detect, run.memo)
+        kept = stressing.KeptDetections.of(detect, run.memo)
         provenance = dataset_origin(recording) | detector_origin(detect)
         provenance |= settings_origin(PAPER, site=recording.site.name, frames=total, seed=run.seed, kinds=kinds)
-        rows: list[StressRow] = []
+        rows: list[stressing.StressRow] = []
 
-        def keep(more: Sequence[StressRow]) -> None:
+        def keep(more: Sequence[stressing.StressRow]) -> None:
             rows.extend(more)
-            write_rows(rows, provenance, out)
+            outputs.write_rows(rows, provenance, out)
 
         with progress_bar("frame", hidden=writing.json) as bar:
-            run_stress(recording, kept, asked, replace(run, progress=bar.stage), finished=keep)
-        results = StressResults(tuple(rows), find_crossings(rows, seed=run.seed), exact=exact)
-        if is_sequence(recording) and {"silent", "blinded", "frozen"} & {*kinds}:
+            question = replace(question, kinds=kinds)
+            stressing.run_stress(recording, kept, question, replace(run, progress=bar.stage), finished=keep)
+        results = outputs.StressResults(tuple(rows), outputs.find_crossings(rows, seed=run.seed), exact=exact)
+        if stressing.is_sequence(recording) and {"silent", "blinded", "frozen"} & {*kinds}:
             noticed, alarms = time_faults(recording, kept, run)
             results = replace(results, noticed=noticed, false_alarms=alarms)
-    write_stress(results, provenance, out)
-    text = f"{results.as_text()}\n\nwritten to {out}: {', '.join(STRESS_FILES)}"
+        outputs.write_stress(results, provenance, out)
+    text = f"{results.as_text()}\n\nwritten to {out}: {', '.join(outputs.STRESS_FILES)}"
     print_result(results.as_dict(provenance), text, as_json=writing.json)
     return OK

@@ -10,8 +10,9 @@ from coview.commands.placement.plan import Goal, StockOptions, plan
 from coview.commands.recordings.simulate import simulate
 from coview.detectors import recording_detector
 from coview.options import Output
-from coview.outputs import OK, Writing, check_folder
+from coview.outputs import OK, Writing, check_folder, say
 from coview.recordings import open_recording
+from toolkit.runtime.files import UNFINISHED
 from toolkit.runtime.run import Run
 
 RECORDING = "tjunction.hdf5"
@@ -47,7 +48,8 @@ def demo(
     check_least("--plan-frames", plan_frames, 0)
     files = {RECORDING, "table.json", "birds_eye.png", *curve_files(LABELS)}
     made = files | {f"{RECORDING}.parts", PLAN, CACHE}
-    again = overwrite or (out.is_dir() and {each.name for each in out.iterdir()} <= made)
+    found = {each.name for each in out.iterdir() if UNFINISHED not in each.name} if out.is_dir() else {""}
+    again = overwrite or found <= made
     for name in sorted(files):
         check_folder(out, holds=name, overwrite=again)
     writing = Writing(overwrite=again)
@@ -55,7 +57,7 @@ def demo(
     evaluate(out / RECORDING, subject=Subject(detector), out=out, writing=writing)
     with open_recording(out / RECORDING, None) as recording:
         draw_example(recording, recording_detector(detector, recording), out / "birds_eye.png", seed=seed)
-    print(f"pictures in {out}: birds_eye.png, pr_0.7.png")
+    say(f"pictures in {out}: birds_eye.png, pr_0.7.png")
     if plan_frames:
         plan(
             "tjunction",
@@ -64,5 +66,5 @@ def demo(
             run=Run(seed=seed, frames=plan_frames, cache=out / CACHE, workers=2),
             output=Output(out=out / PLAN, overwrite=True),
         )
-        print(f"open {out / PLAN / 'report.html'} in a browser")
+        say(f"open {out / PLAN / 'report.html'} in a browser")
     return OK

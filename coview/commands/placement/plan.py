@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,7 +12,7 @@ from tyro.conf import Positional
 
 from coview.arguments import check_least, check_schemes, check_share, site_file
 from coview.options import ClassOptions, Output, load_own_detector
-from coview.outputs import NOT_MET, OK, check_folder, check_writable, print_result
+from coview.outputs import NOT_MET, OK, check_folder, check_writable, claim, print_result
 from coview.progress_bar import progress_bar
 from placement_env.cases import USUAL_CASES, Cases, iou_text
 from toolkit.runtime.run import Run
@@ -103,8 +104,7 @@ def plan(
     Args:
         site: tjunction, roundabout, or a site file.
     """
-    from placement_env.report.planning.planning import plan as answer
-    from placement_env.report.planning.planning import write_plan
+    from placement_env.report.planning.planning import plan as answer, write_plan
     from placement_env.report.planning.question import USUAL_SENSORS, Question
     from placement_env.setting import Setting
     from toolkit.detection.link.range_images import find_codec
@@ -114,10 +114,11 @@ def plan(
     check_schemes([stock.scheme])
     files = [path for path in (stock.sensors, stock.keep_out) if path is not None]
     inputs = [*site_file(site), *site_file(stock.candidates), *files]
-    check_folder(out, holds="plan.json", inputs=inputs, overwrite=output.overwrite)
+    check = partial(check_folder, out, holds="plan.json", inputs=inputs)
+    asked = (site, goal, stock, classes, cases, run)
     if run.cache is not None:
         check_writable(run.cache.resolve(), run.cache)
-    with progress_bar("", hidden=output.json) as bar:
+    with claim(out, asked, check, overwrite=output.overwrite), progress_bar("", hidden=output.json) as bar:
         run, place = replace(run, progress=bar.stage), load_site(site)
         setting = Setting(
             place,
@@ -138,7 +139,6 @@ def plan(
 
 
 def _describe(plan: Plan) -> str:
-    """Answer in a few lines."""
     verdict = plan.verdict
     lines = [" ".join((verdict.sentence, *verdict.reasons)) if verdict.met is False else verdict.sentence]
     lines += [f"  {s.name}: {s.pole}, {s.height:.1f} m, bearing {s.bearing_deg:.0f}" for s in plan.sensors]

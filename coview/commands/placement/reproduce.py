@@ -10,7 +10,7 @@ from tyro.conf import Positional
 
 from coview.arguments import check_least
 from coview.detectors import recording_detector
-from coview.outputs import OK, check_folder, print_result
+from coview.outputs import OK, check_folder, claim, print_result
 from coview.progress_bar import progress_bar
 from toolkit.runtime.run import Processes
 
@@ -44,8 +44,8 @@ def reproduce(
 
     check_paper_site(site)
     check_least("--frames", frames, 1)
-    check_folder(out, holds=PAGE, inputs=[] if table is None else [table], overwrite=True)
-    with progress_bar("frame", hidden=json) as bar:
+    check = partial(check_folder, out, holds=PAGE, inputs=[] if table is None else [table])
+    with claim(out, (site, frames, detector, table), check, overwrite=True), progress_bar("frame", hidden=json) as bar:
         made = run_reproduction(
             site,
             out,

@@ -108,8 +108,9 @@ def search(
         )
         inputs = [*site_file(site), *site_file(setting.candidates.candidates)]
         if output.out is not None:
+            again = output.overwrite or order.resumes(output.out)
             for name in answer_files(order):
-                check_folder(output.out, holds=name, inputs=inputs, overwrite=output.overwrite)
+                check_folder(output.out, holds=name, inputs=inputs, overwrite=again)
         with order.keeping(output.out, overwrite=output.overwrite) as (kept, checkpoint):
             answer = run_search(kept, checkpoint)
             written = [] if output.out is None or not answer.met else [write_answer(output.out, kept, answer)]

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 
 from tyro.conf import Positional
 
 from coview.arguments import Label, check_least, check_schemes, site_file
 from coview.detectors import check_digest, site_detector
-from coview.outputs import OK, Writing, check_file, check_writable, print_result
+from coview.outputs import OK, Writing, check_file, check_writable, claim, print_result
 from coview.progress_bar import progress_bar
 from toolkit.runtime.run import Run
 
@@ -81,7 +82,8 @@ def surrogate(
     from toolkit.sites.random import random_site
 
     counted = ClassOptions(classes=fit.classes, small_iou=fit.small_iou).build()
-    check_file(out, inputs=[path for site in sites for path in site_file(site)], overwrite=writing.overwrite)
+    check = partial(check_file, out, inputs=[path for site in sites for path in site_file(site)])
+    check(overwrite=True)
     if run.cache is not None:
         check_writable(run.cache.resolve(), run.cache)
     places = [*map(load_site, sites), *(random_site(run.seed + i) for i in range(fit.random_sites))]
@@ -97,7 +99,8 @@ def surrogate(
         f"{fit.sets} sets, detector {fit.detector}"
     )
     sampling = Sampling(fit.poses, fit.sets, tuple(map(find_model, fit.model)), fit.resamples)
-    with progress_bar("", hidden=writing.json) as bar:
+    claimed = claim(out, (sites, fit, run), check, overwrite=writing.overwrite)
+    with claimed, progress_bar("", hidden=writing.json) as bar:
         fitted = fit_sites(
             places,
             lambda place: detect[place.name],
@@ -108,7 +111,7 @@ def surrogate(
             source=source,
             run=replace(run, progress=bar.stage),
         )
-    save_models(tuple(model for model, _ in fitted), out)
+        save_models(tuple(model for model, _ in fitted), out)
     lines = [f"{m.label:<10} {m.scheme:<7} IoU {m.iou:g}: AP within {rms:.3f} of the detector's" for m, rms in fitted]
     rows = [{**asdict(model), "rms": rms} for model, rms in fitted]
     print_result(rows, "\n".join([*lines, f"written to {out}"]), as_json=writing.json)

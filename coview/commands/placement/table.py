@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 from tyro.conf import Positional
 
-from coview.arguments import check_errors, site_file
+from coview.arguments import site_file
 from coview.detectors import check_digest, recording_detector
 from coview.options import ClassOptions
-from coview.outputs import OK, Writing, check_file, print_result
+from coview.outputs import OK, Writing, check_file, claim, print_result
 from coview.progress_bar import progress_bar
 from coview.recordings import frame_count, open_recording
 from toolkit.runtime.run import Processes
+from toolkit.sensors.error_profiles import find_profile
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,7 +34,7 @@ class TableData:
     """Leave out invalid objects, as in coview evaluate."""
 
     def __post_init__(self) -> None:
-        check_errors(self.errors)
+        find_profile(self.errors)
 
 
 def table(
@@ -59,14 +61,16 @@ def table(
     from placement_env.fidelity.renders import Recorded
     from placement_env.fidelity.table import best_sets, make_table
     from toolkit.detection.schemes import PAPER_SCHEMES
-    from toolkit.sensors.error_profiles import find_profile
 
     counted = classes.build()
-    check_file(out, inputs=[dataset, *site_file(data.site)], overwrite=writing.overwrite)
+    check = partial(check_file, out, inputs=[dataset, *site_file(data.site)])
     if out.suffix != ".npz":
         raise ValueError(f"a table's file must end in .npz, by which it is loaded, got {out}")
-    opened = open_recording(dataset, data.site, drop_invalid=data.drop_invalid)
-    with opened as recording, progress_bar("frame", hidden=writing.json) as bar:
+    with (
+        claim(out, (dataset, data, classes), check, overwrite=writing.overwrite),
+        open_recording(dataset, data.site, drop_invalid=data.drop_invalid) as recording,
+        progress_bar("frame", hidden=writing.json) as bar,
+    ):
         count = frame_count(recording, data.frames)
         detect = recording_detector(data.detector, recording)
         check_digest(data.detector, detect, ": what is detected is kept until the table is whole")

@@ -7,11 +7,12 @@ from pathlib import Path
 
 from tyro.conf import Positional
 
-from coview.arguments import Label, check_errors, check_least, sensor_set, site_file
+from coview.arguments import Label, check_least, sensor_set, site_file
 from coview.detectors import recording_detector
 from coview.outputs import OK, SUSPECTED, Writing, check_file, check_new_folder, print_result
 from coview.progress_bar import progress_bar
 from coview.recordings import Opening, frame_count
+from toolkit.sensors.error_profiles import find_profile
 
 
 def survey(
@@ -47,7 +48,7 @@ def survey(
     from toolkit.detection.survey import survey as count
     from toolkit.frame import select_sensors
 
-    check_errors(errors)
+    find_profile(errors)
     with opening.open(dataset) as recording:
         total = frame_count(recording, frames)
         if not total:
@@ -156,7 +157,7 @@ def calibrate(
     from toolkit.datasets.readings import ReadRecording, Reads
     from toolkit.datasets.recordings import Part
 
-    check_errors(reading.errors)
+    find_profile(reading.errors)
     reference = None if fit.reference == TOGETHER else fit.reference
     if reference is not None and (fit.held or fit.detector is not None):
         raise ValueError("--held and --detector are for sensors fitted to each other: leave them or --reference out")

@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING, Literal, cast
 
 from tyro.conf import Positional
 
-from coview.arguments import Label, check_errors, check_least, check_positive, refuse_given
+from coview.arguments import Label, check_least, check_positive
 from coview.outputs import OK, Writing, check_file, check_new_folder, print_result
 from coview.progress_bar import progress_bar
 from coview.recordings import Opening, count_passing, frame_count
 from toolkit.detection.place import Place
 from toolkit.runtime.run import Simulation
+from toolkit.sensors.error_profiles import find_profile
 
 if TYPE_CHECKING:
     from toolkit.datasets.dataset import CoopDataset
@@ -63,7 +64,7 @@ def convert(
 
     check_least("--frames", contents.frames, 1, "leave it out for all")
     if contents.errors is not None:
-        check_errors(contents.errors)
+        find_profile(contents.errors)
     target = find_layout(to)
     write, problems = target.write, dict[str, int]()
     with opening.open(recording) as opened:
@@ -189,15 +190,23 @@ def pack(
         out: Packed file to write.
         packed: Packed files whose frames are appended, to train on simulated and recorded frames together.
     """
-    from models.training.packing import dataset_recording, drawn_file, join_packed, read_recordings, sample_recordings
-    from models.training.packing import pack as write
+    from models.training.packing import (
+        dataset_recording,
+        drawn_file,
+        join_packed,
+        pack as write,
+        read_recordings,
+        sample_recordings,
+    )
 
     random_sites = sites.random_sites
     check_least("--random-sites", random_sites, 0)
     if bool(datasets) == bool(random_sites):
         raise ValueError("give recordings, or --random-sites N")
-    check_file(out, inputs=[*datasets, *packed, *opening.files], overwrite=writing.overwrite)
-    refuse_given({"--packed": bool(packed and random_sites)}, "is not for --random-sites")
+    again = bool(random_sites) and Path(f"{out}.parts").is_dir()  # a run that was killed while it cleaned up
+    check_file(out, inputs=[*datasets, *packed, *opening.files], overwrite=writing.overwrite or again)
+    if packed and random_sites:
+        raise ValueError("--packed is not for --random-sites: leave it out")
     if random_sites:
         from toolkit.bodies.fleet import fleet_named
         from toolkit.datasets.random_recordings import random_recordings_file

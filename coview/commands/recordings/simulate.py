@@ -10,7 +10,7 @@ from typing import Literal
 from tyro.conf import Positional
 
 from coview.arguments import site_file
-from coview.outputs import OK, Writing, check_file, print_result
+from coview.outputs import OK, Writing, check_file, print_result, say
 from coview.progress_bar import progress_bar
 from toolkit.runtime.run import Simulation
 
@@ -56,7 +56,8 @@ def simulate(
 
     fleet = fleet_named(bodies.fleet, bodies.meshes, held_out=bodies.held_out, mirrors=bodies.mirrors_in_boxes)
     if not writing.json:
-        print(*fleet.notes, sep="\n", end="\n" if fleet.notes else "")
+        for note in fleet.notes:
+            say(note)
     place, started, frames = load_site(site), perf_counter(), run.frames_or(FRAMES)
     check_file(out, inputs=site_file(site), overwrite=True)  # whether it holds the same recording is seen later
     with progress_bar("frame", frames, hidden=writing.json) as bar:

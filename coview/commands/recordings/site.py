@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import radians
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import Positional, subcommand
 
 from coview.arguments import check_least, site_file
-from coview.outputs import OK, check_file
+from coview.outputs import OK, check_file, say
 
 if TYPE_CHECKING:
     from toolkit.sites.site import Site
@@ -53,10 +53,8 @@ class ImportMap:
 
     def __call__(self) -> int:
         """Import, save, say what came of it."""
-        from toolkit.sites.maps import import_opendrive, import_osm
+        from toolkit.sites.maps import MapPiece, import_opendrive, import_osm
 
-        place: dict[str, Any] = {"centre": self.centre, "size": self.size, "heading": radians(self.heading_deg)}
-        place["seed"] = self.seed if self.furnish else None
         check_least("--seed", self.seed, 0)
         if (self.opendrive is None) == (self.osm is None):
             raise ValueError("give one map: --opendrive FILE or --osm FILE")
@@ -65,20 +63,19 @@ class ImportMap:
         maps = [each for each in (self.opendrive, self.osm) if each is not None]
         check_least("--sensors", self.sensors, 1, "leave it out for a site without sensors")
         check_file(self.out, inputs=maps, overwrite=self.overwrite)
-        if self.opendrive is not None:
-            imported = import_opendrive(self.opendrive, **place)
-        else:
-            imported = import_osm(self.osm, **place, lefthand=self.lefthand)  # type: ignore[arg-type]
+        seed = self.seed if self.furnish else None
+        piece = MapPiece(maps[0], self.centre, self.size, radians(self.heading_deg), seed)
+        imported = import_osm(piece, lefthand=self.lefthand) if self.osm else import_opendrive(piece)
         if self.sensors is None:
             code = _save(imported, self.out)
-            print(f"it has no sensors yet: coview plan {self.out} says which to build, --sensors N places some to try")
-            print("mounts along the kerbs are suggestions: give your own poles as --candidates FILE.geojson")
+            say(f"it has no sensors yet: coview plan {self.out} says which to build, --sensors N places some to try")
+            say("mounts along the kerbs are suggestions: give your own poles as --candidates FILE.geojson")
             return code
         from placement_env.search.greedy import with_first_sensors
 
         placed = with_first_sensors(imported, self.sensors)
         code = _save(placed.site, self.out)
-        print(placed)
+        say(placed)
         return code
 
 
@@ -108,7 +105,7 @@ class ExportSite:
 
         check_file(self.out, inputs=site_file(self.site), overwrite=self.overwrite)
         write_text(self.out, site_geojson(load_site(self.site)))
-        print(f"written to {self.out}, in longitude and latitude (WGS84)")
+        say(f"written to {self.out}, in longitude and latitude (WGS84)")
         return OK
 
 
@@ -160,7 +157,7 @@ class ShowSite:
 
         check_file(self.out, inputs=site_file(self.site), overwrite=self.overwrite)
         shown = load_site(self.site)
-        print(shown)
+        say(shown)
         if self.out is not None:
             draw_site(shown, self.out)
         return OK
@@ -180,5 +177,5 @@ def _save(made: Site, out: Path) -> int:
     from toolkit.sites.files import save_site
 
     save_site(made, out)
-    print(f"{made}\nwritten to {out}")
+    say(f"{made}\nwritten to {out}")
     return OK

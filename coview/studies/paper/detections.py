@@ -27,7 +27,7 @@ from placement_env.fidelity.detector import FALSE_ALARM, IGNORED, IOUS, Measured
 from placement_env.fidelity.traffic import scored
 from toolkit.arrays import Bool, Float64, Int64
 from toolkit.boxes import iou_3d
-from toolkit.detection.metrics import Curve, average_precision, match, precision_recall
+from toolkit.detection.metrics import Curve, average_precision, matches, precision_recall
 from toolkit.detection.scheme import Fused
 from toolkit.detection.schemes import find_scheme
 from toolkit.detection.view import View, together
@@ -189,15 +189,12 @@ class _FrameJob:
         found = fused.detections
         place = np.append(np.cumsum(counted) - 1, FALSE_ALARM)  # among the scored; index -1 stands for no truth
         there = objects[has_centre_inside(objects.boxes, self.renders.site.area)]
-        truth = np.empty((len(IOUS), len(found)), np.int64)
-        published = np.empty_like(truth)
-        for row, iou in enumerate(IOUS):
-            exact = match(found, objects, iou, counted=counted)
-            truth[row] = np.where(exact.ignored, IGNORED, place[exact.truth])
-            theirs = match(found, there, iou, protocol="published")
-            published[row] = np.where(theirs.ignored, IGNORED, np.where(theirs.truth >= 0, 0, FALSE_ALARM))
+        exact = matches(found, objects, IOUS, counted=counted)
+        theirs = matches(found, there, IOUS, protocol="published")
+        truth = np.array([np.where(at.ignored, IGNORED, place[at.truth]) for at in exact])
+        published = [np.select([at.ignored, at.truth >= 0], [IGNORED, 0], FALSE_ALARM) for at in theirs]
         best = iou_3d(found.boxes, objects.boxes[counted]).max(axis=0, initial=0.0)
-        return FrameRun(found.boxes, found.scores, truth, published, best, fused.bits, np.array([fused.ms]))
+        return FrameRun(found.boxes, found.scores, truth, np.array(published), best, fused.bits, np.array([fused.ms]))
 
 
 class ApScore(NamedTuple):

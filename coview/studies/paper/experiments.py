@@ -77,9 +77,7 @@ def scheme_experiment(stored: StoredDetections, site: str, basis: str) -> Experi
         rows.append(Compared((run.scheme, "time"), "ms", ms, paper.ms, reason=why))
     ap = [row for row in rows if row.unit == "AP"]
     ours = {row.labels: row.ours or 0.0 for row in ap}
-    ordered = all(
-        ours["early", f"AP@{iou:g}"] >= ours["hybrid", f"AP@{iou:g}"] >= ours["late", f"AP@{iou:g}"] for iou in IOUS
-    )
+    ordered = all(ours["early", at] >= ours["hybrid", at] >= ours["late", at] for at in (f"AP@{iou:g}" for iou in IOUS))
     order = (
         "As in the paper, early fusion is best at every IoU, then hybrid, then late, and costs follow the same order."
         if ordered
@@ -94,7 +92,6 @@ def scheme_experiment(stored: StoredDetections, site: str, basis: str) -> Experi
 
 
 def _explain_kbit(stored: StoredDetections, run: SchemeRun, paper: float) -> str:
-    """Explain the counting of bits in late and hybrid fusion."""
     if run.scheme == "late":
         boxes = kbit_per_sensor(stored, run) / 0.256
         return f"{boxes:.1f} boxes of 256 bit a sensor here, {paper / 0.256:.1f} in the paper"
@@ -169,11 +166,6 @@ def places_of_best(table: Table, listed: Listed, scheme: str) -> dict[int, int]:
     return {len(each): [mine.sensors for mine in ours[len(each)]].index(each) + 1 for each in listed.best[scheme]}
 
 
-def region_runs(site: str) -> list[SchemeRun]:
-    """Runs that tables 3 and 4 need."""
-    return [SchemeRun("early", row.sensors) for row in REGION_TABLE[site]]
-
-
 def region_experiment(stored: StoredDetections, site: str, basis: str) -> Experiment:
     """Compare table 3: gain from spatial diversity."""
     rows, ap = [], {}
@@ -245,10 +237,7 @@ def curve_experiment(stored: StoredDetections, site: str, basis: str) -> Experim
     """Compare PR curves of early fusion at IoU 0.7."""
     curves = {run.sensors: score_run(stored, run).curve for run in curve_runs(site)}
     paper = {row.sensors: row.early for row in sensor_sets(site).rows}
-    rows = [
-        compare_run(stored, SchemeRun("early", sensors), ("AP@0.7", set_name(sensors)), paper[sensors])
-        for sensors in curves
-    ]
+    rows = [compare_run(stored, SchemeRun("early", each), ("AP@0.7", set_name(each)), paper[each]) for each in curves]
     captions = [f"{row.labels[1]}: AP {row.ours:.3f} (paper {row.paper:.3f})" for row in rows]
     for says in CURVE_STATEMENTS[site]:
         curve, seen = curves[says.sensors], visible_share(stored, says.sensors)
@@ -433,11 +422,32 @@ def density_needed(density: Float64[np.ndarray, " n"], iou: Float64[np.ndarray, 
     >>> density_needed(np.array([1.0, 2.0, 3.0, 4.0]), np.array([0.1, 0.6, 0.4, 0.9]), 0.5)
     2.0
     """
+    from scipy.optimize import isotonic_regression
+
     at, group, counts = np.unique(density, return_inverse=True, return_counts=True)
-    pooled: list[list[float]] = []  # first density, mean IoU, vehicles
-    for first, mean, count in zip(at, np.bincount(group, iou) / counts if len(at) else (), counts, strict=True):
-        pooled.append([float(first), float(mean), float(count)])
-        while len(pooled) > 1 and pooled[-2][1] >= pooled[-1][1]:
-            (low, a, m), (_, b, n) = pooled[-2:]
-            pooled[-2:] = [[low, (a * m + b * n) / (m + n), m + n]]
-    return next((first for first, mean, _ in pooled if mean >= wanted - 1e-12), None)
+    if not len(at):
+        return None
+    rising = isotonic_regression(np.bincount(group, iou) / counts, weights=counts).x
+    enough = np.flatnonzero(rising >= wanted - 1e-12)
+    return float(at[enough[0]]) if len(enough) else None
+
+
+def region_runs(site: str) -> list[SchemeRun]:
+    """Runs that tables 3 and 4 need."""
+    return [SchemeRun("early", row.sensors) for row in REGION_TABLE[site]]
+
+
+def all_runs(site: str, sensors: int) -> list[SchemeRun]:
+    """Runs that the experiments need."""
+    return [*scheme_runs(sensors), *curve_runs(site), *region_runs(site)]
+
+
+def all_experiments(
+    stored: StoredDetections, seen: StoredDetections, table: Table, site: str
+) -> tuple[Experiment, ...]:
+    """Run every experiment, in the paper's order."""
+    about = stored, site, f"{stored.frames} frames, {stored.vehicles} vehicles"
+    return (
+        *(scheme_experiment(*about), set_experiment(table, seen, site), curve_experiment(*about)),
+        *(region_experiment(*about), density_experiment(*about), iou_experiment(*about), benchmark_experiment(*about)),
+    )

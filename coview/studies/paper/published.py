@@ -97,23 +97,17 @@ _SETS = {  # sensors, AP early, AP late
     """,
 }
 
+_REGIONS = {  # pair of sensors: AP of the first, of the second, of both
+    "tjunction": {(1, 5): (0.4717, 0.3222, 0.8722), (2, 4): (0.5621, 0.7942, 0.9560)},
+    "roundabout": {(1, 7): (0.1474, 0.8874, 0.8925), (3, 5): (0.3944, 0.8819, 0.8996)},
+}
 REGION_TABLE: dict[str, tuple[RegionRow, ...]] = {
-    "tjunction": (
-        RegionRow((1, 5), (1,), 0.4717),
-        RegionRow((1, 5), (5,), 0.3222),
-        RegionRow((1, 5), (1, 5), 0.8722),
-        RegionRow((2, 4), (2,), 0.5621),
-        RegionRow((2, 4), (4,), 0.7942),
-        RegionRow((2, 4), (2, 4), 0.9560),
-    ),
-    "roundabout": (
-        RegionRow((1, 7), (1,), 0.1474),
-        RegionRow((1, 7), (7,), 0.8874),
-        RegionRow((1, 7), (1, 7), 0.8925),
-        RegionRow((3, 5), (3,), 0.3944),
-        RegionRow((3, 5), (5,), 0.8819),
-        RegionRow((3, 5), (3, 5), 0.8996),
-    ),
+    site: tuple(
+        RegionRow(pair, sensors, ap)
+        for pair, aps in pairs.items()
+        for sensors, ap in zip((pair[:1], pair[1:], pair), aps, strict=True)
+    )
+    for site, pairs in _REGIONS.items()
 }
 
 CURVE_STATEMENTS: dict[str, tuple[Statement, ...]] = {  # section IV-C, on the PR curves

@@ -8,26 +8,14 @@ shipped one does not fit (`table_….npz`). The figures are computed from these 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from coview.studies.paper.comparison import CAUSES, GIVEN, LARGE, Compared, Experiment, to_csv
+from coview.studies.paper.comparison import CAUSES, GIVEN, LARGE, Experiment, to_csv
 from coview.studies.paper.detections import StoredDetections, detect_runs
-from coview.studies.paper.experiments import (
-    benchmark_experiment,
-    curve_experiment,
-    curve_runs,
-    density_experiment,
-    iou_experiment,
-    region_experiment,
-    region_runs,
-    scheme_experiment,
-    scheme_runs,
-    set_experiment,
-)
+from coview.studies.paper.experiments import all_experiments, all_runs
 from coview.studies.paper.page import paper_page
 from coview.studies.paper.published import DEPTH_NOISE, PAPER_SITES, PLACE_NAMES, TEST_FRAMES
 from placement_env.checks import check_whole
@@ -57,11 +45,6 @@ class Reproduction:
     vehicles: int
     experiments: tuple[Experiment, ...]
     page: Path
-
-    @property
-    def large(self) -> tuple[tuple[str, Compared], ...]:
-        """AP values far from the paper's, by experiment."""
-        return tuple((each.name, row) for each in self.experiments for row in each.rows if row.large)
 
     @property
     def summary(self) -> str:
@@ -103,7 +86,15 @@ def run_reproduction(
     check_whole("recorded", recorded, least=1)
     given = None if table is None else load_table(table)
     out, recorded = Path(out), max(frames, recorded)
-    with open_test_recording(site, out, recorded, processes) as recording:
+    path = out / f"recording_{recorded}.hdf5"
+    run = Run(frames=recorded, seed=SEEDS[site], **vars(processes))
+    try:
+        simulate_dataset(site, path, run=run, fleet=fleet_named("catalogue"))
+    except FileExistsError:
+        raise FileExistsError(
+            f"{path} is damaged or not the test recording: remove it, or give another --out"
+        ) from None
+    with CoopDataset(path) as recording:
         if detector is None:
             from models.detector import load_site_detector
 
@@ -118,9 +109,8 @@ def run_reproduction(
         if given is not None and given.origin.detector != digest:
             raise ValueError("the table was measured with another detector: make one with coview table")
         renders, memo = Recorded(recording, NOISE_SEED), Cache(out / "detections.sqlite")
-        runs = [*scheme_runs(len(recording.sensors)), *curve_runs(site), *region_runs(site)]
         detect_in = partial(detect_runs, renders, detect, memo=memo, processes=processes)
-        stored = detect_in(runs, frames=frames)
+        stored = detect_in(all_runs(site, len(recording.sensors)), frames=frames)
         if (sets.origin.place, sets.origin.detector) != (place, digest):
             path = out / f"table_{frames}_{str(digest)[:12]}_{renders.digest[:12]}.npz"
             try:
@@ -138,37 +128,6 @@ def check_paper_site(site: str) -> None:
     """Raise ValueError where the paper has no figures for a site."""
     if site not in PAPER_SITES:
         raise ValueError(f"the paper has figures for {' and '.join(PAPER_SITES)}, not for {site!r}: choose one of them")
-
-
-@contextmanager
-def open_test_recording(site: str, out: Path, frames: int, processes: Processes) -> Iterator[CoopDataset]:
-    """Open the test recording; simulate it if it is missing."""
-    path = out / f"recording_{frames}.hdf5"
-    run = Run(frames=frames, seed=SEEDS[site], workers=processes.workers, progress=processes.progress)
-    try:
-        simulate_dataset(site, path, run=replace(run, ray=processes.ray), fleet=fleet_named("catalogue"))
-    except FileExistsError:
-        raise FileExistsError(
-            f"{path} is damaged or not the test recording: remove it, or give another --out"
-        ) from None
-    with CoopDataset(path) as recording:
-        yield recording
-
-
-def all_experiments(
-    stored: StoredDetections, seen: StoredDetections, table: Table, site: str
-) -> tuple[Experiment, ...]:
-    """Run every experiment, in the paper's order."""
-    basis = f"{stored.frames} frames, {stored.vehicles} vehicles"
-    return (
-        scheme_experiment(stored, site, basis),
-        set_experiment(table, seen, site),
-        curve_experiment(stored, site, basis),
-        region_experiment(stored, site, basis),
-        density_experiment(stored, site, basis),
-        iou_experiment(stored, site, basis),
-        benchmark_experiment(stored, site, basis),
-    )
 
 
 def write_experiments(

@@ -26,12 +26,14 @@ from itertools import combinations
 
 import numpy as np
 
+from coview.arguments import Label, check_ious, check_schemes
 from toolkit.detection.codec import PAPER, Codec
 from toolkit.detection.link.channel import PERFECT, LinkChannel
 from toolkit.detection.link.differences import ForegroundDifferences
 from toolkit.detection.link.foreground import Foreground
 from toolkit.detection.link.range_images import STEPS, RangeImages
 from toolkit.detection.scheme import Scheme
+from toolkit.objects import label_index
 from toolkit.sensors.error_profiles import PAPER_ERRORS, ErrorProfile
 from toolkit.sensors.error_terms import Calibration, ClockOffset
 
@@ -43,6 +45,27 @@ RATES = (2, 5)  # every n-th frame
 CLOCKS = (0.02, 0.05, 0.1)  # s
 IN_SEQUENCE = ("delay", "loss", "rate", "clock")  # kinds that need frames close together
 KINDS = ("bytes", "pose", "mounting", "silent", "pairs", "blinded", "frozen", *IN_SEQUENCE)
+
+
+@dataclass(frozen=True)
+class StressQuestion:
+    """Schemes and kinds of stress, and objects to find."""
+
+    schemes: tuple[str, ...] = ("early", "foreground", "hybrid", "late")
+    """Fusion schemes: early, late, hybrid, foreground and differences (of foregrounds)."""
+    kinds: tuple[str, ...] = ()
+    """Stress: bytes, pose, mounting, silent, pairs, blinded, frozen, delay, loss, rate, clock; all when left out."""
+    label: Label = "vehicle"
+    """Class of the road users to find."""
+    iou: tuple[float, ...] = (0.7,)
+    """IoU thresholds at which a detection counts, with rows for each."""
+
+    def __post_init__(self) -> None:
+        if not (self.schemes and self.iou):
+            raise ValueError("name at least one IoU and one scheme")
+        label_index(self.label)
+        check_ious(self.iou)
+        check_schemes(each for each in self.schemes if isinstance(each, str))  # others are schemes of your own
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ import numpy as np
 from coview.studies.stress.conditions import make_conditions
 from toolkit.arrays import Bool
 from toolkit.boxes import count_points
-from toolkit.calibration.scenes import Scenes
+from toolkit.calibration.empty_scene import Scenes
 from toolkit.datasets.readings import ReadRecording, Reads, read_frame
 from toolkit.detection.link.channel import PERFECT, delay_frames
 from toolkit.detection.link.foreground import Foreground, draw_scene, standing_out
@@ -144,7 +144,6 @@ class _Centre:
 
 
 def _time_to_notice(centre: _Centre, stretch: Sequence[Frame], sensor: int, fault: Fault, way: str) -> float:
-    """Seconds between a fault's onset and the alarm."""
     begin = stretch[0].time
     onset = next(k for k, frame in enumerate(stretch) if frame.time - begin >= ONSET - 1e-9)
     monitor = centre.monitor(stretch[0], sensor, begin)
@@ -165,7 +164,6 @@ def _time_to_notice(centre: _Centre, stretch: Sequence[Frame], sensor: int, faul
 
 
 def _count_alarms(centre: _Centre, shown: Sequence[tuple[Frame, np.ndarray]], sensor: int, way: str) -> int:
-    """Count the alarms of a working sensor's monitor."""
     monitor, before, count = centre.monitor(shown[0][0], sensor, shown[0][0].time), None, 0
     last: Shown | None = None
     for frame, ages in shown:

@@ -8,25 +8,33 @@ compared on the same draws. They are too narrow over frames close together, whic
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from hashlib import sha256
 
 import numpy as np
 
-from coview.studies.stress.conditions import IN_SEQUENCE, KINDS, Condition, System, make_conditions, make_systems
+from coview.studies.stress.conditions import (
+    IN_SEQUENCE,
+    KINDS,
+    Condition,
+    StressQuestion,
+    System,
+    make_conditions,
+    make_systems,
+)
 from placement_env.analysis.intervals import BLOCK_FRAMES, Tally
 from placement_env.report.content import Judgement
 from toolkit.arrays import Float32
-from toolkit.calibration.scenes import Scenes
+from toolkit.calibration.empty_scene import Scenes
 from toolkit.datasets.readings import ReadRecording, Reads, read_frame
 from toolkit.detection.link.channel import STALE, Lagged, Tracks, delay_frames
-from toolkit.detection.metrics import match
-from toolkit.detection.scheme import Chained, Scheme
-from toolkit.detection.schemes import SCHEMES, find_scheme
+from toolkit.detection.metrics import matches
+from toolkit.detection.scheme import Chained
+from toolkit.detection.schemes import find_scheme
 from toolkit.detection.view import LinkMemory, frame_view
-from toolkit.frame import Frame, SiteRecording
-from toolkit.objects import LABELS, VEHICLE, Detections, Detector, check_known, known_labels, label_index
+from toolkit.frame import Frame, RecordingView, SiteRecording
+from toolkit.objects import Detections, Detector, check_known, known_labels
 from toolkit.points import has_centre_inside
 from toolkit.runtime.cache import Cache, make_key
 from toolkit.runtime.code_digest import code_digest
@@ -36,27 +44,6 @@ from toolkit.sensors.error_terms import MOST_APART
 from toolkit.sites.site import Site
 
 Needed = Callable[[int], Sequence[int]]  # messages that must have arrived before one can be read
-
-
-@dataclass(frozen=True, kw_only=True)
-class StressQuestion:
-    """Schemes and conditions to test, and objects to find.
-
-    schemes: all by default; kinds: of stress, all that the recording can show by default; label, ious: class of the
-    objects to find and the thresholds of a hit. Raises ValueError without a scheme or an IoU, and for unknown ones.
-    """
-
-    schemes: tuple[Scheme | str, ...] = tuple(SCHEMES)
-    kinds: tuple[str, ...] = ()
-    label: str = LABELS[VEHICLE]
-    ious: tuple[float, ...] = (0.7,)
-
-    def __post_init__(self) -> None:
-        label_index(self.label)
-        if not (self.schemes and self.ious):
-            raise ValueError(f"name at least one IoU and one scheme of {', '.join(SCHEMES)}")
-        for scheme in self.schemes:
-            find_scheme(scheme)
 
 
 @dataclass(frozen=True)
@@ -103,7 +90,6 @@ def choose_kinds(recording: SiteRecording, kinds: Sequence[str] = ()) -> tuple[s
 
 
 def _frame_spacing(recording: SiteRecording) -> float:
-    """Seconds between the first two frames."""
     return recording[1].time - recording[0].time if len(recording) > 1 else np.inf
 
 
@@ -191,32 +177,29 @@ class _ConditionJob:
         number, condition = task
         settled = STALE if _frame_spacing(self.recording) <= MOST_APART else 0.0
         systems = make_systems([find_scheme(each) for each in self.question.schemes], condition.kind)
-        trials = [Trial(system, self.question.label, self.question.ious) for system in systems]
+        trials = [Trial(system, self.question.label, self.question.iou) for system in systems]
         alone = [trial for trial in trials if not isinstance(trial.system.scheme, Chained)]
         groups: list[tuple[list[Trial], Needed | None]] = [(alone, None)] if alone else []
         groups += [([t], t.system.scheme.dependencies) for t in trials if isinstance(t.system.scheme, Chained)]
         for part, (some, needed) in enumerate(groups):
             memory: LinkMemory = {}
-            for k, lagged in enumerate(self._arrivals(condition, needed), 1):
+            redrawn, errors = condition.redrawn, condition.errors
+            arrivals = delay_frames(
+                _RedrawnErrors(self.recording, errors, self.seed) if redrawn else self.recording,
+                condition.channel,
+                frames=self.frames,
+                seed=self.seed,
+                errors=PAPER_ERRORS if redrawn else errors,
+                noise_seed=None if redrawn else self.seed,
+                frozen=condition.frozen,
+                needed=needed,
+            )
+            for k, lagged in enumerate(arrivals, 1):
                 seen = _blind(lagged, condition.blinded)
                 self._look(some, seen, condition, memory, scored=lagged.since >= settled)
                 if self.report is not None:
                     self.report(number * self.frames + (part * self.frames + k) // len(groups))
         return [row for trial in trials for row in trial.rows(condition, self.seed)]
-
-    def _arrivals(self, condition: Condition, needed: Needed | None) -> Iterator[Lagged]:
-        """Frames as the centre has them under a condition."""
-        redrawn, errors = condition.redrawn, condition.errors
-        return delay_frames(
-            _RedrawnErrors(self.recording, errors, self.seed) if redrawn else self.recording,
-            condition.channel,
-            frames=self.frames,
-            seed=self.seed,
-            errors=PAPER_ERRORS if redrawn else errors,
-            noise_seed=None if redrawn else self.seed,
-            frozen=condition.frozen,
-            needed=needed,
-        )
 
     def _look(
         self, trials: Sequence[Trial], lagged: Lagged, condition: Condition, memory: LinkMemory, *, scored: bool
@@ -267,8 +250,8 @@ class Trial:
     def add(self, frame: Frame, site: Site, detections: Detections, kbit: float, age: float) -> None:
         """Score one more frame."""
         counted = has_centre_inside(frame.objects.boxes, site.area)
-        for found, iou in zip(self._found, self._ious, strict=True):
-            matched = match(detections, frame.objects, iou, label=self._label, counted=counted)
+        at_ious = matches(detections, frame.objects, self._ious, label=self._label, counted=counted)
+        for found, matched in zip(self._found, at_ious, strict=True):
             found.append((detections.scores[~matched.ignored], matched.truth[~matched.ignored] >= 0))
         self._truths.append(int(matched.scored.sum()))
         self._kbit.append(kbit)
@@ -289,25 +272,21 @@ class Trial:
         return rows
 
 
-class _RedrawnErrors:
-    """Frames whose sensor errors are redrawn per block of frames."""
+@dataclass(frozen=True, eq=False)
+class _RedrawnErrors(RecordingView):
+    errors: ErrorProfile
+    seed: int
 
-    def __init__(self, recording: SiteRecording, errors: ErrorProfile, seed: int) -> None:
-        self._recording, self._errors, self._seed = recording, errors, seed
-
-    def __len__(self) -> int:
-        return len(self._recording)
-
-    def __getitem__(self, index: int, /) -> Frame:
-        seed = int(np.random.default_rng([self._seed, index // BLOCK_FRAMES]).integers(2**31))
-        return read_frame(self._recording, index, errors=self._errors, noise_seed=seed)
+    def __getitem__(self, index: int) -> Frame:
+        seed = int(np.random.default_rng([self.seed, index // BLOCK_FRAMES]).integers(2**31))
+        return read_frame(self.recording, index, errors=self.errors, noise_seed=seed)
 
 
 def _blind(lagged: Lagged, sensors: Sequence[int]) -> Lagged:
     """Frames without what these sensors measure."""
 
-    def without(frame: Frame) -> Frame:
-        measured = tuple(np.zeros_like(image) if k in sensors else image for k, image in enumerate(frame.images))
-        return replace(frame, measurements=measured)
-
-    return lagged._replace(frame=without(lagged.frame), sent=without(lagged.sent))
+    frame, sent = (
+        replace(each, measurements=tuple(np.zeros_like(x) if k in sensors else x for k, x in enumerate(each.images)))
+        for each in (lagged.frame, lagged.sent)
+    )
+    return lagged._replace(frame=frame, sent=sent)

@@ -21,7 +21,7 @@ from placement_env.fidelity.visibility import Visibility, distances
 from toolkit.arrays import Float64
 from toolkit.objects import VEHICLE
 from toolkit.rendering.strips import Strips
-from toolkit.runtime.cache import Arrays, Cache, make_key
+from toolkit.runtime.cache import Cache, make_key, recall
 from toolkit.runtime.code_digest import code_digest
 from toolkit.sensors.sensor import SensorModel
 from toolkit.sites.site import Mount
@@ -63,7 +63,6 @@ class LiveView:
         return replace(self._unseen, distance=distances(sensors, self._unseen.boxes), **seen)
 
     def _prepare(self, wanted: list[tuple[Place, Mount]], models: set[SensorModel]) -> None:
-        """Load or make panoramas of places."""
 
         def lacks(place: Place) -> bool:
             return place not in self._kept or not models <= self._kept[place].stills.keys()
@@ -82,20 +81,13 @@ class LiveView:
             self._kept.popitem(last=False)
 
     def _panoramas(self, places: list[Place]) -> list[Strips]:
-        """Strips of places, from the cache or made."""
-        if not places:
-            return []
-        keys = [make_key("panorama", code_digest(__name__), self.traffic.digest(), place) for place in places]
-        found: list[Arrays | None] = [None] * len(keys) if self._cache is None else self._cache.get(keys)
-        missing = [k for k, arrays in enumerate(found) if arrays is None]
-        if missing:
+
+        def make(missing: list[int]) -> list[Strips]:
             successive = successive_strips(self.traffic, np.array(places)[missing])
-            made = find_place_strips(successive, self.traffic, range(len(self.traffic)), len(missing))
-            if self._cache is not None:
-                self._cache.put({keys[k]: strips for k, strips in zip(missing, made, strict=True)})
-            for k, strips in zip(missing, made, strict=True):
-                found[k] = strips
-        return [Strips(*arrays) for arrays in found if arrays is not None]
+            return find_place_strips(successive, self.traffic, range(len(self.traffic)), len(missing))
+
+        keys = [make_key("panorama", code_digest(__name__), self.traffic.digest(), place) for place in places]
+        return [Strips(*arrays) for arrays in recall(self._cache, keys, make)]
 
 
 def _between(position: Float64[np.ndarray, "3"], mount: Mount) -> list[tuple[Place, float]]:

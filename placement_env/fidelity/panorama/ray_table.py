@@ -161,9 +161,8 @@ class Rectangles(NamedTuple):
         """Build from angles (n,) (rad, float32)."""
         middle, tan = (left + right) / 2, np.clip(np.tan((bottom + top) / 2), -3, 3)
         azimuths = (left + PI) * PER_TURN, (right + PI) * PER_TURN
-        return Rectangles(
-            *azimuths, (bottom + PI / 2) * PER_STEEP, (top + PI / 2) * PER_STEEP, np.cos(middle), np.sin(middle), tan
-        )
+        elevations = (bottom + PI / 2) * PER_STEEP, (top + PI / 2) * PER_STEEP
+        return Rectangles(*azimuths, *elevations, np.cos(middle), np.sin(middle), tan)
 
     def list_places(self, heading: np.float32, more: np.float32) -> tuple[np.ndarray, ...]:
         """Left, right, low and high from the heading on, to first order in the extra tilt of the middle."""

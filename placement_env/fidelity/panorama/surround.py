@@ -42,10 +42,8 @@ class ScoredItems(NamedTuple):
     def of(traffic: Traffic, snapshots: Sequence[Snapshot], labels: Sequence[int]) -> ScoredItems:
         """Scored objects of some classes (numbers) in some frames."""
         masks = [scored(each.objects, traffic.site, labels) for each in snapshots]
-        counts, frame = (
-            np.concatenate([np.zeros(0, np.bool_), *masks]),
-            np.repeat(np.arange(len(masks)), list(map(len, masks))),
-        )
+        counts = np.concatenate([np.zeros(0, np.bool_), *masks])
+        frame = np.repeat(np.arange(len(masks)), list(map(len, masks)))
         return ScoredItems(np.where(counts, np.cumsum(counts) - 1, counts.sum()), frame, int(counts.sum()), len(masks))
 
 
@@ -72,19 +70,16 @@ class Surround:
         turns = np.floor(rectangles.left / ray_table.AZIMUTHS) * ray_table.AZIMUTHS
         rectangles = rectangles._replace(left=rectangles.left - turns, right=rectangles.right - turns)
         order = np.argsort(rectangles.left, kind="stable")
-        rectangles, strips = (
-            ray_table.Rectangles(*(each[order] for each in rectangles)),
-            Strips(*(each[order] for each in strips)),
-        )
+        rectangles = ray_table.Rectangles(*(each[order] for each in rectangles))
+        strips = Strips(*(each[order] for each in strips))
         counts, far = strips.shows >= WITHIN, strips.shows == BEYOND
         gains = {}
         for model, still in stills.items():
             behind = still.behind((strips.left + strips.right) / 2, (strips.bottom + strips.top) / 2)
             gains[model] = (counts - behind[0], far - behind[1])
         item, widest = np.where(counts, scored.place[strips.item], scored.items), rectangles.right - rectangles.left
-        return Surround(
-            scored, rectangles, item, scored.frame[strips.item], float(widest.max(initial=0)), gains, stills
-        )
+        most = float(widest.max(initial=0))
+        return Surround(scored, rectangles, item, scored.frame[strips.item], most, gains, stills)
 
     def seen(
         self, lookup: ray_table.Lookup
@@ -94,9 +89,8 @@ class Surround:
         points, more_sent, more_far = np.zeros(items), *self.gains[lookup.model]
         sent, far = (np.full(frames, each) for each in self.stills[lookup.model].alone(lookup))
         for part in self._ahead(table, float(lookup.heading)):
-            held, rays = table.counts(
-                ray_table.Rectangles(*(each[part] for each in self.rectangles)), lookup.heading, lookup.more
-            )
+            some = ray_table.Rectangles(*(each[part] for each in self.rectangles))
+            held, rays = table.counts(some, lookup.heading, lookup.more)
             points += np.bincount(self.item[part].take(held), rays, items)
             frame = self.frame[part].take(held)
             sent += np.bincount(frame, rays * more_sent[part].take(held), frames)
@@ -167,10 +161,8 @@ class Still:
         table = lookup.table
         columns = round(float(lookup.heading) * ray_table.CELL_COLUMNS / ray_table.AZIMUTHS) % ray_table.CELL_COLUMNS
         cell = table.cells + columns * ray_table.CELL_ROWS
-        sent, far = (
-            float(table.cell_rays @ image.take(cell, mode="wrap")) / float(CHANCE_STEPS)
-            for image in (self.sent, self.far)
-        )
+        each = (float(table.cell_rays @ image.take(cell, mode="wrap")) for image in (self.sent, self.far))
+        sent, far = (rays / float(CHANCE_STEPS) for rays in each)
         return sent, far
 
     def behind(

@@ -2,28 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
-from placement_env.cases import iou_text
+from placement_env.cases import IoUs, iou_text
 from placement_env.handover.ground import Ground
 from placement_env.handover.mounted import RATE
-from placement_env.report import charts
-from placement_env.report.content import (
-    CONFIDENCE,
-    BreakdownRow,
-    Judgement,
-    Plan,
-    Planned,
-    PlanOption,
-    SchemeFigures,
-    overlap,
-)
+from placement_env.report import charts, content
 from placement_env.report.maps import blind_map, coverage_map, density_map, plan_view
 from placement_env.report.pages.document import (
-    JUDGED_COLUMNS,
+    NONE,
     Bullets,
     Cell,
     Column,
@@ -35,22 +26,10 @@ from placement_env.report.pages.document import (
     SceneView,
     Section,
     TableBlock,
-    ap_figure,
-    ap_text,
     count_text,
-    in_percent,
-    interval_text,
-    iou_value,
-    join_names,
-    judged_cells,
-    list_aps,
     number,
-    percent,
-    price_column,
-    price_text,
     say,
     table,
-    text_columns,
     to_html,
     to_pdf,
 )
@@ -58,16 +37,107 @@ from placement_env.report.pages.scene import build_scene
 from toolkit.runtime.files import writing_together
 from toolkit.sites.site import Site
 
+JUDGED_COLUMNS = (
+    Column("AP", digits=3),
+    Column(f"{content.CONFIDENCE:.0%} interval"),
+    Column("found", "%"),
+    Column("vehicles", digits=0),
+    Column("frames", digits=0),
+)
 
-def requirement_section(plan: Plan) -> Content:
+
+def judged_cells(judged: content.Judgement | None) -> tuple[Cell | str | float | None, ...]:
+    """Values of `JUDGED_COLUMNS`; dashes without anything to detect."""
+    if judged is None:
+        return None, "no vehicle", None, 0, None
+    interval = Cell(interval_text(judged), judged.low)
+    return judged.ap, interval, judged.recall, judged.vehicles, judged.frames
+
+
+def text_columns(*titles: str) -> tuple[Column, ...]:
+    """Columns of texts."""
+    return tuple(Column(title, digits=None) for title in titles)
+
+
+def price_column(title: str, currency: str) -> Column:
+    """Column of prices."""
+    return Column(title, currency or "units", 2)
+
+
+def iou_value(iou: IoUs) -> float | str:
+    """IoU threshold for a cell; words for several, whose mean counts."""
+    return iou if isinstance(iou, float) else iou_text(iou)
+
+
+def percent(share: float | None) -> str:
+    """Format a share in percent, never rounded to 0 or 100 %.
+
+    >>> percent(0.934), percent(0.0004), percent(1.0)
+    ('93%', 'under 1%', '100%')
+    """
+    if share is None or not math.isfinite(share):
+        return NONE
+    if 0 < share < 0.01:
+        return "under 1%"
+    return "over 99%" if 0.99 < share < 1 else f"{100 * share:.0f}%"
+
+
+def price_text(price: float, currency: str) -> str:
+    """Format a price. Without a currency it is in units of one ordinary pole.
+
+    >>> price_text(1250.0, "EUR"), price_text(1.0, ""), price_text(2.5, "")
+    ('1,250 EUR', '1 unit', '2.5 units')
+    """
+    text = f"{price:,.{0 if price == round(price) else 2}f}"
+    if currency:
+        return f"{text} {currency}"
+    return f"{text.rstrip('0').rstrip('.') if '.' in text else text} unit{'s' * (price != 1)}"
+
+
+def join_names(names: Sequence[str]) -> str:
+    """Names in a row.
+
+    >>> join_names(["a", "b", "c"]), join_names(["a"]), join_names([])
+    ('a, b and c', 'a', 'none')
+    """
+    if len(names) < 2:
+        return names[0] if names else "none"
+    return f"{', '.join(names[:-1])} and {names[-1]}"
+
+
+def ap_text(judged: content.Judgement) -> str:
+    """AP with interval and number of vehicles.
+
+    >>> ap_text(content.Judgement(0.95, 0.91, 0.98, 0.96, 0.97, 40, 20))
+    'AP 0.950 (0.910–0.980, 40 vehicles)'
+    """
+    return f"AP {ap_figure(judged)}"
+
+
+def ap_figure(judged: content.Judgement) -> str:
+    """AP with interval and number of vehicles, without the word AP."""
+    return f"{number(judged.ap)} ({interval_text(judged)}, {count_text(judged.vehicles, judged.kind)})"
+
+
+def list_aps(judged: Iterable[tuple[str, content.Judgement]]) -> str:
+    """AP of each name, for screen readers."""
+    return "; ".join(f"{name}: {ap_text(each)}" for name, each in judged)
+
+
+def interval_text(judged: content.Judgement) -> str:
+    """Both ends of the interval."""
+    return f"{number(judged.low)}–{number(judged.high)}"
+
+
+def requirement_section(plan: content.Plan) -> Content:
     """Answer to the question, with obstacles and reading help."""
     obstacles = (Paragraph("What stands in the way:"), Bullets(plan.verdict.reasons)) if plan.verdict.reasons else ()
     help_text = (
         "AP (average precision) rates from 0 to 1 how well the detector finds vehicles: 1 means that it finds "
         "every vehicle and reports none that is not there. A vehicle counts as found if the intersection of the "
         f"reported box and the true box is at least {iou_text(plan.iou)} of their union (IoU). Every AP comes with "
-        f"an interval, which contains it with {CONFIDENCE:.0%} confidence, and with the number of vehicles it was "
-        "measured on: few vehicles make a wide interval. Every AP was measured on traffic that the search for the "
+        f"an interval, which contains it with {content.CONFIDENCE:.0%} confidence, and with the number of vehicles it "
+        "was measured on: few vehicles make a wide interval. Every AP was measured on traffic that the search for the "
         "best set never saw. A kbit is a thousand bits; data are stated per sensor and frame, at ten frames a "
         "second."
     )
@@ -87,7 +157,7 @@ def value_text(value: object) -> str:
     return ", ".join(map(value_text, value)) if isinstance(value, list | tuple) else str(value)
 
 
-def chosen_section(plan: Plan, chosen: PlanOption, site: Site, ground: Ground | None) -> Content:
+def chosen_section(plan: content.Plan, chosen: content.PlanOption, site: Site, ground: Ground | None) -> Content:
     """The set to build, and why."""
     judged = f"the detector reaches {ap_text(chosen.judged)}" if chosen.judged else "the detector did not judge it"
     if chosen.counted is not None and chosen.counted is not chosen.judged:
@@ -114,7 +184,7 @@ def chosen_section(plan: Plan, chosen: PlanOption, site: Site, ground: Ground | 
     return say(conclusion, *((Bullets(plan.why),) if plan.why else ()), view, scene)
 
 
-def front_section(plan: Plan, chosen: PlanOption) -> Content:
+def front_section(plan: content.Plan, chosen: content.PlanOption) -> Content:
     """Gain from more money or a faster link."""
     if len(plan.front) < 2:
         return say("No other set beats the chosen one in AP, data sent or price.")
@@ -139,7 +209,7 @@ def front_section(plan: Plan, chosen: PlanOption) -> Content:
     )
 
 
-def alternatives_section(plan: Plan, chosen: PlanOption) -> Content:
+def alternatives_section(plan: content.Plan, chosen: content.PlanOption) -> Content:
     """Sets that the measurements cannot tell from the chosen one."""
     close = plan.near_optimal
     if not close:
@@ -154,12 +224,12 @@ def alternatives_section(plan: Plan, chosen: PlanOption) -> Content:
     return say(conclusion, *_explain_traffic(plan, chosen), *sets)
 
 
-def _when_compared(plan: Plan, chosen: PlanOption) -> PlanOption:
+def _when_compared(plan: content.Plan, chosen: content.PlanOption) -> content.PlanOption:
     """The chosen set with its figures from the comparison."""
     return next((each for each in (*plan.front, *plan.considered) if each.sensors == chosen.sensors), chosen)
 
 
-def _explain_traffic(plan: Plan, chosen: PlanOption) -> tuple[Paragraph, ...]:
+def _explain_traffic(plan: content.Plan, chosen: content.PlanOption) -> tuple[Paragraph, ...]:
     """Explain why the set has another AP here."""
     compared, cases = _when_compared(plan, chosen).counted, _cases_text(chosen)
     if compared is None or chosen.counted is None:
@@ -177,7 +247,7 @@ def _explain_traffic(plan: Plan, chosen: PlanOption) -> tuple[Paragraph, ...]:
     )
 
 
-def _cases_text(chosen: PlanOption) -> str:
+def _cases_text(chosen: content.PlanOption) -> str:
     """Cases behind the AP by which sets are compared, "" for the intact set in all traffic."""
     left = "" if chosen.left is None else "after the failures"
     levels = "" if chosen.over_levels is None else "over the levels of traffic"
@@ -186,7 +256,7 @@ def _cases_text(chosen: PlanOption) -> str:
 
 
 def _option_table(
-    caption: str, plan: Plan, chosen: PlanOption, options: Sequence[PlanOption]
+    caption: str, plan: content.Plan, chosen: content.PlanOption, options: Sequence[content.PlanOption]
 ) -> tuple[TableBlock, ...]:
     predicted, costs = Column("predicted AP", digits=3), price_column("price", plan.currency)
     columns = (*text_columns("Sensors"), predicted, *JUDGED_COLUMNS, Column("per sensor", "kbit"), costs)
@@ -200,7 +270,7 @@ def _option_table(
     return table(caption, columns, rows)
 
 
-def links_section(plan: Plan) -> Content:
+def links_section(plan: content.Plan) -> Content:
     """Load of the links against their capacity."""
     if not plan.links:
         return say("No link carries anything.")
@@ -215,8 +285,7 @@ def links_section(plan: Plan) -> Content:
     loads = [Column(name, "Mbit/s", 2) for name in ("mean", "largest frame", "capacity")]
     columns = (*text_columns("Pole"), *loads, Column("used", "%"), *text_columns("fits"))
     rows = [
-        (e.pole, e.mbit_s, e.peak_mbit_s, e.capacity_mbit_s, in_percent(e.share), "yes" if e.fits else "no")
-        for e in plan.links
+        (e.pole, e.mbit_s, e.peak_mbit_s, e.capacity_mbit_s, e.share, "yes" if e.fits else "no") for e in plan.links
     ]
     each = "; ".join(f"{e.pole}: {number(e.mbit_s, 2)} of {number(e.capacity_mbit_s, 2)}" for e in plan.links)
     drawing = Drawing(
@@ -227,7 +296,7 @@ def links_section(plan: Plan) -> Content:
     return say(conclusion, drawing, *table(f"Load at {RATE:g} frames a second", columns, rows))
 
 
-def materials_section(plan: Plan) -> Content:
+def materials_section(plan: content.Plan) -> Content:
     """Items to order."""
     if not plan.materials:
         return say("There is nothing to order.")
@@ -247,7 +316,7 @@ def materials_section(plan: Plan) -> Content:
     )
 
 
-def schedule_section(plan: Plan) -> Content:
+def schedule_section(plan: content.Plan) -> Content:
     """Place and aim of each sensor."""
     if not plan.sensors:
         return say("There is nothing to mount.")
@@ -280,7 +349,7 @@ def schedule_section(plan: Plan) -> Content:
     )
 
 
-def method_section(plan: Plan) -> Content:
+def method_section(plan: content.Plan) -> Content:
     """Computation, assumptions, unknowns and provenance."""
     judged = plan.chosen.judged if plan.chosen else None
     amount = f", {count_text(judged.vehicles, judged.kind)} in {count_text(judged.frames, 'frame')}" if judged else ""
@@ -326,7 +395,7 @@ SHAPLEY = (
 )
 
 
-def ground_section(plan: Plan, site: Site, ground: Ground | None) -> Content:
+def ground_section(plan: content.Plan, site: Site, ground: Ground | None) -> Content:
     """Visible ground, density of points and blind spots."""
     if plan.ground is None or ground is None:
         return say(
@@ -361,16 +430,13 @@ def ground_section(plan: Plan, site: Site, ground: Ground | None) -> Content:
         "sensor or lie outside their fields of view.",
         "Map of the ground that no sensor sees: lanes, footways and the rest",
     )
-    rows = [
-        (name, area, in_percent(area / shares.open_m2 if shares.open_m2 else None))
-        for name, area in shares.sensor_m2.items()
-    ]
+    rows = [(name, area, area / shares.open_m2 if shares.open_m2 else None) for name, area in shares.sensor_m2.items()]
     columns = (*text_columns("Sensor"), Column("sees", "m²", 0), Column("of the open ground", "%"))
     caption = "Ground that each sensor sees; ground that two sensors see counts for both"
     return say(conclusion, covered, dense, blind, *table(caption, columns, rows))
 
 
-def detection_section(plan: Plan) -> Content:
+def detection_section(plan: content.Plan) -> Content:
     """AP by place, level of traffic, error profile and class."""
     parts = (("zone", plan.by_zone), ("distance", plan.by_range), ("lane approach", plan.by_approach))
     judged = [(row.name, row.judged) for _, rows in parts for row in rows if row.judged is not None]
@@ -381,7 +447,7 @@ def detection_section(plan: Plan) -> Content:
         (worst, low), (best, high) = _extremes(judged)
         conclusion = (
             f"No part of the site is clearly worse than another: the weakest, “{worst}”, has {ap_text(low)}."
-            if overlap(low, high)
+            if content.overlap(low, high)
             else f"Detection is weakest at “{worst}”, {ap_text(low)}, and best at “{best}”, {ap_text(high)}."
         )
     conditions = (("level of traffic", plan.by_level), ("error profile", plan.by_errors))
@@ -389,16 +455,16 @@ def detection_section(plan: Plan) -> Content:
     return say(conclusion, *blocks, *_class_ap(plan), *_coverage(plan))
 
 
-def _extremes(judged: Sequence[tuple[str, Judgement]]) -> list[tuple[str, Judgement]]:
+def _extremes(judged: Sequence[tuple[str, content.Judgement]]) -> list[tuple[str, content.Judgement]]:
     return [pick(judged, key=lambda each: each[1].ap) for pick in (min, max)]
 
 
-def _breakdown(name: str, rows: Sequence[BreakdownRow]) -> tuple[ReportBlock, ...]:
+def _breakdown(name: str, rows: Sequence[content.BreakdownRow]) -> tuple[ReportBlock, ...]:
     judged = [(row.name, row.judged) for row in rows if row.judged is not None]
     if not judged:
         return (Paragraph(f"AP by {name} is unknown: there was no vehicle to detect."),) if rows else ()
     (worst, low), (best, high) = _extremes(judged)
-    apart = "the intervals overlap" if overlap(low, high) else "the intervals do not overlap"
+    apart = "the intervals overlap" if content.overlap(low, high) else "the intervals do not overlap"
     caption = (
         f"By {name}, AP ranges from {number(low.ap)} at “{worst}” to {number(high.ap)} at “{best}”; {apart}."
         if len(judged) > 1
@@ -411,8 +477,7 @@ def _breakdown(name: str, rows: Sequence[BreakdownRow]) -> tuple[ReportBlock, ..
     return Drawing(chart, caption, f"AP with intervals by {name}: {list_aps(judged)}"), *found
 
 
-def _coverage(plan: Plan) -> tuple[ReportBlock, ...]:
-    """Coverage of each class of road user."""
+def _coverage(plan: content.Plan) -> tuple[ReportBlock, ...]:
     if not plan.by_class:
         return ()
     seen = [(row, row.share) for row in plan.by_class if row.share is not None and row.objects]
@@ -425,13 +490,12 @@ def _coverage(plan: Plan) -> tuple[ReportBlock, ...]:
             + (": the detector knows vehicles only." if len(plan.class_ap) < 2 else ".")
         )
     counts = Column("road users", digits=0), Column("points required", digits=0)
-    rows = [(row.label, row.objects, row.least_points, in_percent(row.share)) for row in plan.by_class]
+    rows = [(row.label, row.objects, row.least_points, row.share) for row in plan.by_class]
     columns = (*text_columns("Class"), *counts, Column("covered", "%"))
     return Paragraph(text), *table("Coverage by class of road user (not AP)", columns, rows)
 
 
-def _class_ap(plan: Plan) -> tuple[ReportBlock, ...]:
-    """AP of each class, if several count."""
+def _class_ap(plan: content.Plan) -> tuple[ReportBlock, ...]:
     if len(plan.class_ap) < 2:
         return ()
     low = min(plan.class_ap, key=lambda row: row.judged.ap)
@@ -441,7 +505,7 @@ def _class_ap(plan: Plan) -> tuple[ReportBlock, ...]:
     return Paragraph(text), *table("AP of each class with the chosen set", columns, rows)
 
 
-def schemes_section(plan: Plan) -> Content:
+def schemes_section(plan: content.Plan) -> Content:
     """Early, late and hybrid fusion of the same sensors."""
     if not plan.schemes:
         return say("No other fusion scheme was judged.")
@@ -463,7 +527,7 @@ def schemes_section(plan: Plan) -> Content:
     )
 
 
-def _compare_schemes(plan: Plan, judged: Sequence[SchemeFigures]) -> str:
+def _compare_schemes(plan: content.Plan, judged: Sequence[content.SchemeFigures]) -> str:
     best = max(judged, key=lambda each: each.judged.ap)
     least = min(judged, key=lambda each: each.kbit_per_sensor)
     mine = next((each for each in judged if each.scheme == plan.scheme), best)
@@ -471,7 +535,7 @@ def _compare_schemes(plan: Plan, judged: Sequence[SchemeFigures]) -> str:
     sent += "the least" if mine is least else f"{least.scheme} fusion, the least, {number(least.kbit_per_sensor, 0)}"
     if mine is best:
         return f"{mine.scheme.capitalize()} fusion, as planned, has the highest AP, {ap_figure(mine.judged)}; {sent}."
-    apart = "their intervals overlap" if overlap(mine.judged, best.judged) else "their intervals do not overlap"
+    apart = "their intervals overlap" if content.overlap(mine.judged, best.judged) else "their intervals do not overlap"
     return (
         f"{best.scheme.capitalize()} fusion has the highest AP, {number(best.judged.ap)} "
         f"({interval_text(best.judged)}), against {number(mine.judged.ap)} ({interval_text(mine.judged)}) with "
@@ -479,7 +543,7 @@ def _compare_schemes(plan: Plan, judged: Sequence[SchemeFigures]) -> str:
     )
 
 
-def worth_section(plan: Plan) -> Content:
+def worth_section(plan: content.Plan) -> Content:
     """Worth of each sensor, and good pairs."""
     if not plan.worth:
         return say("The worth of the sensors was not computed.")
@@ -520,7 +584,7 @@ def worth_section(plan: Plan) -> Content:
     )
 
 
-def failures_section(plan: Plan, chosen: PlanOption) -> Content:
+def failures_section(plan: content.Plan, chosen: content.PlanOption) -> Content:
     """AP left when one or two sensors fail."""
     intact = chosen.judged
     if intact is None or not plan.failures:
@@ -532,7 +596,7 @@ def failures_section(plan: Plan, chosen: PlanOption) -> Content:
             f" If {count_text(count, 'sensor')} {'fails' if count == 1 else 'fail'}, the worst loss is that of "
             f"{join_names(case.failed)}: {ap_text(case.judged)} is left."
         )
-    harmless = sum(overlap(each.judged, intact) for each in plan.failures)
+    harmless = sum(content.overlap(each.judged, intact) for each in plan.failures)
     caption = (
         f"In {harmless} of {count_text(len(plan.failures), 'case')} the loss is so small that the interval still "
         "overlaps that of the whole set."
@@ -544,14 +608,14 @@ def failures_section(plan: Plan, chosen: PlanOption) -> Content:
     return say(conclusion, drawing, *table("What is left, case by case", columns, rows))
 
 
-def order_section(plan: Plan) -> Content:
+def order_section(plan: content.Plan) -> Content:
     """Order in which to build the sensors."""
     if not plan.order:
         return say("No order of building was computed.")
     first, last = plan.order[0], plan.order[-1]
     then = "" if last is first else f"; the last, {last.sensor}, brings it to {ap_text(last.judged)}"
     price = price_text(first.price, plan.currency)
-    enough = next(i for i, each in enumerate(plan.order, 1) if overlap(each.judged, last.judged))
+    enough = next(i for i, each in enumerate(plan.order, 1) if content.overlap(each.judged, last.judged))
     caption = (
         "Every sensor adds more than the intervals leave open."
         if enough == len(plan.order)
@@ -588,14 +652,14 @@ TITLES = {
 NOTHING_CHOSEN = "No set of sensors may be built, so there is nothing to show here."
 
 
-def build_document(plan: Plan, site: Site, ground: Ground | None) -> Document:
+def build_document(plan: content.Plan, site: Site, ground: Ground | None) -> Document:
     """Build the document. site: with the chosen sensors mounted; ground: that they see, None if unknown."""
-    content = dict.fromkeys(TITLES, say(NOTHING_CHOSEN))
-    content["requirement"] = requirement_section(plan)
-    content["ground"] = ground_section(plan, site, ground)
-    content["method"] = method_section(plan)
+    contents = dict.fromkeys(TITLES, say(NOTHING_CHOSEN))
+    contents["requirement"] = requirement_section(plan)
+    contents["ground"] = ground_section(plan, site, ground)
+    contents["method"] = method_section(plan)
     if plan.chosen is not None:
-        content |= {
+        contents |= {
             "chosen": chosen_section(plan, plan.chosen, site, ground),
             "detection": detection_section(plan),
             "schemes": schemes_section(plan),
@@ -609,12 +673,12 @@ def build_document(plan: Plan, site: Site, ground: Ground | None) -> Document:
             "alternatives": alternatives_section(plan, plan.chosen),
         }
     titles = TITLES | ({"requirement": "The answer"} if plan.verdict.met is None else {})
-    sections = tuple(Section(key, title, *content[key]) for key, title in titles.items())
+    sections = tuple(Section(key, title, *contents[key]) for key, title in titles.items())
     judged = f"{plan.detector}; AP at IoU {iou_text(plan.iou)}; {plan.scheme} fusion"
     return Document(f"Deployment plan for {plan.site}", judged if plan.detector else "No set was judged", sections)
 
 
-def write_report(planned: Planned, out: Path) -> None:
+def write_report(planned: content.Planned, out: Path) -> None:
     """Write `REPORT_FILES` into a folder, made if missing. Both are written or neither, with the same bytes each time.
 
     Raises ImportError without the packages of `coview[report]`, OSError if the folder cannot be written.

@@ -22,22 +22,7 @@ from toolkit.plots.palette import FAINT, GROUND, OTHER_SOLID, OUTCOME, POLE_INK,
 from toolkit.rendering.renderer import Renderer
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
-from toolkit.viewing.scene import (
-    Segments,
-    add_lines,
-    add_mesh,
-    add_points,
-    box_edges,
-    dashes,
-    overview,
-    rgb,
-    roof_crosses,
-    scene_html,
-    set_view,
-    spikes,
-    thin_evenly,
-    viser_server,
-)
+from toolkit.viewing import scene
 
 if TYPE_CHECKING:
     from viser import SceneApi
@@ -82,7 +67,7 @@ class Scene:
 
 def build_scene(plan: Plan, site: Site, ground: Ground | None, moments: Sequence[Moment]) -> Scene:
     """Build the scene of a plan: site, sensors, visible ground, and the frames of `moments`."""
-    with viser_server() as server:
+    with scene.viser_server() as server:
         api = server.scene
         _add_site(api, site, {sensor.pole for sensor in plan.sensors})
         layers = [
@@ -93,8 +78,8 @@ def build_scene(plan: Plan, site: Site, ground: Ground | None, moments: Sequence
         _add_clouds(api, moments, len(plan.sensors))
         _add_boxes(api, moments)
         xmin, ymin, xmax, ymax = site.area.tolist()
-        set_view(server, *overview((xmin, ymin, xmax, ymax)))
-        html = scene_html(server)
+        scene.set_view(server, *scene.overview((xmin, ymin, xmax, ymax)))
+        html = scene.scene_html(server)
     sensors = range(len(plan.sensors))
     frames = tuple(
         (*(f"/sensors/{s}/points {f}" for s in sensors), *(f"{layer.node}/{f}" for layer in BOXES))
@@ -104,21 +89,21 @@ def build_scene(plan: Plan, site: Site, ground: Ground | None, moments: Sequence
 
 
 def _add_site(api: SceneApi, site: Site, used: set[str]) -> None:
-    add_mesh(api, "/site/ground", ground_mesh(site), _BARE_GROUND)
+    scene.add_mesh(api, "/site/ground", ground_mesh(site), _BARE_GROUND)
     for layer, lift, colour in (("lanes", 0.03, _LANE), ("footways", 0.04, GROUND["footways"])):
         polygons = [shapely.Polygon(polygon) for polygon in getattr(site, layer)]
-        add_mesh(api, f"/site/{layer}", drape(site, polygons, lift=lift), colour)
+        scene.add_mesh(api, f"/site/{layer}", drape(site, polygons, lift=lift), colour)
     solids: dict[str, list[Mesh]] = {}
     for solid in site.solids:
         solids.setdefault(solid.kind, []).append(extrude(solid.footprint, solid.base, solid.top))
     for kind, meshes in sorted(solids.items()):
-        add_mesh(api, f"/site/{kind}", merge(meshes), _SHADES.get(kind, OTHER_SOLID))
+        scene.add_mesh(api, f"/site/{kind}", merge(meshes), _SHADES.get(kind, OTHER_SOLID))
     for name, radius, colour, mounts in (
         ("free poles", 0.06, _FREE_POLE, [m for m in site.mounts if m.name not in used]),
         ("poles in use", 0.12, POLE_INK, [m for m in site.mounts if m.name in used]),
     ):
         tubes = [tube(np.stack([m.position, m.position + np.array([0.0, 0, m.max_height])]), radius) for m in mounts]
-        add_mesh(api, f"/site/{name}", merge(tubes), colour)
+        scene.add_mesh(api, f"/site/{name}", merge(tubes), colour)
 
 
 def _add_sensor(api: SceneApi, site: Site, sensor: PlannedSensor, index: int, *, seen: Mesh | None) -> Layer:
@@ -126,17 +111,16 @@ def _add_sensor(api: SceneApi, site: Site, sensor: PlannedSensor, index: int, *,
     api.add_frame(node, show_axes=False)
     foot = float(site.ground(np.array([sensor.x, sensor.y])))
     pole = tube(np.array([[sensor.x, sensor.y, foot], [sensor.x, sensor.y, sensor.z + 0.3]]), 0.1)
-    add_mesh(api, f"{node}/pole", pole, POLE_INK)
-    add_mesh(api, f"{node}/housing", box((0.7, 0.7, 0.5), (sensor.x, sensor.y, sensor.z)), colour)
+    scene.add_mesh(api, f"{node}/pole", pole, POLE_INK)
+    scene.add_mesh(api, f"{node}/housing", box((0.7, 0.7, 0.5), (sensor.x, sensor.y, sensor.z)), colour)
     where = (sensor.x, sensor.y, sensor.z + 1.2)
     api.add_label(f"{node}/label", sensor.name, position=where, font_screen_scale=1.3, anchor="bottom-center")
     if seen is not None:
-        add_mesh(api, f"{node}/ground", seen, colour, opacity=0.28)
+        scene.add_mesh(api, f"{node}/ground", seen, colour, opacity=0.28)
     return Layer(sensor.name, node, colour, "points, field of view and visible ground")
 
 
 def _add_views(api: SceneApi, site: Site, planned: Sequence[PlannedSensor]) -> None:
-    """Add edges of the planned sensors' fields of view."""
     mounted = {sensor.name: sensor for sensor in site.sensors}
     found = [(index, mounted[each.name]) for index, each in enumerate(planned) if each.name in mounted]
     if not found:
@@ -144,15 +128,15 @@ def _add_views(api: SceneApi, site: Site, planned: Sequence[PlannedSensor]) -> N
     renderer = Renderer(site, (), [sensor for _, sensor in found])
     for (index, sensor), background in zip(found, renderer.background, strict=True):
         edges = view_edges(sensor, background)
-        add_lines(api, f"/sensors/{index}/view", edges, sensor_colour(index), width=1.5, visible=True)
+        scene.add_lines(api, f"/sensors/{index}/view", edges, sensor_colour(index), width=1.5, visible=True)
 
 
 def _add_clouds(api: SceneApi, moments: Sequence[Moment], sensors: int) -> None:
     most = MOST_DRAWN // max(sum(len(moment.clouds) for moment in moments), 1)
     for frame, moment in enumerate(moments):
         for index, points in enumerate(moment.clouds[:sensors]):
-            name, colour = f"/sensors/{index}/points {frame}", rgb(sensor_colour(index))
-            add_points(api, name, thin_evenly(points, most), colour, size=0.09, visible=frame == 0)
+            name, colour = f"/sensors/{index}/points {frame}", scene.rgb(sensor_colour(index))
+            scene.add_points(api, name, scene.thin_evenly(points, most), colour, size=0.09, visible=frame == 0)
 
 
 def _add_boxes(api: SceneApi, moments: Sequence[Moment]) -> None:
@@ -164,13 +148,13 @@ def _add_boxes(api: SceneApi, moments: Sequence[Moment]) -> None:
         missed = truth[~moment.truth_hit & ~moment.truth_ignored]
         wrong = detections[~moment.detection_hit & ~moment.detection_ignored]
         drawn = (
-            box_edges(truth),
-            box_edges(detections[moment.detection_hit]),
-            np.concatenate([dashes(box_edges(missed), dash=0.6, gap=0.4), roof_crosses(missed)]),
-            np.concatenate([dashes(box_edges(wrong), dash=0.15, gap=0.3), spikes(wrong)]),
+            scene.box_edges(truth),
+            scene.box_edges(detections[moment.detection_hit]),
+            np.concatenate([scene.dashes(scene.box_edges(missed), dash=0.6, gap=0.4), scene.roof_crosses(missed)]),
+            np.concatenate([scene.dashes(scene.box_edges(wrong), dash=0.15, gap=0.3), scene.spikes(wrong)]),
         )
         for layer, lines, width in zip(BOXES, drawn, (1.5, 3.0, 3.0, 3.0), strict=True):
-            add_lines(api, f"{layer.node}/{frame}", lines, layer.colour, width=width, visible=frame == 0)
+            scene.add_lines(api, f"{layer.node}/{frame}", lines, layer.colour, width=width, visible=frame == 0)
 
 
 def ground_mesh(site: Site) -> Mesh:
@@ -207,7 +191,7 @@ def seen_cells(site: Site, ground: Ground, index: int) -> Mesh:
     return _lift(site, flat, 0.08 + 0.03 * index)
 
 
-def view_edges(sensor: Sensor, background: Float32[np.ndarray, "rows columns"]) -> Segments:
+def view_edges(sensor: Sensor, background: Float32[np.ndarray, "rows columns"]) -> scene.Segments:
     """Outline of a sensor's view of the empty site, and rays that lead to it from the sensor.
 
     background: measurement of each ray, 0 without a return.

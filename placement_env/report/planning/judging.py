@@ -192,7 +192,6 @@ class Judge:
     def _tally(
         self, outcomes: Sequence[Outcome], frames: Int64[np.ndarray, " _"], ious: Sequence[float]
     ) -> list[list[Tally]]:
-        """Tally of one set, by IoU threshold and class."""
         own = [outcomes[k] for k in frames.tolist()]
         return [
             [Tally.of([o.of_class(label) for o in own], count[frames], at) for label, count in self.to_find.items()]
@@ -207,7 +206,6 @@ def judge_tallies(tallies: Sequence[Sequence[Tally]], classes: Classes, seed: in
 
 
 def _draw_tallies(tallies: Sequence[Sequence[Tally]], classes: Classes, draws: Draws) -> _Figures:
-    """Figures averaged over IoU thresholds."""
     found = []
     for at in tallies:
         ap, recall = classes.combined(np.array([[t.ap for t in at], [t.recall for t in at]]))

@@ -35,15 +35,7 @@ from placement_env.handover.mounted import bill_of_materials, format_sensors, li
 from placement_env.objective import Objective
 from placement_env.report import content
 from placement_env.report.pages.report import REPORT_FILES, write_report
-from placement_env.report.planning import sentences
-from placement_env.report.planning.judging import (
-    Choice,
-    Judge,
-    choose_set,
-    find_front_options,
-    judge_tallies,
-    near_optimal,
-)
+from placement_env.report.planning import judging, sentences
 from placement_env.report.planning.question import PART_FRAMES, Question
 from placement_env.search.order import describe_exclusions
 from placement_env.search.portfolio.entrants import Effort, Entrants, keep_entrants
@@ -95,7 +87,7 @@ class Scored:
         return Tally(self.scores[found], self.hits[at, found] >= 0, self.frame[found], count)
 
 
-def score_boxes(judge: Judge, chosen: tuple[int, ...]) -> Scored:
+def score_boxes(judge: judging.Judge, chosen: tuple[int, ...]) -> Scored:
     """Collect detections of the chosen set in all frames of a judge."""
     detected, outcomes = judge.detected, judge.outcomes(chosen)
     objects = [detected.renders.objects(k)[detected.scored(k)] for k in range(judge.frames)]
@@ -148,7 +140,7 @@ def by_group(scored: Scored, names: Sequence[str], group_of: GroupOf, seed: int)
             [scored.tally(label, here, group == number, at) for label in scored.classes.labels]
             for at, group in enumerate(groups)
         ]
-        judged = judge_tallies(parts, scored.classes, seed) if here.any() else None
+        judged = judging.judge_tallies(parts, scored.classes, seed) if here.any() else None
         rows.append(_row(name, judged, scored.points[here]))
     return tuple(rows)
 
@@ -188,20 +180,22 @@ def by_approach(scored: Scored, site: Site, seed: int) -> tuple[content.Breakdow
     return tuple(row for row in rows if row.judged is not None)
 
 
-def by_level(scored: Scored, judge: Judge, chosen: tuple[int, ...]) -> tuple[content.BreakdownRow, ...]:
+def by_level(scored: Scored, judge: judging.Judge, chosen: tuple[int, ...]) -> tuple[content.BreakdownRow, ...]:
     """Judge each level of traffic; empty if undivided."""
     each = zip(LEVEL_NAMES[judge.cases.levels], judge.by_level(chosen), judge.levels, strict=False)
     frame, points = scored.truth_frame, scored.points
     return tuple(_row(name, judged, points[np.isin(frame, part)]) for name, judged, part in each)
 
 
-def by_errors(judge: Judge, chosen: tuple[int, ...]) -> tuple[content.BreakdownRow, ...]:
+def by_errors(judge: judging.Judge, chosen: tuple[int, ...]) -> tuple[content.BreakdownRow, ...]:
     """Judge each error profile. Failures and levels are included if they count; no row for one profile."""
     rows = zip(judge.by_errors(chosen).items(), judge.profiles, strict=False)
     return tuple(_row(*row, _count_points(at, chosen)) for row, at in rows)
 
 
-def by_class(judge: Judge, chosen: tuple[int, ...], labels: Sequence[str] = LABELS) -> tuple[content.ClassSeen, ...]:
+def by_class(
+    judge: judging.Judge, chosen: tuple[int, ...], labels: Sequence[str] = LABELS
+) -> tuple[content.ClassSeen, ...]:
     """Coverage of each class: share of its road users in the area with `LEAST` points or more."""
     detected, site = judge.detected, judge.detected.renders.site
     inside, seen = [], []
@@ -258,14 +252,14 @@ class Findings:
 
     question: Question
     found: Entrants
-    choice: Choice
+    choice: judging.Choice
     objective: Objective
     network: str
     excluded: tuple[str, ...]
     traffic: Sequence[Traffic]
 
 
-def build_plan(findings: Findings, final: Judge, ground: Ground) -> content.Plan:
+def build_plan(findings: Findings, final: judging.Judge, ground: Ground) -> content.Plan:
     """Put the plan together. final: the detector on the final traffic; ground: that the chosen sensors see."""
     question, choice, objective = findings.question, findings.choice, findings.objective
     candidates, site, seed = objective.candidates, question.site, question.run.seed
@@ -295,8 +289,8 @@ def build_plan(findings: Findings, final: Judge, ground: Ground) -> content.Plan
         chosen=option,
         sensors=sensors,
         considered=tuple(considered),
-        near_optimal=near_optimal(choice.options, choice.chosen),
-        front=find_front_options(choice.options),
+        near_optimal=judging.near_optimal(choice.options, choice.chosen),
+        front=judging.find_front_options(choice.options),
         schemes=chosen.schemes(),
         by_zone=by_zone(scored, site, seed),
         by_range=by_range(scored, [candidates.sensors[c] for c in members], seed),
@@ -331,7 +325,7 @@ class ChosenSet:
 
     members: tuple[int, ...]
     names: tuple[str, ...]
-    judge: Judge
+    judge: judging.Judge
     objective: Objective
     run: Run = Run()
 
@@ -366,15 +360,8 @@ class ChosenSet:
         known, intact, figures = self.judge.detected, self.judge.intact, []
         whole, ious = np.ones((1, len(self.members)), np.bool_), intact.ious
         for name in PAPER_SCHEMES:
-            other = Detected(
-                known.renders,
-                known.detector,
-                name,
-                codec=known.codec,
-                memo=known.memo,
-                processes=known.processes,
-                classes=known.classes,
-            ).at(ious[0], ious)
+            alike = {each: getattr(known, each) for each in ("codec", "memo", "processes", "classes")}
+            other = Detected(known.renders, known.detector, name, **alike).at(ious[0], ious)
             at = replace(self, judge=replace(self.judge, profiles=(other,)))
             kbit = float(np.mean([outcome.bits.mean() for outcome in at.judge.outcomes(self.members)])) / 1000
             for iou in sorted({*IOUS, *ious}) if len(ious) == 1 else (*IOUS, ious):
@@ -480,23 +467,22 @@ def plan(question: Question) -> content.Planned:
         return _refuse(question, sentences.refuse_traffic(question, missing, prepared.frames, "simulated"), pool)
     everything = Objective.of_moved(prepared, pool, seen, AP_ONLY)
     excluded = describe_exclusions(everything, question.max_kbit, question.currency)
-    most_kbit = np.inf if question.max_kbit is None else question.max_kbit
-    kept = np.flatnonzero(everything.allowed([]) & (everything.sent <= most_kbit))
+    kept = find_buildable(everything, question.max_kbit)
     if not len(kept):
         return _refuse(question, excluded, pool)
     candidates = pool.select(kept)
     objective = Objective.of_moved(prepared, candidates, seen.select(kept), AP_ONLY)
     sizes = tuple(range(1, _most_sensors(question, candidates) + 1))
     found = keep_entrants(objective, Effort(sizes), first.memo, depends_on=traffic.digest(), seed=first.seed)
-    judging = [Preparation(question.judged(candidates), question.part(name)) for name in ("comparison", "judgement")]
-    judge, final = (Judge.of(each, question.run.seed) for each in judging)
+    judged_on = [Preparation(question.judged(candidates), question.part(name)) for name in ("comparison", "judgement")]
+    judge, final = (judging.Judge.of(each, question.run.seed) for each in judged_on)
     for each in (judge, final):
         if each.absent:
             return _refuse(question, sentences.refuse_traffic(question, each.absent, each.frames, "judging"), pool)
-    choice = choose_set(
+    choice = judging.choose_set(
         objective, found, judge, min_ap=question.min_ap, confidence=question.confidence, run=question.run
     )
-    parts = [traffic, *(each.traffic for each in judging)]
+    parts = [traffic, *(each.traffic for each in judged_on)]
     findings = Findings(question, found, choice, objective, prepared.network, excluded, parts)
     ground = visible_ground(question.site, [candidates.sensors[c] for c in choice.members])
     answer = build_plan(findings, final, ground)
@@ -504,8 +490,12 @@ def plan(question: Question) -> content.Planned:
     return content.Planned(answer, mounted_site(question.site, candidates, choice.members), candidates, ground, moments)
 
 
+def find_buildable(objective: Objective, max_kbit: float | None) -> Int64[np.ndarray, " n"]:
+    """Candidates that may be built alone and send at most `max_kbit`, which is still allowed."""
+    return np.flatnonzero(objective.allowed([]) & (objective.sent <= (np.inf if max_kbit is None else max_kbit)))
+
+
 def _refuse(question: Question, reasons: tuple[str, ...], candidates: Candidates | None = None) -> content.Planned:
-    """Plan where nothing may be built."""
     verdict = content.Verdict(False, "No set of sensors can be planned.", reasons)
     names = question.site.name, "", question.cases.threshold, question.setting.fusion.name, question.currency
     return content.Planned(

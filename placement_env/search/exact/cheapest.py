@@ -15,9 +15,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from placement_env.cases import TIE, Cases
 from placement_env.checks import check_whole
@@ -105,9 +105,6 @@ class Demand:
         return cases.over_failures(np.min([each(rows).ap for each in by], axis=0), owners, tie=0.0)
 
 
-USUAL_DEMAND = Demand()
-
-
 class DemandFidelity:
     """Score sets by the least AP of a demand over shares (`by`); recall and kbit are of intact sets in all traffic."""
 
@@ -127,7 +124,7 @@ def search(
     seed: int = 0,
     seconds: float | None = None,
     evaluations: int | None = None,
-    demand: Demand = USUAL_DEMAND,
+    demand: Demand = Demand(),
 ) -> Result:
     """The cheapest set of at most `budget` sensors that meets a demand; the certificate is of the price.
 
@@ -136,7 +133,6 @@ def search(
     Raises ValueError for fidelities other than coverage and surrogate (early, late fusion), ImportError without
     OR-Tools.
     """
-    check_whole("budget", budget, least=1)
     progress = Progress(objective, budget, SECONDS if seconds is None else seconds, evaluations)
     prices = Prices.in_units(objective, max(float(objective.candidates.prices.max(initial=0.0)), 1e-300) / PRICE_UNITS)
     if isinstance(objective.scored_by, Coverage):
@@ -148,10 +144,9 @@ def search(
 
 def _by_coverage(progress: Progress, coverage: Coverage, prices: Prices, demand: Demand, seed: int) -> Result:
     objective = progress.objective
-    seen = objective.visibility
-    if seen is None or coverage.views != 1 or len(objective.classes.names) > 1:
+    if objective.visibility is None or coverage.views != 1 or len(objective.classes.names) > 1:
         raise ValueError("the cheapest coverage needs to know what each candidate sees, one view and one class")
-    seen = seen.of_classes(objective.classes.labels)
+    seen = objective.visibility.of_classes(objective.classes.labels)
     shares = demand.shares(objective, seen)
     parties = np.array([np.isin(seen.frame, frames) for frames in shares]).reshape(len(shares), len(seen.frame))
     needs = np.ceil(demand.at_least * parties.sum(axis=1) - MET).astype(np.int64)
@@ -169,10 +164,9 @@ def _by_coverage(progress: Progress, coverage: Coverage, prices: Prices, demand:
 def _by_surrogate(progress: Progress, surrogate: Surrogate, prices: Prices, demand: Demand, seed: int) -> Result:
     objective, shares, plain = progress.objective, [surrogate], demand == Demand(demand.at_least)
     if max(demand.parts, demand.levels) > 1:
-        seen = objective.visibility
-        if seen is None:
+        if objective.visibility is None:
             raise ValueError("parts and levels of traffic need to know what candidates see: pass visibility=see(...)")
-        seen = seen.of_classes(objective.classes.labels)
+        seen = objective.visibility.of_classes(objective.classes.labels)
         shares = [surrogate.in_frames(frames) for frames in demand.shares(objective, seen)]
 
     def reached(sets: Bool[np.ndarray, "n C"]) -> Float64[np.ndarray, " n"]:
@@ -247,13 +241,9 @@ def _solve(
 
 def join_levels(parts: Sequence[Levels]) -> Levels:
     """Levels of the objects of several programmes over the same candidates. The parties of each stay apart."""
-    known, threshold, gain = (np.concatenate(rows, axis=1) for rows in zip(*(each[:3] for each in parts), strict=True))
-    ends = np.cumsum([0, *(each.known.shape[1] for each in parts)]).tolist()
-    parties = [
-        np.pad(each.parties, ((0, 0), (begin, ends[-1] - end)))
-        for each, (begin, end) in zip(parts, pairwise(ends), strict=True)
-    ]
-    return Levels(known, threshold, gain, np.concatenate(parties))
+    known, threshold, gain, parties = zip(*parts, strict=True)
+    joined, least, worth = (np.concatenate(each, axis=1) for each in (known, threshold, gain))
+    return Levels(joined, least, worth, block_diag(*parties))
 
 
 def build_levels(surrogate: Surrogate, *, above: bool) -> Levels:
@@ -283,7 +273,6 @@ def _prune(objective: Objective, chosen: list[int], at_least: float, reached: Se
 
 
 def _result(progress: Progress, found: Solved, unit: float, what: str, said: str = "") -> Result:
-    """Result, and the proof about its price."""
     bound = found.bound * unit
     if found.chosen is None:
         sure = "no set within the budget " if found.optimal else "no set was found in time that "

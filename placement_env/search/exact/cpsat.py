@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from placement_env.fidelity.coverage import LEAST
 from placement_env.fidelity.visibility import Visibility
 from placement_env.objective import Objective
 from placement_env.protocol import ByFrames
-from placement_env.search.exact.programme import SECONDS, USUAL_LIMITS, Poles, Prices, SolverLimits, cp_model
+from placement_env.search.exact.programme import SECONDS, Poles, Prices, Solved, SolverLimits, cp_model
 from placement_env.search.progress import Progress
 from placement_env.search.result import Certificate, Result
 from placement_env.search.verification import best_of_equals
@@ -35,15 +35,6 @@ PARTS = 10**9  # parts into which the sum over several classes is divided
 _Seen = Bool[np.ndarray, "C O"]  # of candidates × objects, True where seen
 _Each = Int64[np.ndarray, " C"]  # of candidates, such as their mounts or prices
 _Worth = Int64[np.ndarray, "k O"]
-
-
-class Cover(NamedTuple):
-    """Solution of a coverage programme: objects covered, and the most that any feasible set covers."""
-
-    chosen: list[int]
-    covered: int
-    bound: int
-    optimal: bool
 
 
 def search(
@@ -86,15 +77,16 @@ def search(
     def covered(sets: Bool[np.ndarray, "n C"]) -> Int64[np.ndarray, " n"]:
         return np.array([int((worth @ (seen[row].sum(axis=0) >= views)).min()) for row in sets], np.int64)
 
-    slow = isinstance(objective.scored_by, ByFrames)
-    chosen = cover.chosen if slow else best_of_equals(progress, cover.chosen, covered)
+    chosen = cover.chosen or []
+    if not isinstance(objective.scored_by, ByFrames):
+        chosen = best_of_equals(progress, chosen, covered)
     progress.settle(chosen)
-    share, most = cover.covered / max(1, units), cover.bound / max(1, units)
+    share, most = cover.figure / max(1, units), cover.bound / max(1, units)
     view = f"{views} view(s) of {LEAST:g} points or more from {{{', '.join(map(str, chosen))}}}"
     if units == PARTS:
         note = f"{share:.4f} of the {objective.classes.described()} has {view}, and no set covers more than {most:.4f}"
     else:
-        note = f"{cover.covered} of {units} objects have {view}, and no set covers more than {cover.bound}"
+        note = f"{cover.figure} of {units} objects have {view}, and no set covers more than {cover.bound}"
     return progress.result("CP-SAT", Certificate.from_bound(share, most, note, "coverage"))
 
 
@@ -107,8 +99,8 @@ def cover_most(
     may_stand: Bool[np.ndarray, " C"] | None = None,
     prices: Prices | None = None,
     worth: _Worth | None = None,
-    limits: SolverLimits = USUAL_LIMITS,
-) -> Cover:
+    limits: SolverLimits = SolverLimits(),
+) -> Solved:
     """Choose at most `budget` candidates that cover the most objects, each by at least `views` of them.
 
     seen: candidates × objects; may_stand: candidates that may be built, all if None; prices: with their limit; worth:
@@ -133,15 +125,12 @@ def cover_most(
     if cost is not None:
         model.add(cost.expression(model, built) <= cost.most)
     solver = replace(limits, seconds=max(0.01, limits.seconds - (time.monotonic() - began))).build_solver()
-    if solver.status_name(solver.solve(model)) in (
-        "OPTIMAL",
-        "FEASIBLE",
-    ):  # otherwise time ran out before a solution was found
+    if solver.status_name(solver.solve(model)) in ("OPTIMAL", "FEASIBLE"):  # else time ran out before any solution
         start = [c for c, x in enumerate(built) if solver.boolean_value(x)]
         bound = min(bound, int(np.floor(solver.best_objective_bound + 1e-6)))
     chosen = sorted(kept[start].tolist())
     covered = int((each @ (seen[chosen].sum(axis=0) >= views)).min())
-    return Cover(chosen, covered, max(bound, covered), bound <= covered)
+    return Solved(chosen, covered, max(bound, covered), bound <= covered)
 
 
 def compute_worth(labels: Int64[np.ndarray, " O"], classes: Classes) -> tuple[_Worth, int]:

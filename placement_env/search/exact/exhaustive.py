@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from placement_env.objective import Objective, Score
-from placement_env.search.progress import Figures, Progress
+from placement_env.objective import Objective, Score, Scores
+from placement_env.search.progress import Progress
 from placement_env.search.result import Certificate, Result
 from placement_env.subsets import all_subsets
 from toolkit.arrays import Bool, Float
@@ -39,7 +39,7 @@ def search(
         certificate = Certificate.from_bound(progress.reward, progress.reward, note)
     else:
         certificate = progress.unknown(f"stopped after {progress.limits.count} of {len(subsets)} feasible sets")
-    figures, subsets = Figures(*(column[scored] for column in figures)), subsets[scored]
+    figures, subsets = Scores(*(column[scored] for column in figures)), subsets[scored]
     front = find_front(np.stack([-figures.ap, figures.kbit, figures.price], axis=1))
     front = front[np.lexsort((figures.kbit[front], figures.price[front]))]
     count = subsets.sum(axis=1)

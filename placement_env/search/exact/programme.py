@@ -58,9 +58,6 @@ class SolverLimits:
         return solver
 
 
-USUAL_LIMITS = SolverLimits()
-
-
 def cp_model() -> ModuleType:
     """OR-Tools' module of the same name. Raises ImportError where it is missing."""
     try:
@@ -245,7 +242,7 @@ def levels_of_hits(powers: Float[np.ndarray, "C O"], model: HitModel, *, above: 
 
 def solve(
     programme: Programme,
-    limits: SolverLimits = USUAL_LIMITS,
+    limits: SolverLimits = SolverLimits(),
     *,
     at_least: int = 0,
     cost: Prices | None = None,

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib.util import find_spec
@@ -23,6 +23,7 @@ from placement_env.objective import Objective
 from placement_env.search import greedy, swap
 from placement_env.search.checkpoint import NOWHERE, Checkpoint, KeptState
 from placement_env.search.exact import cpsat, exhaustive
+from placement_env.search.progress import as_rows
 from placement_env.search.result import Result
 from placement_env.search.verification import neighbours
 from placement_env.setting import Weights
@@ -95,46 +96,39 @@ def keep_entrants(
 def entrants(objective: Objective, effort: Effort, *, seed: int = 0, checkpoint: Checkpoint = NOWHERE) -> Entrants:
     """Entrants of all sizes, empty where nothing may be built. checkpoint: keeps answers of finished searches."""
     ended: KeptState = checkpoint.load() or {}
-    answers: dict[bytes, dict[str, None]] = {}  # by each set, in order
-    rows: dict[bytes, Bool[np.ndarray, " C"]] = {}
-    considered = 0
+    answers: dict[tuple[int, ...], dict[str, None]] = {}  # searches of each set in order, none of a neighbour
+    considered, count = 0, len(objective.candidates)
     report = objective.run.stage("searching", len(effort.sizes))
     for done, size in enumerate(effort.sizes, 1):
-        own: dict[bytes, Bool[np.ndarray, " C"]] = {}
+        own: dict[tuple[int, ...], None] = {}
         for name, run in _searches(objective, size, effort, seed, checkpoint):
             part = f"{size} {name}"
             if part not in ended:
                 result = run()
                 ended[part] = [list(result.best.subset), result.evaluations]
                 checkpoint.save(ended)
-            members, scored = ended[part]
+            members, scored = tuple(ended[part][0]), ended[part][1]
             considered += scored
-            row = objective.row(members)
-            if row.any() and objective.feasible(row[None])[0]:
-                key = np.packbits(row).tobytes()
-                own.setdefault(key, row)
-                answers.setdefault(key, {})[name] = None
+            if members and objective.feasible(as_rows([members], count))[0]:
+                own[members] = None
+                answers.setdefault(members, {})[name] = None
         if not own:
             break
-        rows |= own
-        near, count = _neighbours(objective, list(own.values()), effort.neighbours)
-        considered += count
+        near, scored = _neighbours(objective, as_rows(list(own), count), effort.neighbours)
+        considered += scored
         for row in near:
-            rows.setdefault(np.packbits(row).tobytes(), row)
+            answers.setdefault(tuple(np.flatnonzero(row).tolist()), {})
         if report is not None:
             report(done)
-    sets = np.array(list(rows.values()), np.bool_).reshape(len(rows), len(objective.candidates))
-    order = np.argsort(sets.sum(axis=1), kind="stable")
-    keys = list(rows)
-    searches = tuple(tuple(answers.get(keys[i], ())) for i in order)
-    return Entrants(sets[order], objective.scores(sets[order]).ap, searches, considered)
+    by_size = sorted(answers, key=len)
+    sets = as_rows(by_size, count)
+    searches = tuple(tuple(answers[members]) for members in by_size)
+    return Entrants(sets, objective.scores(sets).ap, searches, considered)
 
 
 def _searches(
     objective: Objective, size: int, effort: Effort, seed: int, checkpoint: Checkpoint
 ) -> Iterator[tuple[str, Callable[[], Result]]]:
-    """Searches of at most `size` sensors, by name."""
-
     seconds, evaluations = effort.seconds, effort.evaluations
     most = SWAP_EVALUATIONS if evaluations is None else evaluations
     swapping = partial(swap.search, seed=seed, starts=swap.STARTS, seconds=seconds, evaluations=most)
@@ -143,12 +137,9 @@ def _searches(
         yield "exhaustive", partial(exhaustive.search, objective, size, seconds=seconds, evaluations=evaluations)
     yield "greedy", partial(greedy.search, objective, size, seconds=seconds, evaluations=evaluations)
     yield "swap", partial(swapping, objective, size, checkpoint=checkpoint.part(f"{size}.swap"))
-    by_entropy = entropy_objective(objective)
-    if by_entropy is not None:
-        yield (
-            "swap by perception entropy",
-            partial(swapping, by_entropy, size, checkpoint=checkpoint.part(f"{size}.entropy")),
-        )
+    if (by_entropy := entropy_objective(objective)) is not None:
+        entropy = partial(swapping, by_entropy, size, checkpoint=checkpoint.part(f"{size}.entropy"))
+        yield "swap by perception entropy", entropy
     if objective.visibility is not None and find_spec("ortools"):
         solving = 600.0 if seconds is None else seconds
         yield "cpsat", partial(cpsat.search, objective, size, seed=seed, seconds=solving, effort=SOLVING)
@@ -169,7 +160,7 @@ def entropy_objective(objective: Objective) -> Objective | None:
 
 
 def _neighbours(
-    objective: Objective, answers: Sequence[Bool[np.ndarray, " C"]], count: int
+    objective: Objective, answers: Bool[np.ndarray, "n C"], count: int
 ) -> tuple[list[Bool[np.ndarray, " C"]], int]:
     """Best feasible neighbours of some answers, at most one per change of mount, and the number of sets scored.
 

@@ -92,18 +92,14 @@ class CasesEvaluator:
 
     def evaluate(self, sets: Sets, frames: Frames, progress: Report | None = None) -> Evaluated:
         """Figures of the sets on these frames. progress: called with the number of frames done."""
-        ap, kbit, resamples = self._at_profiles(sets, frames, progress)
+        ap, kbit, resamples = self.at_profiles(sets, frames, progress)
         shares = self.cases.shares(ap)
         return Evaluated((shares * ap).sum(axis=0), (shares * kbit).sum(axis=0), self.cases.over_errors(resamples))
 
-    def at_each(self, sets: Sets, frames: Frames) -> dict[str, Evaluated]:
-        """Figures of the sets at each error profile, by name."""
-        each = zip(self.cases.names, *self._at_profiles(sets, frames), strict=True)
-        return {name: Evaluated(*figures) for name, *figures in each}
-
-    def _at_profiles(
+    def at_profiles(
         self, sets: Sets, frames: Frames, progress: Report | None = None
     ) -> tuple[Float64[np.ndarray, "P n"], Float64[np.ndarray, "P n"], Float64[np.ndarray, "P n resamples"]]:
+        """AP, kbit and resampled AP of the sets at each error profile."""
         rows, owners = self.cases.expand(sets)
         parts = [own for own in (frames[np.isin(frames, level)] for level in self.levels) if len(own)] or [frames]
         found: list[list[Evaluated]] = []

@@ -193,14 +193,13 @@ def aps_at_profiles(final: CasesEvaluator, sets: Sets, frames: Frames) -> list[t
     """AP of each set at each of several error profiles separately."""
     if len(final.profiles) == 1:
         return [()] * len(sets)
-    each = final.at_each(sets, frames)
-    return [
-        tuple(
-            ProfileAP(name, float(e.ap[n]), *figure_interval(e.ap[n], e.resamples[n], confidence=INTERVAL_SHARE))
-            for name, e in each.items()
-        )
-        for n in range(len(sets))
-    ]
+    aps, _, resamples = final.at_profiles(sets, frames)
+    found = []
+    for n in range(len(sets)):
+        each = zip(final.cases.names, aps[:, n].tolist(), resamples[:, n], strict=True)
+        intervals = ((name, ap, *figure_interval(ap, drawn, confidence=INTERVAL_SHARE)) for name, ap, drawn in each)
+        found.append(tuple(ProfileAP(*figures) for figures in intervals))
+    return found
 
 
 def _judge_in_time(

@@ -31,8 +31,8 @@ def main() -> None:
 
     from models import load_detector
     from toolkit.boxes import count_points
-    from toolkit.datasets.dataset import noisy
     from toolkit.datasets.random_recordings import random_recording
+    from toolkit.datasets.readings import with_errors
     from toolkit.detection.background import KnownBackground, site_background
     from toolkit.detection.metrics import TRUE_IOU, evaluate
     from toolkit.objects import VEHICLE, label_index
@@ -46,7 +46,7 @@ def main() -> None:
         unsure, own = (load_detector(asked.weights, area=area, score_threshold=least) for least in (LOWEST_SCORE, None))
         all_of_them, detector = (bare if known is None else KnownBackground(bare, known) for bare in (unsure, own))
         for frame in recording.frames:
-            cloud = np.concatenate(frame_points(noisy(frame, 0), area=recording.site))
+            cloud = np.concatenate(frame_points(with_errors(frame, "paper", 0), area=recording.site))
             detections.append(detect_on_ground(all_of_them, cloud, recording.site))
             reported.append(detect_on_ground(detector, cloud, recording.site))
             truths.append(frame.objects)

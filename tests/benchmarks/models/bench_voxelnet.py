@@ -18,13 +18,8 @@ import numpy as np
 # x y heading of the T-junction's six sensors, and footprints (xmin ymin xmax ymax, height) of what stands around it
 SENSORS = ((40.9, 8.1, 155), (-7.7, 21.9, 295), (-45.6, 10.1, 15), (8.0, 5.6, 52), (-8.3, 18.5, 208), (-5.5, -27.5, 64))
 SOLIDS = (
-    (-38.6, -4.5, -27.7, 5.9, 4),
-    (-26.5, -6.2, -14.7, 6.2, 5),
-    (-26.5, -17.4, -14.7, -6.2, 8),
-    (-49, -29, -28, -4.8, 12),
-    (-28.8, -29, -19, -19.4, 8),
-    (-40, 21, 40, 24, 6),
-    (36, -19, 40, 5, 3),
+    *((-38.6, -4.5, -27.7, 5.9, 4), (-26.5, -6.2, -14.7, 6.2, 5), (-26.5, -17.4, -14.7, -6.2, 8)),
+    *((-49, -29, -28, -4.8, 12), (-28.8, -29, -19, -19.4, 8), (-40, 21, 40, 24, 6), (36, -19, 40, 5, 3)),
 )
 
 
@@ -101,7 +96,7 @@ def light() -> None:
     """The CPU default with its shipped weights, points to boxes, and where its time goes."""
     from models.detector import load_detector
     from models.network.candidates import candidates, suppress
-    from models.network.voxels import voxelise
+    from models.network.grid import voxelise
 
     detector, points = load_detector("tjunction"), fused_cloud()
     config = detector.config
@@ -119,7 +114,7 @@ def light() -> None:
 
 def voxelisation() -> None:
     from models.config import VoxelNetConfig
-    from models.network.voxels import voxelise
+    from models.network.grid import voxelise
 
     points = np.concatenate((fused_cloud(0), fused_cloud(1)))[-80_000:]
     config = VoxelNetConfig.published("tjunction")
@@ -130,10 +125,9 @@ def _selective(network):
     """Let the 600 best of the anchors pass the threshold, on the benchmark's cloud."""
     import torch
 
-    from models.network.anchors import anchors
     from models.network.candidates import candidates
+    from models.network.grid import anchors, voxelise
     from models.network.sparse import SparseVoxelNet
-    from models.network.voxels import voxelise
 
     if network.head.quality is not None:
         network.head.quality.bias.data += 9.0

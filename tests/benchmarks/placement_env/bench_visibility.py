@@ -39,9 +39,7 @@ def agreement(frames: int, poses: int, name: str) -> None:
             candidates = pool(site, models=(model,), tilts=np.deg2rad(tilts).tolist())
             rng = np.random.default_rng(0)
             candidates = candidates.select(np.sort(rng.choice(len(candidates), poses, replace=False)))
-            full, quick = (
-                see(traffic, candidates, labels=labels, rendering=rendering) for rendering in ("full", "panorama")
-            )
+            full, quick = (see(traffic, candidates, labels=labels, rendering=way) for way in ("full", "panorama"))
             seen = (full.points > 0) | (quick.points > 0)
             off = np.abs(full.points - quick.points)[seen]
             within = off <= np.maximum(0.03 * full.points[seen], 8)

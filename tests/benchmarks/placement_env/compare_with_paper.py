@@ -45,10 +45,6 @@ def best_of_paper(table: Table, scheme: str, column: int) -> None:
     print(f"  {agree} of {len(best)} best sets agree")
 
 
-def main() -> None:
+if __name__ == "__main__":
     for name in sys.argv[1:] or PAPER_SITES:
         compare(load_table(name))
-
-
-if __name__ == "__main__":
-    main()

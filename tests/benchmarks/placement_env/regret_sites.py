@@ -17,6 +17,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from placement_env.candidates.pool import pool
+from toolkit.sensors.models import find_model
+from toolkit.sites.files import load_site
+from toolkit.sites.maps import MapPiece, import_opendrive, import_osm
+from toolkit.sites.random import random_site
+
 if TYPE_CHECKING:
     from placement_env.candidates.candidates import Candidates
     from toolkit.sites.site import Site
@@ -37,9 +43,6 @@ class Place:
 
     def candidates(self, site: Site) -> Candidates:
         """Some poses of the pool, drawn evenly over it."""
-        from placement_env.candidates.pool import pool
-        from toolkit.sensors.models import find_model
-
         named = {"models": tuple(map(find_model, self.models))} if self.models else {}
         every = pool(site, **named)
         drawn = np.random.default_rng(self.seed).choice(len(every), min(POSES, len(every)), replace=False)
@@ -47,29 +50,21 @@ class Place:
 
 
 def _random(seed: int) -> Site:
-    from toolkit.sites.random import random_site
-
     return random_site(seed)
 
 
 def _built(name: str) -> Site:
-    from toolkit.sites.files import load_site
-
     return load_site(name)
 
 
 def _town(name: str, centre: tuple[float, float], size: tuple[float, float]) -> Site:
-    from toolkit.sites.maps import import_opendrive
-
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        return import_opendrive(SHARED / "carla" / f"{name}.xodr", centre=centre, size=size, seed=0)
+        return import_opendrive(MapPiece(SHARED / "carla" / f"{name}.xodr", centre=centre, size=size, seed=0))
 
 
 def _drawn_by_hand() -> Site:
-    from toolkit.sites.maps import import_osm
-
-    return import_osm(ROOT / "docs" / "own-junction.osm", centre=(8.0, 49.5), size=(70.0, 50.0), seed=0)
+    return import_osm(MapPiece(ROOT / "docs" / "own-junction.osm", centre=(8.0, 49.5), size=(70.0, 50.0), seed=0))
 
 
 PLACES: dict[str, Place] = {

@@ -18,6 +18,16 @@ from typing import Any
 
 import numpy as np
 
+from toolkit.calibration.empty_scene import Scenes, learn_empty_scenes, load_empty_scenes, save_empty_scenes
+from toolkit.datasets.dataset import CoopDataset
+from toolkit.datasets.readings import read_frame
+from toolkit.datasets.simulation import simulate_dataset
+from toolkit.detection.link.differences import DifferenceReader, DifferenceSender
+from toolkit.detection.link.foreground import decode_foreground, encode_foreground, standing_out
+from toolkit.detection.link.message import PACKET
+from toolkit.detection.view import Captured
+from toolkit.runtime.run import Run
+
 sys.path.insert(0, str(Path(__file__).parents[3]))
 
 SITES = ("tjunction", "roundabout")
@@ -39,10 +49,6 @@ def main() -> None:
 
 def recorded(folder: Path, site: str, apart: float, frames: int, seed: int = SEED) -> Any:
     """A recording, simulated if it is not there yet."""
-    from toolkit.datasets.dataset import CoopDataset
-    from toolkit.datasets.simulation import simulate_dataset
-    from toolkit.runtime.run import Run
-
     path = folder / f"{site}-{apart:g}-{seed}-{frames}.hdf5"
     if not path.exists():
         simulate_dataset(site, path, run=Run(frames=frames, seed=seed), interval=apart)
@@ -50,8 +56,6 @@ def recorded(folder: Path, site: str, apart: float, frames: int, seed: int = SEE
 
 
 def learnt(folder: Path, site: str) -> tuple[Any, ...]:
-    from toolkit.calibration.empty_scene import learn_empty_scenes, load_empty_scenes, save_empty_scenes
-
     path = folder / f"{site}.npz"
     if not path.exists():
         save_empty_scenes(path, learn_empty_scenes(recorded(folder, site, APART, DAY_BEFORE, SEED + 1)))
@@ -60,8 +64,6 @@ def learnt(folder: Path, site: str) -> tuple[Any, ...]:
 
 def links() -> dict[str, Any]:
     """What makes the messages of a sensor with an empty scene, and what reads them, by name in rows."""
-    from toolkit.detection.link.differences import DifferenceReader, DifferenceSender
-    from toolkit.detection.link.foreground import decode_foreground, encode_foreground
 
     def whole(step: float) -> Any:
         return lambda scene: (
@@ -84,11 +86,6 @@ def links() -> dict[str, Any]:
 
 def count_bytes(folder: Path, site: str, frames: int) -> None:
     """Rows of bytes per sensor, and of the first frames milliseconds to choose, encode and decode."""
-    from toolkit.calibration.scenes import Scenes
-    from toolkit.datasets.readings import read_frame
-    from toolkit.detection.link.foreground import standing_out
-    from toolkit.detection.view import Captured
-
     path = folder / f"{site}-{CLOSE:g}-bytes.jsonl"
     begin = len(list(as_rows(path))) // BLOCK * BLOCK  # links begin anew with traffic
     if begin >= frames:
@@ -125,8 +122,6 @@ def count_bytes(folder: Path, site: str, frames: int) -> None:
 
 
 def print_bytes(folder: Path) -> None:
-    from toolkit.detection.link.message import PACKET
-
     heads = f"{'frames':>6s} {'kbit':>7s} {'95 %':>14s} {'largest':>8s} {'one packet':>10s} {'ms':>6s} {'95 %':>6s}"
     for site in SITES:
         rows = list(as_rows(folder / f"{site}-{CLOSE:g}-bytes.jsonl"))

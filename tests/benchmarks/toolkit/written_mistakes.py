@@ -6,8 +6,10 @@ convention for the usual other one.
 """
 
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, replace
+from itertools import groupby
 from pathlib import Path
 from typing import Any, Literal
 
@@ -98,32 +100,56 @@ def _json(file: Path) -> Any:
     return json.loads(file.read_text())
 
 
+def _angle(z: float, w: float) -> float:
+    return float(2 * np.arctan2(z, w))
+
+
 def _of_files(
     patterns: tuple[str, ...],
-    records: Callable[[Any], list[Any]],
     numbers: Callable[[Any], Sequence[Any]],
     changed: Callable[[Any, np.ndarray], Any],
+    *,
+    records: Callable[[Any], list[Any]] = list,
     replaced: Callable[[Any, list[Any]], Any] = lambda content, rows: rows,
+    load: Callable[[str], Any] = json.loads,
+    dump: Callable[[Any], str] = json.dumps,
 ) -> tuple[Callable[[Path], list[Tables]], Callable[[Path, list[Tables]], None]]:
-    """Of layouts with a JSON file per sample; a folder of such files is an agent."""
+    """Of layouts with a file per sample; a folder of such files is an agent."""
 
-    def agents(path: Path) -> Iterator[list[Path]]:
-        files = _files(path, *patterns)
-        for folder in sorted({file.parent for file in files}):
-            yield [file for file in files if file.parent == folder]
+    def agents(path: Path) -> list[list[Path]]:
+        return [list(files) for _, files in groupby(_files(path, *patterns), key=lambda file: file.parent)]
 
-    def read(path: Path) -> list[Tables]:
-        return [
-            [[_row(numbers(each), each) for each in records(_json(file))] for file in files] for files in agents(path)
-        ]
+    def rows_of(file: Path) -> list[Row]:
+        return [_row(numbers(each), each) for each in records(load(file.read_text()))]
 
     def write(path: Path, tables: list[Tables]) -> None:
         for files, samples in zip(agents(path), tables, strict=True):
             for file, rows in zip(files, samples, strict=True):
-                made = [changed(json.loads(json.dumps(row.record)), row.numbers) for row in rows]
-                file.write_text(json.dumps(replaced(_json(file), made)))
+                made = [changed(deepcopy(row.record), row.numbers) for row in rows]
+                file.write_text(dump(replaced(load(file.read_text()), made)))
 
-    return read, write
+    return lambda path: [[rows_of(file) for file in files] for files in agents(path)], write
+
+
+def _of_table(
+    load: Callable[[Path], list[Any]],
+    dump: Callable[[Path, list[Any]], object],
+    key: str,
+    samples: Callable[[Path], list[Any]],
+    numbers: Callable[[Any], Sequence[Any]],
+    changed: Callable[[np.ndarray], dict[str, Any]],
+) -> Terms:
+    """Of layouts with one table of all boxes, which `key` assigns to samples."""
+
+    def read(path: Path) -> list[Tables]:
+        table = load(path)
+        return [[[_row(numbers(each), each) for each in table if each[key] == at] for at in samples(path)]]
+
+    def write(path: Path, tables: list[Tables]) -> None:
+        pairs = zip(samples(path), tables[0], strict=True)
+        dump(path, [row.record | changed(row.numbers) | {key: at} for at, rows in pairs for row in rows])
+
+    return Terms(read, write)
 
 
 def _folder() -> Terms:
@@ -143,33 +169,24 @@ def _folder() -> Terms:
 
 
 def _kitti() -> Terms:
-    order = [10, 9, 8]  # l w h of a line
+    def load(text: str) -> list[list[str]]:
+        return [line.split() for line in text.splitlines() if not line.startswith("DontCare")]
 
-    def read(path: Path) -> list[Tables]:
-        lines = [file.read_text().splitlines() for file in _files(path, "training/label_2/*.txt")]
-        cells = [[line.split() for line in each if not line.startswith("DontCare")] for each in lines]
-        return [[[_row([*row[11:14], *(row[k] for k in order), row[14]], row) for row in each] for each in cells]]
+    def numbers(cells: list[str]) -> list[str]:
+        return [*cells[11:14], *cells[10:7:-1], cells[14]]
 
-    def write(path: Path, tables: list[Tables]) -> None:
-        for file, rows in zip(_files(path, "training/label_2/*.txt"), tables[0], strict=True):
-            lines = []
-            for row in rows:
-                x, y, z, length, width, height, yaw = row.numbers.tolist()
-                made = [height, width, length, x, y, z, yaw]
-                lines.append(" ".join([*row.record[:8], *(f"{value:.6f}" for value in made)]))
-            file.write_text("".join(line + "\n" for line in lines))
+    def changed(cells: list[str], row: np.ndarray) -> list[str]:
+        return [*cells[:8], *(f"{value:.6f}" for value in row[[HEIGHT, WIDTH, LENGTH, X, Y, Z, YAW]])]
 
-    return Terms(read, write, camera=True)
+    def dump(lines: list[list[str]]) -> str:
+        return "".join(" ".join(cells) + "\n" for cells in lines)
 
-
-def _angle(z: float, w: float) -> float:
-    return float(2 * np.arctan2(z, w))
+    return Terms(*_of_files(("training/label_2/*.txt",), numbers, changed, load=load, dump=dump), camera=True)
 
 
 def _openlabel() -> Terms:
-    def objects(content: Any) -> dict[str, Any]:
-        found: dict[str, Any] = content["openlabel"]["frames"]["0"]["objects"]
-        return found
+    def records(content: Any) -> list[Any]:
+        return list(content["openlabel"]["frames"]["0"]["objects"].items())
 
     def numbers(pair: Any) -> list[float]:
         value = pair[1]["object_data"]["cuboid"]["val"]
@@ -184,8 +201,7 @@ def _openlabel() -> Terms:
         content["openlabel"]["frames"]["0"]["objects"] = dict(pairs)
         return content
 
-    records = ("labels_point_clouds/*.json",)
-    return Terms(*_of_files(records, lambda content: list(objects(content).items()), numbers, changed, replaced))
+    return Terms(*_of_files(("labels_point_clouds/*.json",), numbers, changed, records=records, replaced=replaced))
 
 
 def _dair(*patterns: str) -> Terms:
@@ -198,7 +214,7 @@ def _dair(*patterns: str) -> Terms:
         each["3d_dimensions"] = dict(zip("lwh", row[3:6].tolist(), strict=True))
         return each | {"rotation": float(row[YAW])}
 
-    return Terms(*_of_files(patterns, list, numbers, changed))
+    return Terms(*_of_files(patterns, numbers, changed))
 
 
 def _sustech() -> Terms:
@@ -210,112 +226,88 @@ def _sustech() -> Terms:
         parts = {"position": row[:3].tolist(), "scale": row[3:6].tolist(), "rotation": [0.0, 0.0, float(row[YAW])]}
         return each | {"psr": {name: dict(zip("xyz", part, strict=True)) for name, part in parts.items()}}
 
-    return Terms(*_of_files(("label/*.json",), list, numbers, changed))
+    return Terms(*_of_files(("label/*.json",), numbers, changed))
 
 
 def _opv2v() -> Terms:
     import yaml
 
-    def agents(path: Path) -> list[list[Path]]:
-        return [_files(agent, "*.yaml") for agent in sorted((path / "scenario").iterdir())]
+    def records(content: Any) -> list[Any]:
+        return list(content["vehicles"].items())
 
-    def read(path: Path) -> list[Tables]:
-        loaded = [[yaml.safe_load(file.read_text())["vehicles"].items() for file in files] for files in agents(path)]
-        return [
-            [[_row([*v["location"], *v["extent"], v["angle"][1]], (track, v)) for track, v in each] for each in samples]
-            for samples in loaded
-        ]
+    def numbers(pair: Any) -> list[float]:
+        return [*pair[1]["location"], *pair[1]["extent"], pair[1]["angle"][1]]
 
-    def write(path: Path, tables: list[Tables]) -> None:
-        for files, samples in zip(agents(path), tables, strict=True):
-            for file, rows in zip(files, samples, strict=True):
-                content = yaml.safe_load(file.read_text())
-                content["vehicles"] = {
-                    row.record[0]: row.record[1]
-                    | {
-                        "location": row.numbers[:3].tolist(),
-                        "extent": row.numbers[3:6].tolist(),
-                        "angle": [0.0, float(row.numbers[YAW]), 0.0],
-                    }
-                    for row in rows
-                }
-                file.write_text(yaml.safe_dump(content))
+    def changed(pair: Any, row: np.ndarray) -> Any:
+        place = {"location": row[:3].tolist(), "extent": row[3:6].tolist(), "angle": [0.0, float(row[YAW]), 0.0]}
+        return pair[0], pair[1] | place
 
-    return Terms(read, write, degrees=True, halves=True)
+    def replaced(content: Any, pairs: list[Any]) -> Any:
+        return content | {"vehicles": dict(pairs)}
+
+    more: dict[str, Any] = {"load": yaml.safe_load, "dump": yaml.safe_dump}
+    own = _of_files(("scenario/*/*.yaml",), numbers, changed, records=records, replaced=replaced, **more)
+    return Terms(*own, degrees=True, halves=True)
 
 
 def _nuscenes() -> Terms:
-    def tokens(path: Path) -> list[str]:
+    def numbers(each: Any) -> list[float]:
+        size, turn = each["size"], each["rotation"]
+        return [*each["translation"], size[1], size[0], size[2], _angle(turn[3], turn[0])]
+
+    def changed(row: np.ndarray) -> dict[str, Any]:
+        turn = [float(np.cos(row[YAW] / 2)), 0.0, 0.0, float(np.sin(row[YAW] / 2))]
+        return {"translation": row[:3].tolist(), "size": row[[WIDTH, LENGTH, HEIGHT]].tolist(), "rotation": turn}
+
+    def samples(path: Path) -> list[str]:
         return [each["token"] for each in _json(path / "v1.0-coview/sample.json")]
 
-    def read(path: Path) -> list[Tables]:
-        table = _json(path / "v1.0-coview/sample_annotation.json")
-        return [[[_row([*each["translation"], *np.array(each["size"])[[1, 0, 2]],
-                        _angle(each["rotation"][3], each["rotation"][0])], each)
-                  for each in table if each["sample_token"] == token] for token in tokens(path)]]  # fmt: skip
-
-    def write(path: Path, tables: list[Tables]) -> None:
-        made = []
-        for token, rows in zip(tokens(path), tables[0], strict=True):
-            for row in rows:
-                half = row.numbers[YAW] / 2
-                made.append(
-                    row.record
-                    | {
-                        "token": f"{token}_{len(made)}",
-                        "sample_token": token,
-                        "translation": row.numbers[:3].tolist(),
-                        "size": row.numbers[[WIDTH, LENGTH, HEIGHT]].tolist(),
-                        "rotation": [float(np.cos(half)), 0.0, 0.0, float(np.sin(half))],
-                    }
-                )
+    def dump(path: Path, made: list[Any]) -> None:
         (path / "v1.0-coview/sample_annotation.json").write_text(json.dumps(made))
 
-    return Terms(read, write)
+    def load(path: Path) -> list[Any]:
+        return list(_json(path / "v1.0-coview/sample_annotation.json"))
+
+    return _of_table(load, dump, "sample_token", samples, numbers, changed)
 
 
 def _argoverse() -> Terms:
+    import pyarrow
+    from pyarrow import feather
+
     columns = ["tx_m", "ty_m", "tz_m", "length_m", "width_m", "height_m"]
 
-    def read(path: Path) -> list[Tables]:
-        from pyarrow import feather
+    def numbers(each: Any) -> list[float]:
+        return [*(each[name] for name in columns), _angle(each["qz"], each["qw"])]
 
-        records = feather.read_table(path / "annotations.feather").to_pylist()
-        times = sorted(int(file.stem) for file in _files(path, "sensors/lidar/*.feather"))
-        return [[[_row([*(each[name] for name in columns), _angle(each["qz"], each["qw"])], each)
-                  for each in records if each["timestamp_ns"] == time] for time in times]]  # fmt: skip
+    def changed(row: np.ndarray) -> dict[str, Any]:
+        turn = {"qw": float(np.cos(row[YAW] / 2)), "qx": 0.0, "qy": 0.0, "qz": float(np.sin(row[YAW] / 2))}
+        return dict(zip(columns, row[:6].tolist(), strict=True)) | turn
 
-    def write(path: Path, tables: list[Tables]) -> None:
-        import pyarrow
-        from pyarrow import feather
+    def samples(path: Path) -> list[int]:
+        return sorted(int(file.stem) for file in _files(path, "sensors/lidar/*.feather"))
 
-        made = []
-        times = sorted(int(file.stem) for file in _files(path, "sensors/lidar/*.feather"))
-        for time, rows in zip(times, tables[0], strict=True):
-            for row in rows:
-                half = row.numbers[YAW] / 2
-                made.append(row.record | dict(zip(columns, row.numbers[:6].tolist(), strict=True)) | {
-                    "timestamp_ns": time, "qw": float(np.cos(half)), "qx": 0.0, "qy": 0.0, "qz": float(np.sin(half)),
-                })  # fmt: skip
+    def dump(path: Path, made: list[Any]) -> None:
         feather.write_feather(pyarrow.Table.from_pylist(made), path / "annotations.feather")
 
-    return Terms(read, write)
+    def load(path: Path) -> list[Any]:
+        return list(feather.read_table(path / "annotations.feather").to_pylist())
+
+    return _of_table(load, dump, "timestamp_ns", samples, numbers, changed)
 
 
 def _hdf5() -> Terms:
+    import h5py
+
     columns = [0, 1, 2, 6, 7, 8, 5]
 
     def read(path: Path) -> list[Tables]:
-        import h5py
-
         with h5py.File(path, "r") as file:
             tables = [file[f"objects/{k}"][()] for k in range(len(file["objects"]))]
             own = zip(file["coview/object_ids"][()], file["coview/object_bodies"][()], strict=True)
         return [[[_row(row[columns], (row, *next(own))) for row in table] for table in tables]]
 
     def write(path: Path, tables: list[Tables]) -> None:
-        import h5py
-
         with h5py.File(path, "r+") as file:
             for k, rows in enumerate(tables[0]):
                 made = np.array([row.record[0] for row in rows]).reshape(-1, 10)

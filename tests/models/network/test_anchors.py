@@ -4,11 +4,10 @@ import math
 
 import numpy as np
 import torch
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from models.config import VoxelNetConfig, road_users
-from models.network.anchors import anchors, decode, encode, faces_back, per_anchor
+from models.network.grid import anchors, decode, encode, faces_back, per_anchor
 
 ANCHOR = torch.tensor([1.0, 2.0, 0.8, 3.9, 1.6, 1.5, math.pi / 2], dtype=torch.float64)
 sizes, yaws = st.floats(0.2, 20), st.floats(-7, 7)
@@ -18,8 +17,7 @@ sizes, yaws = st.floats(0.2, 20), st.floats(-7, 7)
 @given(st.tuples(st.floats(-9, 9), st.floats(-9, 9), st.floats(-3, 3), sizes, sizes, sizes, yaws))
 def test_a_box_encoded_and_decoded_is_itself(box):
     box = torch.tensor(box, dtype=torch.float64)
-    plain = decode(encode(box, ANCHOR, doubled=False), ANCHOR)
-    torch.testing.assert_close(plain, box)
+    torch.testing.assert_close(decode(encode(box, ANCHOR, doubled=False), ANCHOR), box)
     doubled = decode(encode(box, ANCHOR), ANCHOR, faces_back(box, ANCHOR))
     torch.testing.assert_close(doubled[:6], box[:6])
     if abs(math.cos(box[6] - ANCHOR[6])) > 1e-6:  # at right angles both directions are as good
@@ -50,8 +48,7 @@ def test_anchors_of_classes_stand_in_the_middle_of_their_cells():
     np.testing.assert_allclose(boxes[0, 1, 0, :6], [-47.6, -46.8, 1.6, 3.9, 1.56, 1.6], rtol=1e-6)
     np.testing.assert_allclose(boxes[119, 119, :, 0], 47.6, rtol=1e-6)
     np.testing.assert_allclose(boxes[5, 5, :, 6], [0, math.pi / 2], rtol=1e-6)
-    channels = torch.arange(14.0)[None, :, None, None].expand(1, 14, 3, 2)
-    by_anchor = per_anchor(channels, 2)
+    by_anchor = per_anchor(torch.arange(14.0)[None, :, None, None].expand(1, 14, 3, 2), 2)
     assert by_anchor.shape == (1, 3, 2, 2, 7)
     assert by_anchor[0, 2, 1, 1].tolist() == list(range(7, 14))
     config = VoxelNetConfig.light((-8, -8, 8, 8), **road_users())
@@ -59,13 +56,8 @@ def test_anchors_of_classes_stand_in_the_middle_of_their_cells():
     assert boxes.shape == (40, 40, 7, 7)
     turn = math.pi / 2
     expected = [
-        [0.8, 3.9, 1.56, 1.6, 0],
-        [0.8, 3.9, 1.56, 1.6, turn],
-        [1.6, 9.0, 2.5, 3.2, 0],
-        [1.6, 9.0, 2.5, 3.2, turn],
-        [0.85, 1.8, 0.65, 1.65, 0],
-        [0.85, 1.8, 0.65, 1.65, turn],
-        [0.85, 0.65, 0.6, 1.7, 0],
+        *([0.8, 3.9, 1.56, 1.6, 0], [0.8, 3.9, 1.56, 1.6, turn], [1.6, 9.0, 2.5, 3.2, 0], [1.6, 9.0, 2.5, 3.2, turn]),
+        *([0.85, 1.8, 0.65, 1.65, 0], [0.85, 1.8, 0.65, 1.65, turn], [0.85, 0.65, 0.6, 1.7, 0]),
     ]
     torch.testing.assert_close(boxes[3, 5, :, 2:], torch.tensor(expected))
     torch.testing.assert_close(boxes[:, :, 6, :2], anchors(VoxelNetConfig.light((-8, -8, 8, 8)))[:, :, 0, :2])

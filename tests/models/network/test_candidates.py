@@ -9,7 +9,6 @@ import pytest
 import torch
 
 from models.config import VoxelNetConfig, road_users
-from models.network.anchors import anchors, encode, faces_back
 from models.network.candidates import (
     LEAST_RIVAL,
     MOST_CANDIDATES,
@@ -19,6 +18,7 @@ from models.network.candidates import (
     strongest_rivals,
     suppress,
 )
+from models.network.grid import anchors, encode, faces_back
 from models.network.voxelnet import Prediction
 from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE, Detections
 
@@ -41,9 +41,7 @@ def prediction_of(boxes, config=CONFIG, sure=5.0):
         residuals[near] = encode(box.expand_as(grid[near]), grid[near])
         direction[near] = faces_back(box.expand_as(grid[near]), grid[near]) * 2.0 - 1
         quality[near] = 4.0
-    shaped = [
-        each.reshape(1, rows, columns, -1).permute(0, 3, 1, 2) for each in (logits, residuals, direction, quality)
-    ]
+    shaped = [m.reshape(1, rows, columns, -1).permute(0, 3, 1, 2) for m in (logits, residuals, direction, quality)]
     return Prediction(*shaped)
 
 
@@ -87,10 +85,8 @@ def class_prediction(boxes, labels, sure):
 def test_every_class_has_its_boxes_and_its_rivals_count_once():
     """A rider on a bicycle, a person in the same place, a van that is also seen as a truck: four of four."""
     boxes = [
-        [1.0, 2.0, 0.9, 1.8, 0.6, 1.7, 0.3],
-        [1.1, 2.0, 0.9, 0.6, 0.6, 1.7, 0.0],
-        [-3.0, -4.0, 0.9, 4.9, 1.9, 2.0, 0.2],
-        [-3.0, -4.0, 1.2, 5.5, 2.1, 2.5, 0.2],
+        *([1.0, 2.0, 0.9, 1.8, 0.6, 1.7, 0.3], [1.1, 2.0, 0.9, 0.6, 0.6, 1.7, 0.0]),
+        *([-3.0, -4.0, 0.9, 4.9, 1.9, 2.0, 0.2], [-3.0, -4.0, 1.2, 5.5, 2.1, 2.5, 0.2]),
     ]
     labels = [CYCLIST, PEDESTRIAN, VEHICLE, HEAVY]
     prediction = class_prediction(boxes, labels, [3.0, 2.0, 1.0, 0.5])
@@ -181,8 +177,7 @@ def test_a_glance_at_the_classes_misses_no_candidate(name: str, least: float):
     prediction = Prediction(*maps) if config.head == "quality" else Prediction(*maps[:2])
     scores = label_scores(prediction, config)
     thresholds = [least] * len(config.labels)
-    found = candidates(prediction, anchors(config), config, thresholds)
-    for item, (_, by_label) in enumerate(found):
+    for item, (_, by_label) in enumerate(candidates(prediction, anchors(config), config, thresholds)):
         above = torch.where(scores[item] > least, scores[item], 0).amax(-1).flatten()
         expected = above.sort(descending=True).values[:MOST_CANDIDATES]
         torch.testing.assert_close(by_label.amax(-1).sort(descending=True).values, expected[expected > 0])

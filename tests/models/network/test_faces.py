@@ -6,8 +6,7 @@ import torch
 
 from models.config import VoxelNetConfig
 from models.detector import VoxelNetDetector
-from models.network import faces
-from models.network.voxelnet import VoxelNet
+from models.network import faces, voxelnet
 from models.training.second_stage import rebuild
 from toolkit.boxes import corners
 from toolkit.objects import CYCLIST, HEAVY, VEHICLE, Detections
@@ -48,12 +47,7 @@ def test_points_are_counted_by_their_distance_beyond_each_face(yaw):
     front, rear = seen.end
     left, right = seen.side
     for row, zone, distance in (
-        (front, 0, 0.09),
-        (front, 1, 0.09),
-        (rear, 2, 0.29),
-        (left, 0, 0.15),
-        (right, 2, 0.09),
-        (right, 1, 0.17),
+        *((front, 0, 0.09), (front, 1, 0.09), (rear, 2, 0.29), (left, 0, 0.15), (right, 2, 0.09), (right, 1, 0.17)),
         (seen.top[0], 0, 0.11),
     ):
         step = int(np.floor((distance - faces.NEAREST) / faces.STEP))
@@ -74,8 +68,7 @@ def test_only_points_about_a_face_count_beside_what_is_known_of_the_box():
     for rows in seen[:3]:
         np.testing.assert_allclose(rows[:, -9:], np.tile(expected, (len(rows), 1)), atol=1e-7)
     assert [rows.shape for rows in seen[:3]] == [(2, 2 * OWN + 9), (2, 2 * OWN + 9), (1, OWN + 9)]
-    rng = np.random.default_rng(0)
-    points = rng.uniform((-5, -8, 0), (12, 5, 3), (4000, 3)).astype(np.float32)
+    points = np.random.default_rng(0).uniform((-5, -8, 0), (12, 5, 3), (4000, 3)).astype(np.float32)
     boxes = BOX + np.array([[0.0] * 7, [4.0, 1.0, 0.1, 0.5, -0.3, 0.2, 0.7], [-4.0, 0, 0, 0, 0, 0, 2.0]])
     labels = np.array([VEHICLE, CYCLIST, HEAVY])
     together = faces.face_features(points, boxes, labels)
@@ -160,6 +153,6 @@ def test_faces_move_where_sure_and_untrained_networks_stay_finite():
 
 def network():
     torch.manual_seed(0)
-    made = VoxelNet(VoxelNetConfig.light((-8, -8, 8, 8))).eval()
+    made = voxelnet.VoxelNet(VoxelNetConfig.light((-8, -8, 8, 8))).eval()
     torch.nn.init.normal_(made.head.classes.bias, 0.0, 0.1)
     return made

@@ -6,6 +6,7 @@ import torch
 from torch import nn
 
 from models.config import VoxelNetConfig
+from models.network.grid import collate, voxelise
 from models.network.sparse import (
     FoldedRegionProposal,
     LinearHead,
@@ -18,7 +19,6 @@ from models.network.sparse import (
     grown,
     numbers,
 )
-from models.network.voxels import collate, voxelise
 
 NARROW = {"voxel_width": 32, "middle_widths": (16, 16, 16), "upsample_width": 32, "rpn_widths": (32, 32, 48)}
 SMALL = {
@@ -183,8 +183,7 @@ def test_cells_have_one_place_and_grow_within_the_border():
         mask[0, [int(PLANE.place(*map(torch.tensor, cell))) for cell in cells]] = True
         return mask
 
-    corner = grown(mask_of((0, 0, 0)), PLANE)
-    assert torch.equal(corner, mask_of((0, 0, 0), (0, 0, 1), (0, 1, 0), (0, 1, 1)))
+    assert torch.equal(grown(mask_of((0, 0, 0)), PLANE), mask_of((0, 0, 0), (0, 0, 1), (0, 1, 0), (0, 1, 1)))
     middle = grown(mask_of((1, 1, 1)), PLANE)
     assert torch.equal(middle, mask_of(*((1, x, y) for x in range(3) for y in range(3))))
     mask = torch.tensor([[True, False, True], [False, True, True]])

@@ -8,9 +8,9 @@ import torch
 
 from models.config import VoxelNetConfig, road_users
 from models.network import tiles
+from models.network.grid import voxelise
 from models.network.sparse import SparseVoxelNet
 from models.network.tiles import TILE, PlacedClouds, TiledVoxelNet, tileable
-from models.network.voxels import voxelise
 
 CONFIG = VoxelNetConfig.light((0.0, 0.0, 38.4, 9.6), max_points=4)
 UNIONS = np.array(list(np.ndindex(*(2,) * 6)), bool)
@@ -103,9 +103,7 @@ def whole_maps(network, clouds, unions):
     tiled = TiledVoxelNet(network)
     for some, entries, predictions in tiled(tiled.plan(clouds, unions)):
         parts = list(predictions)
-        joined = [
-            None if maps[0] is None else torch.cat(maps) for maps in zip(*(each.maps for each in parts), strict=True)
-        ]
+        joined = [None if m[0] is None else torch.cat(m) for m in zip(*(each.maps for each in parts), strict=True)]
         corner = torch.cat([each.corner for each in parts])
         assert [each.first for each in parts] == list(np.cumsum([0, *(len(each.corner) for each in parts[:-1])]))
         entries_there += len(entries.tile)
@@ -170,8 +168,7 @@ def test_what_memory_does_not_hold_comes_in_parts(trained, monkeypatch):
 def test_what_unions_see_alike_is_computed_once(trained):
     """Eight clouds, each in the middle of a tile of its own that is far from the next: 255 unions, 8 tiles with points
     and the 8 about each that its points reach, of which each has two values."""
-    config = light((0.0, 0.0, 3 * 9.6, 24 * 9.6))
-    network = SparseVoxelNet(trained(config))
+    network = SparseVoxelNet(trained(light((0.0, 0.0, 3 * 9.6, 24 * 9.6))))
     middles = [(1.5 * 9.6, (3 * k + 1.5) * 9.6) for k in range(8)]
     clouds = [torch.tensor([[x, y, 1.0], [x, y + 0.3, 2.0]]) for x, y in middles]
     unions = np.array(list(np.ndindex(*(2,) * 8)), bool)

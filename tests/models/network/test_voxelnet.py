@@ -5,8 +5,8 @@ import pytest
 import torch
 
 from models.config import VoxelNetConfig
+from models.network.grid import collate, voxelise
 from models.network.voxelnet import VoxelNet, point_features
-from models.network.voxels import collate, voxelise
 
 NARROW = {"voxel_width": 32, "middle_widths": (16, 16, 16), "upsample_width": 32, "rpn_widths": (32, 32, 48)}
 SMALL = {

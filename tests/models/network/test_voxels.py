@@ -3,18 +3,16 @@
 import numpy as np
 import pytest
 import torch
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from models.config import VoxelNetConfig
-from models.network.voxels import collate, voxelise
+from models.network.grid import collate, voxelise
 
 CONFIG = VoxelNetConfig.light((-4, -2, 4, 2))
 
 
 def cloud(seed, n=3000):
-    rng = np.random.default_rng(seed)
-    return rng.uniform((-5, -3, -1), (5, 3, 5), (n, 3)).astype(np.float32)
+    return np.random.default_rng(seed).uniform((-5, -3, -1), (5, 3, 5), (n, 3)).astype(np.float32)
 
 
 @settings(deadline=None, max_examples=30)
@@ -37,8 +35,7 @@ def test_borders_voxels_and_batches_are_the_published_ones():
     assert len(voxelise(np.float32([[4, 0, 1], [0, -2, 1], [0, 0, 0], [0, 0, 4], [0.1, 0, 1e-6]]), CONFIG).points) == 1
     config = VoxelNetConfig.published("tjunction", area=(0.0, 0.0, 40.0, 80.0))
     x = (np.arange(1, 200) * 0.2).astype(np.float32)
-    points = np.stack((x, np.full_like(x, 0.1), np.full_like(x, 0.1)), 1)
-    voxels = voxelise(points, config)
+    voxels = voxelise(np.stack((x, np.full_like(x, 0.1), np.full_like(x, 0.1)), 1), config)
     np.testing.assert_array_equal(voxels.cells[voxels.voxel, 1], np.floor(x / np.float64(0.2)))
     with pytest.raises((ValueError, TypeError)):
         voxelise(np.zeros((3, 5), np.float32), CONFIG)

@@ -11,7 +11,7 @@ from models.training.packed import PackedFrames
 from models.training.packing import pack, recording
 from models.training.samples import SampleRecipe
 from models.training.second_stage import average_precision
-from models.weight_files import check_identity, read_checkpoint, save_atomically
+from models.weight_files import read_checkpoint, save_atomically
 
 AREA = (-12.8, -12.8, 12.8, 12.8)
 FAST = replace(loop.PRESETS["fast"], epochs=3.0)
@@ -164,6 +164,19 @@ def test_what_is_no_checkpoint_is_told_in_one_line(packed_file, tmp_path, state)
     assert "\n" not in str(told.value)
 
 
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [*(("step", step) for step in ("x", -5, 2.0, None, [1], torch.ones(3), 10**6)), ("recent", 1), ("recent", ["a"])],
+)
+def test_a_checkpoint_of_odd_values_is_told_in_one_line(packed_file, tmp_path, name, value):
+    config, settings, path = loop.make_config(AREA, "fast"), replace(FAST, epochs=0.1), tmp_path / loop.CHECKPOINT
+    loop.train(packed_file, config, settings, tmp_path)
+    save_atomically(path, {**read_checkpoint(path), name: value})
+    with pytest.raises(ValueError, match=r"checkpoint.pt is not a checkpoint of this training .*: remove it") as told:
+        loop.train(packed_file, config, settings, tmp_path)
+    assert "\n" not in str(told.value)
+
+
 class Harmful:
     def __reduce__(self):
         return print, ("executed",)
@@ -185,10 +198,10 @@ def test_settings_logs_and_curves_are_kept_in_order(tmp_path):
         assert state["weights"].tolist() == [0, 1, 2]
     assert list(tmp_path.iterdir()) == [path]
     identity = {"config": {"area": (1.0, 2.0)}, "preset": {"seed": 0}, "start": ""}
-    read = {"config": {"area": [1.0, 2.0]}, "preset": {"seed": 0}}  # a run of old, which knew no start
-    check_identity(tmp_path, read, identity)
+    save_atomically(path, {"config": {"area": (1.0, 2.0)}, "preset": {"seed": 0}})  # a run of old, which knew no start
+    read_checkpoint(path, identity=identity)
     with pytest.raises(ValueError, match="another preset and start: choose another folder"):
-        check_identity(tmp_path, read, {**identity, "preset": {"seed": 1}, "start": "abc"})
+        read_checkpoint(path, identity={**identity, "preset": {"seed": 1}, "start": "abc"})
     path = tmp_path / "log.csv"
     loop.cut_log(path, 5)
     for step in (5, 10, 15):

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from models.config import ROAD_USERS, VoxelNetConfig, road_users
-from models.network.anchors import anchors, encode, faces_back
+from models.network.grid import anchors, encode, faces_back
 from models.network.voxelnet import Prediction
 from models.training.losses import (
     IGNORED,
@@ -158,12 +158,9 @@ def slowly(boxes, labels, asked):
 def test_classes_are_matched_as_slowly_by_definition():
     boxes = np.array(
         [
-            [-5.03, 4.01, 0.8, 4.3, 1.8, 1.5, 0.2],
-            [1.11, 1.07, 1.6, 7.0, 2.4, 3.0, 1.5],
-            [5.13, -5.21, 0.9, 1.8, 0.6, 1.7, -0.4],
-            [5.17, -3.93, 0.9, 0.6, 0.5, 1.8, 0.0],
-            [-5.31, -5.11, 0.9, 0.6, 0.5, 1.8, 2.9],
-            [-3.07, -5.03, 0.9, 1.7, 0.6, 1.7, 0.7],
+            *([-5.03, 4.01, 0.8, 4.3, 1.8, 1.5, 0.2], [1.11, 1.07, 1.6, 7.0, 2.4, 3.0, 1.5]),
+            *([5.13, -5.21, 0.9, 1.8, 0.6, 1.7, -0.4], [5.17, -3.93, 0.9, 0.6, 0.5, 1.8, 0.0]),
+            *([-5.31, -5.11, 0.9, 0.6, 0.5, 1.8, 2.9], [-3.07, -5.03, 0.9, 1.7, 0.6, 1.7, 0.7]),
         ]
     )
     labels = np.array([VEHICLE, HEAVY, CYCLIST, PEDESTRIAN, PEDESTRIAN, CYCLIST])

@@ -42,7 +42,7 @@ def test_points_are_those_of_the_recording_with_fresh_noise(frames, packed):
     pixels, hovering = rig.pixels[0], 0.8 * rig.depth[0]  # things in the air everywhere, and nothing at the edges
     well_inside = rig.in_crop(rig.world(0, pixels, hovering), -0.5)
     hovering[~well_inside] = 0
-    exact, noisy = (rig.points(0, pixels, hovering, rng) for rng in (None, np.random.default_rng(3)))
+    exact, noisy = (rig.measure(0, pixels, hovering, rng)[0] for rng in (None, np.random.default_rng(3)))
     assert len(exact) == len(noisy) == well_inside.sum() > 1000
     spread = (noisy - exact) @ camera.pose[:3, 2]
     assert abs(spread.mean()) < 0.1 * camera.model.sigma

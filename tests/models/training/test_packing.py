@@ -79,8 +79,7 @@ def test_a_packed_file_written_again_is_the_same(frames, packed_file, tmp_path):
 def levelled(sensors, seed, area=AREA):
     rng = np.random.default_rng(seed)
     clouds = tuple(rng.uniform(-10, 10, (5 + k, 3)).astype(np.float32) for k in range(len(sensors)))
-    box = np.array([[float(seed), 0, 0.75, 4, 2, 1.5, 0.5]])
-    return sensors, clouds, Objects(box), area
+    return sensors, clouds, Objects(np.array([[float(seed), 0, 0.75, 4, 2, 1.5, 0.5]])), area
 
 
 def test_recorded_clouds_are_packed_beside_simulated_frames(frames, packed, tmp_path):

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from models.config import VoxelNetConfig, road_users
-from models.network.anchors import anchors
+from models.network.grid import anchors
 from models.network.voxelnet import VoxelNet
 from models.training.loop import PRESETS
 from models.training.losses import IGNORED, NEGATIVE, POSITIVE
@@ -38,7 +38,6 @@ from toolkit.sensors.models import DepthCamera
 from toolkit.sensors.sensor import Sensor
 
 CENTRE = np.array([2.0, -1.0])
-AREA = (-20.0, -20.0, 20.0, 20.0)
 
 
 @pytest.fixture(scope="module")
@@ -46,9 +45,7 @@ def scene(tmp_path_factory):
     """A car before a far wall on ground at 0.5 m, seen by two cameras in two frames, and the packed file of it; what is
     neither ground nor car lies outside the crop."""
     model = DepthCamera(width=120, height=90, fov=1.2)
-    sensors = tuple(
-        Sensor(f"s{k}", model, look((-12.0, 4.0 * k, 4.0), 0.0, 0.35)) for k in range(2)
-    )  # both look along x
+    sensors = tuple(Sensor(f"s{k}", model, look((-12.0, 4.0 * k, 4.0), 0.0, 0.35)) for k in range(2))  # along x
     box = np.array([[0.0, 2.0, 0.75, 4.0, 1.8, 1.5, 0.0]])
     frames = []
     for index in range(3):
@@ -66,7 +63,7 @@ def scene(tmp_path_factory):
         objects = Objects(box, np.zeros(1, np.int64)) if index else Objects.empty()
         frames.append(Frame(sensors, tuple(images), objects, 5.0 * index, index))
     path = tmp_path_factory.mktemp("packed") / "scene.packed"
-    pack([recording(frames, AREA)], path)
+    pack([recording(frames, (-20.0, -20.0, 20.0, 20.0))], path)
     return frames, PackedFrames(path)
 
 
@@ -84,9 +81,7 @@ def test_errors_of_packed_frames_mix_with_what_is_outside_the_crop(scene):
             assert abs(len(points) - len(kept)) < 0.01 * len(kept)
             np.testing.assert_allclose(points.mean(axis=0), kept.mean(axis=0), atol=0.02)
     _, packed = scene
-    clean, mixed = (
-        np.concatenate(with_errors(packed, 1, ErrorProfile("m", (MixedPixels(share),)), 3)) for share in (0.0, 1.0)
-    )
+    clean, mixed = (np.concatenate(with_errors(packed, 1, ErrorProfile("m", (MixedPixels(p),)), 3)) for p in (0.0, 1.0))
     assert (clean[:, 0] > 1.0).sum() == (np.abs(clean[clean[:, 0] > 1.0][:, 2] - 0.5) < 0.1).sum()  # ground alone
     behind = mixed[(mixed[:, 0] > -1.5) & (mixed[:, 2] > 0.6)]
     assert len(behind) >= 5  # between the car's edge and what lies far behind
@@ -128,9 +123,7 @@ def test_random_errors_thinning_and_tilts_have_their_ranges():
     assert points[0, 2] == np.float32(boxes[0, 2])  # what was given is as it was
     at = np.float32([[2, -1, 0], [12, -1, 0], [2, 9, 0], [12, 9, 0]])
     heights = np.array([tilt(at, np.zeros((0, 7)), CENTRE, np.random.default_rng(k))[0][:, 2] for k in range(800)])
-    np.testing.assert_allclose(
-        heights[:, 3] - heights[:, 0], heights[:, 1] + heights[:, 2] - 2 * heights[:, 0], atol=1e-6
-    )
+    np.testing.assert_allclose(heights[:, 3] + heights[:, 0], heights[:, 1] + heights[:, 2], atol=1e-6)
     assert heights[:, 0].std() == pytest.approx(LIFT, rel=0.1)
     for k in (1, 2):
         assert (heights[:, k] - heights[:, 0]).std() == pytest.approx(10 * SLOPE, rel=0.1)

@@ -7,11 +7,10 @@ import pytest
 import torch
 
 from models.config import ROAD_USERS, VoxelNetConfig, road_users, select_anchors
-from models.network.anchors import per_anchor
 from models.network.candidates import logit, sigmoid
 from models.network.faces import SORTS, FaceNetworks, face_features, face_offsets, measure_faces
+from models.network.grid import per_anchor, voxelise
 from models.network.voxelnet import VoxelNet
-from models.network.voxels import voxelise
 from models.training import second_stage
 from models.training.loop import make_config
 from models.training.second_stage import (
@@ -123,8 +122,7 @@ def test_fits_find_what_was_drawn_and_calibrated_scores_are_shares():
     slope, intercept = platt(np.full(100, 0.9), np.ones(100, bool))
     assert 1.0 <= slope < 3
     assert 0 <= intercept < 2
-    upside_down = platt(np.linspace(0.05, 0.95, 500), np.arange(500) < 250)
-    assert upside_down[0] == 0.05  # order is kept
+    assert platt(np.linspace(0.05, 0.95, 500), np.arange(500) < 250)[0] == 0.05  # order is kept
 
 
 @pytest.mark.parametrize("seed", range(4))

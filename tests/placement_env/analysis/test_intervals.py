@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from placement_env.analysis.intervals import Interval, Tally, block_draws, percentiles, ratio_interval
+from placement_env.analysis.intervals import Interval, Tally, block_draws, figure_interval, percentiles, ratio_interval
 from placement_env.fidelity.detector import FALSE_ALARM, IGNORED, Outcome
 from toolkit.detection.metrics import average_precision, precision_recall
 
@@ -78,6 +78,8 @@ def test_blocks_ratios_and_percentiles_of_what_is_defined():
     figures = np.array([row @ found / (row @ there) for row in draws])
     assert ratio_interval(found, there, draws=draws) == pytest.approx(np.quantile(figures, [0.025, 0.975]))
     assert np.isnan(ratio_interval([0, 0], [0, 0])).all()
+    assert figure_interval(0.1, np.full(9, 0.5)) == Interval(0.1, 0.5)
+    assert figure_interval(0.9, np.full(9, 0.5)) == Interval(0.5, 0.9)
     assert percentiles(np.array([np.nan, 0.0, 1.0, 2.0, 3.0, 4.0]), confidence=0.5) == Interval(1.0, 3.0)
     with pytest.raises(ValueError, match="one part and one whole per frame"):
         ratio_interval([1.0, 2.0], [1.0])
@@ -108,8 +110,8 @@ def test_tallies_of_frames_cover_as_often_as_they_say():
     assert np.isnan(silent.precision)
     bits = np.array([96])
     outcomes = [
-        Outcome(np.array([0.9, 0.8, 0.7]), np.array([[0, FALSE_ALARM, IGNORED], [FALSE_ALARM] * 3]), bits),
-        Outcome(np.array([0.6]), np.array([[1], [IGNORED]]), bits),
+        Outcome(np.array([0.9, 0.8, 0.7]), np.array([[0, FALSE_ALARM, IGNORED], [FALSE_ALARM] * 3]), bits, np.zeros(3)),
+        Outcome(np.array([0.6]), np.array([[1], [IGNORED]]), bits, np.zeros(1)),
     ]
     tally = Tally.of(outcomes, np.array([1, 2]), 0)
     assert tally.scores.tolist() == [0.9, 0.8, 0.6]

@@ -10,8 +10,7 @@ PREDICTED = np.array([0.80, 0.70, 0.75, 0.60])
 
 def test_noise_counts_for_nothing_and_it_picks_better():
     figure = PREDICTED + 0.1 + np.array([0.01, -0.02, 0.03, -0.02])
-    exact = shrink(figure, np.repeat(figure[:, None], 50, axis=1), PREDICTED)
-    assert exact.figure == pytest.approx(figure)
+    assert shrink(figure, np.repeat(figure[:, None], 50, axis=1), PREDICTED).figure == pytest.approx(figure)
     noise = 5.0 * np.random.default_rng(0).standard_normal((4, 400))
     lost = shrink(figure, figure[:, None] + noise, PREDICTED)
     assert lost.figure == pytest.approx(PREDICTED + 0.1, abs=1e-5)
@@ -36,8 +35,7 @@ def test_noise_counts_for_nothing_and_it_picks_better():
 
 
 def test_weights_are_those_of_the_formula():
-    rng = np.random.default_rng(3)
-    noise = rng.standard_normal((4, 2000)) * np.array([0.01, 0.02, 0.03, 0.04])[:, None]
+    noise = np.random.default_rng(3).standard_normal((4, 2000)) * np.array([0.01, 0.02, 0.03, 0.04])[:, None]
     noise -= noise.mean(axis=0)
     noise -= noise.mean(axis=1, keepdims=True)
     off = np.array([0.06, -0.02, 0.05, -0.01])

@@ -89,9 +89,7 @@ def test_mounts_of_a_site_come_back_saved_or_exported(tmp_path, site):
         Mount(n, np.array([x, 12.0, site.ground(np.array([x, 12.0]))]), 2.0, 9.0, 0.5, 800.0)
         for n, x in [("a", 5.0), ("b", 9.0)]
     )
-    (tmp_path / "site.geojson").write_text(
-        site_geojson(replace(site, mounts=mounts, parking=np.array([[0.0, 20.0, 0.0]])))
-    )
+    (tmp_path / "site.geojson").write_text(site_geojson(replace(site, mounts=mounts, parking=np.array([[0, 20.0, 0]]))))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         found = load_poles(tmp_path / "site.geojson", site)

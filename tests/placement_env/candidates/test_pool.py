@@ -65,8 +65,7 @@ def test_sensors_of_either_model_have_mounts_wherever_they_stand():
     told = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout.strip()
     assert told == pool(load_site("tjunction")).select(range(99)).digest()
     for seed in range(2):
-        site = random_site(seed)
-        candidates = paper_candidates(site)
+        candidates = paper_candidates(random_site(seed))
         heading, tilt, model = candidates.factors.T[2:]
         rebuilt = [
             look(s.position, float(y), float(t)) if isinstance(m, DepthCamera) else pose(*s.position, yaw=y, pitch=t)

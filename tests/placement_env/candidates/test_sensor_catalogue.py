@@ -86,6 +86,8 @@ SENSOR = '[[sensor]]\nmodel = "DepthCamera"\nprice = 1\n'
         (SENSOR + "fov_deg = inf\n", r"sensor\[0\].fov_deg must be a finite number of degrees"),
         *((SENSOR + "fov_deg = 500\n", r"sensor\[0\]: "), (SENSOR + "width = -4\n", r"sensor\[0\]: ")),
         *((SENSOR + "price_eur = 4\n", r"sensor\[0\].price_eur is unknown"), (SENSOR + SENSOR, "taken by sensor")),
+        *((SENSOR + f"{name} = 1{zeros}\n", "rays") for name, zeros in (("width", "0" * 6), ("height", "0" * 15))),
+        (SENSOR.replace("DepthCamera", "SpinningLidar") + "channels = 1000000\n", r"sensor\[0\]: .*rays"),
         (SENSOR + SENSOR.replace("price", 'name = "other"\nprice'), "is the same model as"),
     ],
 )

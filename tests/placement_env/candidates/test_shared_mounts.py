@@ -7,19 +7,19 @@ import pytest
 
 from placement_env.candidates.candidates import extra_prices, fit_together, room_beside
 from placement_env.envs.scenario import Scenario
+from placement_env.envs.select import SensorSelectEnv
 from placement_env.envs.state import find_room
 from placement_env.objective import Objective
 from placement_env.search import greedy, swap
 from placement_env.search.exact import cpsat, exhaustive
+from placement_env.search.exact.programme import Levels, Poles, Prices, Programme, solve
 from placement_env.setting import Setting
 
 
 def carrying(objective, places, capacity=2000.0):
     """The objective on mounts that carry so many sensors, whose models cost something too."""
     candidates = objective.candidates
-    mounts = tuple(
-        replace(mount, max_sensors=n, capacity=capacity) for mount, n in zip(candidates.mounts, places, strict=True)
-    )
+    mounts = tuple(replace(m, max_sensors=n, capacity=capacity) for m, n in zip(candidates.mounts, places, strict=True))
     axes = replace(candidates.axes, prices=(0.25,))
     there = replace(candidates, mounts=mounts, axes=axes)
     return Objective(
@@ -81,7 +81,6 @@ def test_a_second_sensor_costs_no_second_mount_in_environments_too(three):
     for chosen in drawn:
         assert len(set(chosen)) == len(chosen) <= 5
         assert three.feasible(three.row(chosen)[None])[0]
-    from placement_env.envs.select import SensorSelectEnv
 
     env = SensorSelectEnv(objective=three, budget=4)
     env.reset(seed=0)
@@ -98,7 +97,7 @@ def test_places_of_one_are_as_ever(make):
     candidates = make(3, 4).candidates
     assert not candidates.several
     row = np.isin(np.arange(12), [0])
-    assert room_beside(candidates, row).tolist() == [False] * 4 + [True] * 8
+    assert room_beside(candidates, row[None]).tolist() == [[False] * 4 + [True] * 8]
     assert fit_together(candidates, np.array([row, np.isin(np.arange(12), [0, 1])])).tolist() == [True, False]
     mounts = (replace(candidates.mounts[0], max_sensors=2), *candidates.mounts[1:])
     assert replace(candidates, mounts=mounts).digest() != candidates.digest()
@@ -122,7 +121,6 @@ def test_searches_reach_the_best_of_all_sets(make, capacity, most):
 @pytest.mark.parametrize("most", [np.inf, 2.2])
 def test_programmes_cover_as_much_as_any_set(make, views, capacity, most):
     pytest.importorskip("ortools")
-    from placement_env.search.exact.programme import Poles, Prices
 
     objective = carrying(make(3, 4, objects=40, seed=5, most=0.4), (2, 1, 3), capacity)
     objective = objective.weighed(objective.weights, most_price=most)
@@ -132,14 +130,13 @@ def test_programmes_cover_as_much_as_any_set(make, views, capacity, most):
     found = cpsat.cover_most(
         seen, Poles.of(objective), 4, views=views, may_stand=objective.allowed([]), prices=Prices.of(objective)
     )
-    assert (found.covered, found.bound, found.optimal) == (max(covered), max(covered), True)
+    assert (found.figure, found.bound, found.optimal) == (max(covered), max(covered), True)
     assert objective.feasible(objective.row(found.chosen)[None])[0]
 
 
 @pytest.mark.parametrize("capacity", [2000.0, 1200.0])
 def test_the_cheapest_set_pays_a_shared_mount_once(make, capacity):
     pytest.importorskip("ortools")
-    from placement_env.search.exact.programme import Levels, Prices, Programme, solve
 
     objective = carrying(make(3, 4, objects=40, seed=5, most=0.4), (2, 1, 3), capacity)
     seen, sets = objective.scored_by.seen, exhaustive.every_set(12, 4)
@@ -161,8 +158,7 @@ def test_masks_of_environments_are_what_the_objective_allows(make, capacity):
     scenario = Scenario(objective, 14)
     sets = exhaustive.every_set(12, 4)
     sets = sets[objective.feasible(sets)][::41]
-    slots = np.pad(sets, ((0, 0), (0, 2)))
-    masks = find_room(scenario, slots) & scenario.usable
+    masks = find_room(scenario, np.pad(sets, ((0, 0), (0, 2)))) & scenario.usable
     for row, mask in zip(sets, masks, strict=True):
         assert mask[:12].tolist() == objective.allowed(row).tolist()
         assert not mask[12:].any()

@@ -40,8 +40,7 @@ def test_rigs_stand_within_ranges_and_links_are_relieved():
     assert np.allclose(rig.aim[:, 0], highest)
     assert np.allclose(rig.aim[:, 2], TILT_LIMITS[1])
     assert (np.abs(rig.aim[:, 1]) <= np.pi).all()
-    still = rig.move(np.zeros((len(some), 3)))
-    assert np.array_equal(still.aim, rig.aim)
+    assert np.array_equal(rig.move(np.zeros((len(some), 3))).aim, rig.aim)
     site = load_site("tjunction")
     tight = replace(site, mounts=tuple(replace(mount, capacity=1.0) for mount in site.mounts))
     env = gym.make(NAME, site=tight, moves=12, frames=2, fidelity="coverage", budget=1)
@@ -127,13 +126,11 @@ def test_in_panoramas_a_step_sees_what_full_rendering_sees(tmp_path: Path) -> No
             rewards = [float(env.step(action)[1]) for env in both]
             apart.append(abs(rewards[0] - rewards[1]))
             quick, full = (task.state.placement(0)[0].visibility for task in tasks)
-            off = np.abs(quick.points - full.points)
-            near.append((off <= np.maximum(0.03 * full.points, 8)).mean())
+            near.append((np.abs(quick.points - full.points) <= np.maximum(0.03 * full.points, 8)).mean())
             assert (quick.points != full.points).any()
     assert np.mean(near) > 0.97
     assert np.mean(apart) < 0.02  # one vehicle with some ten points may be there for the one and not for the other
     now = tasks[0]._now[0]
-    again = now.preparation.live.see(now.rig.to_candidates())
-    assert np.array_equal(again.points, quick.points)
+    assert np.array_equal(now.preparation.live.see(now.rig.to_candidates()).points, quick.points)
     assert tasks[1]._now[0].preparation.live is None
     assert len(Cache(tmp_path / "cache.sqlite")) > 2

@@ -11,10 +11,9 @@ from placement_env.envs.rendering import summary
 from toolkit.plots.palette import point_colours
 
 register()
-CHOOSING = ["coview/SensorSelect-v0", "coview/SensorSubset-v0"]
 
 
-@pytest.mark.parametrize("name", CHOOSING)
+@pytest.mark.parametrize("name", ["coview/SensorSelect-v0", "coview/SensorSubset-v0"])
 def test_pictures_and_text(objective: Any, name: str) -> None:
     env = gym.make(name, objective=objective(), render_mode="rgb_array")
     env.reset()

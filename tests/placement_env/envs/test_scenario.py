@@ -10,7 +10,7 @@ from gymnasium.vector import SyncVectorEnv
 from stable_baselines3.common.env_checker import check_env as check_env_sb3
 
 from placement_env.envs.registration import register
-from placement_env.envs.scenario import PLACES, STATIC, Scenario, find_area, pad, places_seen, poses
+from placement_env.envs.scenario import PLACES, STATIC, Scenario, find_area, places_seen, poses
 from placement_env.envs.state import DYNAMIC, GLOBAL
 from placement_env.fidelity.coverage import LEAST
 from placement_env.objective import Objective
@@ -35,8 +35,7 @@ def test_features_say_what_sensors_would_add_in_range_and_in_slots(objective: An
     assert static[STATIC.index("seen"), :6] == pytest.approx((some.visibility.points >= LEAST).mean(axis=1))
     scenario = Scenario(objective(), 8)
     assert scenario.usable.tolist() == [True] * 6 + [False] * 2
-    assert scenario.mount.tolist() == [0, 0, 1, 1, 2, 2, 3, 3]
-    assert (len(scenario.mount_places), scenario.width) == (4, 6)
+    assert scenario.width == 6
     scenario = Scenario(objective(), 6)
     bits = np.unpackbits(np.ascontiguousarray(scenario.seen.T).view(np.uint8), axis=1)
     assert bits.shape == (6, PLACES)
@@ -65,7 +64,6 @@ def test_rows_are_padded_and_spots_in_the_field_of_view_are_seen():
     assert (tilt > 0).all()
     assert (width < np.pi).all()
     assert not lidar.any()
-    assert pad(np.array([1, 2]), 4, fill=9).tolist() == [1, 2, 9, 9]
     env: Any = gym.make("coview/SensorSelect-v0", fidelity="table", budget=(2, 4), failures=(0, 2)).unwrapped
     slots, allowed = env.task.state.slots, len(STATIC) + DYNAMIC.index("allowed")
     env.reset(seed=1)
@@ -73,9 +71,7 @@ def test_rows_are_padded_and_spots_in_the_field_of_view_are_seen():
         observation, _ = env.reset()
         budget = env.task.state.budget[0]
         assert observation[len(observation) - len(GLOBAL) + 1] == pytest.approx(budget / (budget + 8))
-        assert np.array_equal(
-            observation[allowed * slots : (allowed + 1) * slots], (~env.task.state.failed[0]).astype(np.float32)
-        )
+        assert np.array_equal(observation[allowed * slots : (allowed + 1) * slots], ~env.task.state.failed[0])
 
 
 OPEN: dict[str, Any] = {

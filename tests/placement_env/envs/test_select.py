@@ -34,8 +34,7 @@ def test_rewards_add_up_to_the_reward_of_the_set(objective: Any, actions: str) -
         total, done = 0.0, False
         _, info = env.reset(seed=seed)
         while not done:
-            action = sample(env, info["action_mask"], rng)
-            observation, reward, terminated, truncated, info = env.step(action)
+            observation, reward, terminated, truncated, info = env.step(sample(env, info["action_mask"], rng))
             assert env.observation_space.contains(observation)
             total += float(reward)
             done = terminated or truncated

@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from placement_env.fidelity.coverage import Coverage
 from placement_env.fidelity.perception_entropy import PerceptionEntropy
@@ -44,8 +43,7 @@ def test_what_one_sensor_sends(scheme, kbit):
 
 def test_coverage_of_nothing_in_whole_bits():
     assert isinstance(Coverage(SEEN), Fidelity)
-    estimate = Coverage(visibility(np.zeros((3, 0))))(SETS)
-    assert not estimate.ap.any()
+    assert not Coverage(visibility(np.zeros((3, 0))))(SETS).ap.any()
     bits = estimate_bits(Early(), PAPER, visibility(np.ones((3, 4)), sent=1.3), np.zeros(3))
     np.testing.assert_array_equal(bits, np.rint(bits))
 

@@ -10,8 +10,7 @@ from placement_env.fidelity.detector import FALSE_ALARM, IOUS, Detected, Measure
 from placement_env.fidelity.renders import Renders
 from placement_env.protocol import Fidelity
 from toolkit.boxes import count_points
-from toolkit.datasets.dataset import noisy
-from toolkit.datasets.readings import Reads
+from toolkit.datasets.readings import Reads, with_errors
 from toolkit.detection.background import Background, KnownBackground
 from toolkit.detection.evaluation import Comparison, evaluate_recording
 from toolkit.detection.link.range_images import RangeImages
@@ -77,7 +76,7 @@ class Seen:
         return Seen, (self.recording, self.noise_seed)
 
     def _clouds(self, k, c):
-        return frame_points(noisy(self.recording[k], self.noise_seed), [c], area=self.site)[0]
+        return frame_points(with_errors(self.recording[k], "paper", self.noise_seed), [c], area=self.site)[0]
 
     def objects(self, k):
         return self.recording[k].objects

@@ -55,8 +55,7 @@ def made(made_visibility, model, seed, *, sets=SETS[:20], objects=160):
     p = model.probability(*evidence.joined(MemberSums(evidence.rows(model, np.float64))(sets), model))
     p *= model.of_size(seen.boxes)
     hits = np.random.default_rng(seed + 50).random(p.shape) < p
-    ap = Surrogate(seen, "early", model)(sets).ap
-    return Observed(seen, sets, hits, ap, 20.0, ("DepthCamera",))
+    return Observed(seen, sets, hits, Surrogate(seen, "early", model)(sets).ap, 20.0, ("DepthCamera",))
 
 
 def test_fit_finds_the_floor_and_says_how_sure_it_is_and_to_what_it_was_fitted(made_visibility, hit_model):

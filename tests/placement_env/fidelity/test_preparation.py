@@ -49,7 +49,10 @@ def test_one_file_of_the_folder_keeps_what_was_seen_rendered_and_detected(
     detected(np.array(sets))
     kept = len(first.run.memo)
     assert kept == 1 + 2 + 5 + 10  # a block, two renders, an outcome and two detections of each frame
-    assert {path.name.partition("-")[0] for path in (tmp_path / "cache").iterdir()} == {"cache.sqlite"}
+    assert {path.name.partition("-")[0] for path in (tmp_path / "cache").iterdir()} == {
+        "cache.sqlite",
+        "cache.sqlite.key",
+    }
     monkeypatch.setattr(seeing, "look_at", None)
     again = prepared(small_traffic, small_candidates, tmp_path / "cache")
     assert (again.visibility.points == seen.points).all()

@@ -8,7 +8,7 @@ import pytest
 from placement_env.fidelity.renders import Recorded, Renders
 from placement_env.fidelity.visibility import Visibility
 from toolkit.boxes import count_points
-from toolkit.datasets.dataset import CoopDataset, noisy
+from toolkit.datasets.dataset import CoopDataset
 from toolkit.datasets.readings import with_errors
 from toolkit.datasets.simulation import simulate_dataset
 from toolkit.frame import Frame
@@ -39,7 +39,7 @@ def test_clouds_without_noise_are_what_the_renderer_measures(small_traffic, smal
             counted = (count_points(cloud, snapshot.objects.boxes) for cloud in (found, expected))
             assert np.abs(np.subtract(*counted)).max(initial=0) <= 8
     quiet = Renders(small_traffic, small_candidates, noise_seed=None)
-    whole = Renders(small_traffic, small_candidates, errors=NONE)
+    whole = Renders(small_traffic, small_candidates, errors=ErrorProfile("none", ()))
     for k in range(5):
         for c in range(4):
             points, expected = (each.clouds(k, c) for each in (whole, quiet))
@@ -54,16 +54,14 @@ def test_clouds_are_the_same_in_company_and_profiles_have_keys(renders, small_tr
         assert np.array_equal(turned.clouds(k, 1), renders.clouds(k, 2))
         assert np.array_equal(turned.clouds(k, 0), renders.clouds(k, 3))
     assert turned.digest == renders.digest
-    again = pickle.loads(pickle.dumps(turned))
-    assert np.array_equal(again.clouds(1, 1), renders.clouds(1, 2))
+    assert np.array_equal(pickle.loads(pickle.dumps(turned)).clouds(1, 1), renders.clouds(1, 2))
     other = Renders(small_traffic, small_candidates, noise_seed=1)
     assert other.digest != renders.digest
     assert not np.array_equal(other.clouds(1, 2)[:50], renders.clouds(1, 2)[:50])
     paper = Renders(small_traffic, small_candidates, errors=PAPER_ERRORS)
     assert paper.digest == renders.digest
     assert paper.clouds(1, 2).tobytes() == renders.clouds(1, 2).tobytes()
-    more = ErrorProfile("typical", (*TYPICAL.terms, rain(1.0)))
-    profiles = (PAPER_ERRORS, TYPICAL, POOR, more)
+    profiles = (PAPER_ERRORS, TYPICAL, POOR, ErrorProfile("typical", (*TYPICAL.terms, rain(1.0))))
     assert len({Renders(small_traffic, small_candidates, errors=each).digest for each in profiles}) == 4
     renamed = Renders(small_traffic, small_candidates, errors=replace(TYPICAL, name="other"))
     assert renamed.digest == Renders(small_traffic, small_candidates, errors=TYPICAL).digest
@@ -80,24 +78,21 @@ def test_clouds_of_errors_are_the_same_in_any_company(small_traffic, small_candi
     with pytest.raises(ValueError, match=r"at most 0\.5 s apart, got 5 s"):
         Renders(small_traffic, small_candidates, errors=late).clouds(0, 0)
     dense = [replace(each, time=each.time / 50) for each in small_traffic.snapshots]
-    quick = replace(small_traffic, snapshots=tuple(dense))
-    said = Renders(quick, small_candidates, errors=late).clouds(1, 0)
+    said = Renders(replace(small_traffic, snapshots=tuple(dense)), small_candidates, errors=late).clouds(1, 0)
     assert len(said) > 100
     rough = Renders(small_traffic, small_candidates, errors=POOR)
     turned = Renders(small_traffic, small_candidates.select([3, 2]), errors=POOR)
     for k in (3, 0):
         assert np.array_equal(turned.clouds(k, 1), rough.clouds(k, 2))
         assert np.array_equal(turned.clouds(k, 0), rough.clouds(k, 3))
-    again = pickle.loads(pickle.dumps(turned))
-    assert np.array_equal(again.clouds(3, 1), rough.clouds(3, 2))
+    assert np.array_equal(pickle.loads(pickle.dumps(turned)).clouds(3, 1), rough.clouds(3, 2))
     other = Renders(small_traffic, small_candidates, noise_seed=1, errors=POOR)
     assert not np.array_equal(other.clouds(3, 2)[:9], rough.clouds(3, 2)[:9])
 
 
 def test_far_points_and_objects(renders, small_traffic):
     points, sensor = renders.clouds(0, 1), renders.sensors[1]
-    far = is_beyond(points, sensor, small_traffic.site.hybrid_radius)
-    assert 0 < far.sum() < len(points)
+    assert 0 < is_beyond(points, sensor, small_traffic.site.hybrid_radius).sum() < len(points)
     assert renders.objects(0) is small_traffic.snapshots[0].objects
     assert renders.frames == 5
 
@@ -160,7 +155,7 @@ def recording(tmp_path_factory, small_traffic):
 def test_a_recording_gives_the_points_and_visibility_of_an_evaluation(recording):
     renders = Recorded(recording)
     for k in (1, 0):
-        expected = frame_points(noisy(recording[k], 0), area=recording.site)
+        expected = frame_points(with_errors(recording[k], "paper", 0), area=recording.site)
         assert all(np.array_equal(renders.clouds(k, c), cloud) for c, cloud in enumerate(expected))
         assert np.array_equal(renders.objects(k).boxes, recording[k].objects.boxes)
     assert len(renders.digest) == 64
@@ -182,9 +177,6 @@ def test_a_recording_gives_the_points_and_visibility_of_an_evaluation(recording)
         assert all(np.array_equal(rough.clouds(k, c), cloud) for c, cloud in enumerate(expected))
     assert len({Recorded(recording, errors=each).digest for each in (PAPER_ERRORS, TYPICAL, POOR)}) == 3
     assert Recorded(recording).digest == Recorded(recording, errors=PAPER_ERRORS).digest
-
-
-NONE = ErrorProfile("none", ())
 
 
 def test_another_profile_costs_no_rendering(small_traffic, small_candidates, tmp_path, monkeypatch):

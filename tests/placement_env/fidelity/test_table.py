@@ -23,7 +23,7 @@ from placement_env.subsets import all_subsets
 from toolkit.boxes import count_points
 from toolkit.detection.schemes import PAPER_SCHEMES as SCHEMES
 from toolkit.objects import Detections, Objects
-from toolkit.runtime.files import write_arrays
+from toolkit.runtime.files import read_arrays, write_arrays
 from toolkit.runtime.run import Processes
 from toolkit.sensors.error_profiles import TYPICAL
 from toolkit.sensors.models import DepthCamera
@@ -171,6 +171,22 @@ def test_bad_requests_and_files_of_something_else_are_refused(tmp_path):
         load_table(tmp_path / "t.npz")
     write_arrays(tmp_path / "t.npz", {"origin": np.frombuffer(json.dumps({"site": 1}).encode(), np.uint8)})
     with pytest.raises(ValueError, match="no table"):
+        load_table(tmp_path / "t.npz")
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "says"),
+    [
+        *(("ap", 2.0, "AP and recall must lie in 0..1, got 2"), ("recall", np.nan, "must lie in 0..1, got nan")),
+        *(("more_ap", -0.1, "0..1, got -0.1"), ("kbit", -5.0, "kbit must be .* at least 0, got -5")),
+        *(("kbit", np.nan, "kbit must be finite"), ("kbit", np.inf, "kbit must be finite")),
+    ],
+)
+def test_figures_that_cannot_be_are_refused(tmp_path, name, value, says):
+    arrays = read_arrays(SHIPPED / "tjunction.npz")
+    arrays[name].flat[5] = value
+    write_arrays(tmp_path / "t.npz", arrays)
+    with pytest.raises(ValueError, match=rf"t.npz is no table .*{says}.*: make it again"):
         load_table(tmp_path / "t.npz")
 
 

@@ -7,8 +7,8 @@ import pytest
 from placement_env.fidelity import seeing
 from placement_env.fidelity.seeing import see
 from placement_env.fidelity.visibility import Visibility
-from placement_env.setting import check_rendering
-from toolkit.datasets.dataset import CoopDataset, noisy
+from toolkit.datasets.dataset import CoopDataset
+from toolkit.datasets.readings import with_errors
 from toolkit.frame import Frame
 from toolkit.geometry import look, pose
 from toolkit.points import frame_points, is_beyond
@@ -44,7 +44,7 @@ def recording(small_traffic):
 @pytest.mark.parametrize("seed", [None, 0, 7])
 def test_of_a_recording_noisy_points_are_sent_and_noise_free_ones_count(recording, seen, seed):
     found, site = Visibility.of(recording, noise_seed=seed), recording.site
-    frames = recording.frames if seed is None else [noisy(frame, seed) for frame in recording.frames]
+    frames = recording.frames if seed is None else [with_errors(frame, "paper", seed) for frame in recording.frames]
     clouds = [frame_points(frame, area=site) for frame in frames]
     assert found.sent.tolist() == np.array([[len(cloud) for cloud in each] for each in clouds]).T.tolist()
     far = [
@@ -71,8 +71,7 @@ def test_blocks_make_no_difference(small_traffic, small_candidates, seen, monkey
     told: list[int] = []
     assert equal(see(small_traffic, small_candidates, run=Run(progress=lambda *stage: told.append(stage[1]))), seen)
     assert told == [1, 2, 3, 4]
-    turned = see(small_traffic, small_candidates.select([3, 1]))
-    assert equal(turned, seen.select([3, 1]))
+    assert equal(see(small_traffic, small_candidates.select([3, 1])), seen.select([3, 1]))
 
 
 def test_what_is_kept_is_not_made_again(small_traffic, small_candidates, seen, tmp_path, monkeypatch):
@@ -151,4 +150,4 @@ def test_panoramas_are_taken_where_poses_share_places_in_range(small_traffic, sm
     whole = see(small_traffic, mixed, rendering="full")
     assert not np.array_equal(seen.points[:3], whole.points[:3])
     with pytest.raises(ValueError, match="rendering must be one of auto, full, panorama, got 'fast'"):
-        check_rendering("fast")
+        see(small_traffic, mixed, rendering="fast")

@@ -11,7 +11,7 @@ import shapely
 from shapely.geometry import shape
 
 from placement_env.candidates.poles import load_poles
-from placement_env.handover.exchange import COLUMNS, plan_geojson, schedule_csv, write_exchange
+from placement_env.handover.exchange import COLUMNS, plan_geojson, safe_cell, schedule_csv, write_exchange
 from placement_env.handover.ground import Ground
 from placement_env.handover.mounted import PlannedSensor
 from toolkit.geometry import look, pose
@@ -73,6 +73,9 @@ def test_no_text_is_a_formula(name):
     text = schedule_csv([replace(NORTH, pole=name, name=name, model=name)], name)
     (row,) = csv.DictReader(io.StringIO(text, newline=""))
     assert [row[column] for column in ("pole", "sensor", "model", "price_unit")] == [f"'{name}"] * 4
+    for separator in (";", '; "', "\t", "\n") if name[0] in "=+-@" else ():
+        assert safe_cell(f"pole-1{separator}{name}") == f"pole-1{separator[0]}'{separator[1:]}{name}"
+    assert safe_cell("north-east; a=b, c@d") == "north-east; a=b, c@d"
 
 
 def layers(text: str) -> dict[str, list[dict]]:

@@ -21,7 +21,6 @@ from toolkit.sensors.models import DepthCamera, SolidStateLidar, SpinningLidar
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Relief, Site, Solid
 
-AREA = np.array([-12.0, -8, 12, 8])
 LIDAR = SpinningLidar(channels=33, fov_up=0.0, fov_down=-1.4, azimuth_step=float(np.deg2rad(0.5)))
 HIGH = Sensor("high", LIDAR, pose(-7.03, 0.11, 5.0))
 
@@ -35,7 +34,7 @@ def middles(ground: Ground) -> tuple[np.ndarray, np.ndarray]:
 
 
 def field(**settings) -> Site:
-    return Site("field", AREA, **settings)
+    return Site("field", np.array([-12.0, -8, 12, 8]), **settings)
 
 
 def test_walls_cast_shadows_on_the_grid_of_the_area():
@@ -110,9 +109,7 @@ def test_rings_and_walls_are_seen_the_same_each_time():
     assert np.array_equal(ground.open_ground, ~inside)
     assert not ground.seen[0][inside].any()
     assert not ground.density[0][inside].any()
-    before = (x < 0) | (
-        np.hypot(x - HIGH.position[0], y) < 7
-    )  # what stands behind adds nothing to the ground before it
+    before = (x < 0) | (np.hypot(x - HIGH.position[0], y) < 7)  # what stands behind adds nothing before it
     assert np.array_equal(ground.density[0][before], visible_ground(field(), [HIGH]).density[0][before])
     behind = (x > 6) & (np.abs(y) < 4)
     assert not ground.density[0][behind & (x < 9)].any()
@@ -155,8 +152,7 @@ def test_trees_and_ponds_are_no_ground():
 
 @pytest.mark.parametrize("seed", [1, 5])
 def test_relief_shifts_targets_and_points_with_it(seed):
-    site = field(relief=Relief(0.25, seed))
-    ground = visible_ground(site, [HIGH])
+    ground = visible_ground(field(relief=Relief(0.25, seed)), [HIGH])
     level = visible_ground(field(), [HIGH])
     assert (ground.seen != level.seen).mean() < 0.05
     assert ground.seen[0].mean() > 0.9
@@ -172,9 +168,7 @@ SMALL = Ground(GRID, GRID[:3], VIEWS, VIEWS.astype(np.float32), OPEN, LANES, ~LA
 
 def test_shares_and_polygons_are_those_of_open_ground():
     shares = ground_shares(SMALL, ["a", "b"])
-    assert shares == GroundShares(
-        (6 / 11, 3 / 11, 0.0), 5 / 11, 1 / 4, {"a": 6.0, "b": 3.0}, open_m2=11.0, blind_m2=5.0
-    )
+    assert shares == GroundShares((6 / 11, 3 / 11, 0.0), 5 / 11, 1 / 4, {"a": 6, "b": 3}, open_m2=11.0, blind_m2=5.0)
     third = replace(SMALL, seen=VIEWS[[0, 1, 1]], density=SMALL.density[[0, 1, 1]])
     assert ground_shares(third, ["a", "b", "c"]).seen_by == (6 / 11, 3 / 11, 3 / 11)
     assert ground_shares(replace(SMALL, lanes=LANES & False), ["a", "b"]).blind_lanes == 0.0

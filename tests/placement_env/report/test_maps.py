@@ -100,9 +100,7 @@ def test_plan_views_show_poles_none_or_thirty_sensors():
         ElementTree.fromstring(draw(SITE, nothing, []))
     ElementTree.fromstring(plan_view(SITE, [], ground=nothing))
     site = load_site("roundabout")
-    many = [
-        Sensor(f"north-east pole {k}", DepthCamera(), look((1.0 * k, -k / 2, 5.0), float(k), 0.3)) for k in range(30)
-    ]
+    many = [Sensor(f"north-east pole {k}", DepthCamera(), look((k, -k / 2, 5.0), k, 0.3)) for k in range(30)]
     x = np.arange(96) + 0.5 - 48
     seen = np.array([np.hypot(x - k, x[:, None] + k) < 20 for k in range(30)])
     free = np.ones((96, 96), bool)

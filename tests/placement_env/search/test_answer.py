@@ -125,8 +125,7 @@ def test_a_curve_is_a_table_a_picture_and_the_site_with_each_set(objective, tmp_
         names = [sensor.name for sensor in load_site(tmp_path / "o" / row["site"]).sensors]
         assert names == [objective.names[c] for c in point.subset]
     assert (tmp_path / "o" / "curve.png").read_bytes()[:4] == b"\x89PNG"
-    rich = replace(order, setting=replace(objective.setting, most_price=9.0))
-    assert len(answer_files(rich)) == 15
+    assert len(answer_files(replace(order, setting=replace(objective.setting, most_price=9.0)))) == 15
 
 
 def test_tables_of_curves_and_their_agreement_with_the_objective(objective, result):

@@ -109,6 +109,13 @@ def test_values_come_back_and_states_are_saved_as_often_as_asked(tmp_path):
     assert limits.rows == [(3, 1.5, 0.25)]
 
 
+def test_a_state_of_another_folder_is_not_believed(tmp_path):
+    for name in "ab":
+        Checkpoint(tmp_path / name).save({"a": name})
+    (tmp_path / "a" / "search.state").replace(tmp_path / "b" / "search.state")
+    assert Checkpoint(tmp_path / "b").load() is None
+
+
 DAMAGES = [lambda b: b[:-1], lambda b: b"", lambda b: b[:20] + b"\x00" + b[21:], lambda b: b * 2]
 
 
@@ -116,7 +123,7 @@ DAMAGES = [lambda b: b[:-1], lambda b: b"", lambda b: b[:20] + b"\x00" + b[21:],
 def test_a_damaged_state_is_not_believed(tmp_path, damage):
     checkpoint = Checkpoint(tmp_path)
     checkpoint.save({"a": 1, "x": np.arange(50.0)})
-    (path,) = tmp_path.iterdir()
+    path = tmp_path / "search.state"
     path.write_bytes(damage(path.read_bytes()))
     assert checkpoint.load() is None
 

@@ -56,8 +56,7 @@ def test_moved_sensors_stay_on_mounts_that_may_be_built(make, start):
     coding = cmaes.Coding(start, roam=True)
     rng = np.random.default_rng(0)
     for vector in [coding.encode(), *rng.random((20, 10))]:
-        spots = {tuple(sensor.position[:2]) for sensor in coding.decode(vector)}
-        assert len(spots) == 2
+        assert len({tuple(sensor.position[:2]) for sensor in coding.decode(vector)}) == 2
     assert [s.pose.round(9).tolist() for s in coding.decode(coding.encode())] == [
         s.pose.round(9).tolist() for s in start.sensors
     ]
@@ -71,7 +70,7 @@ def test_moved_sensors_stay_on_mounts_that_may_be_built(make, start):
 
     found = cmaes.improve(low_ones, start, evaluations=100)
     assert all(sensor.position[2] < 5.5 for sensor in found.sensors)
-    candidates = cmaes.as_candidates([*start.sensors, *start.sensors], start.mounts)
+    candidates = cmaes.as_candidates([*start.sensors, *start.sensors], start)
     assert candidates.mount.tolist() == [*start.mount, *start.mount]
     assert len({sensor.name for sensor in candidates.sensors}) == 4
 
@@ -96,8 +95,7 @@ def test_poses_come_from_greedys_set_and_are_no_worse(fidelity):
 
 def test_sensors_that_stand_score_the_same_and_none_may_pay():
     objective = Objective(Setting("tjunction", fidelity="surrogate"), Run(frames=2))
-    place = cmaes.build_pose_scorer(objective.preparation)
-    (moved,) = place([tuple(objective.candidates.sensors[:2])])
+    (moved,) = cmaes.build_pose_scorer(objective.preparation)([tuple(objective.candidates.sensors[:2])])
     assert moved.ap == pytest.approx(objective.score([0, 1]).ap, abs=1e-6)
     found = cmaes.search(
         Objective(Setting("tjunction", fidelity="coverage", weights=Weights(price=5.0)), Run(frames=2)),

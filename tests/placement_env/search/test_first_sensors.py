@@ -11,7 +11,7 @@ from placement_env.candidates.candidates import aims
 from placement_env.fidelity.visibility import Visibility
 from placement_env.search.greedy import HalvedViews, with_first_sensors
 from toolkit.sites.files import load_site
-from toolkit.sites.maps import import_osm
+from toolkit.sites.maps import MapPiece, import_osm
 
 MAP = Path(__file__).parents[3] / "docs" / "own-junction.osm"
 
@@ -24,8 +24,7 @@ def seeing(points: list[list[float]]) -> Visibility:
 
 def test_further_views_are_worth_half_of_the_one_before():
     score = HalvedViews(seeing([[20, 19, 0, 90], [30, 20, 0, 0], [25, 40, 0, 20]]))
-    sets = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [1, 1, 1]], bool)
-    estimate = score(sets)
+    estimate = score(np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [1, 1, 1]], bool))
     # objects are seen with 20 points or more by: 1 0 0 1; 2 1 0 1; 3 2 0 2 sensors
     assert estimate.ap.tolist() == [0.0, 0.25, (0.75 + 0.5 + 0.5) / 4, (0.875 + 0.75 + 0.75) / 4]
     assert estimate.recall.tolist() == estimate.ap.tolist()
@@ -34,7 +33,7 @@ def test_further_views_are_worth_half_of_the_one_before():
 
 @pytest.fixture(scope="module")
 def imported():
-    return import_osm(MAP, centre=(8.0, 49.5), size=(70, 50))
+    return import_osm(MapPiece(MAP, centre=(8.0, 49.5), size=(70, 50)))
 
 
 def test_sensors_are_placed_on_mounts_of_their_own_and_spread(imported, monkeypatch):

@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from placement_env.search import greedy
 from placement_env.search.exact import exhaustive
@@ -44,8 +43,7 @@ def test_bounds_of_coverage_hold(make, poses, seed):
 
 def test_greedy_keeps_to_evaluations_and_seconds(make):
     assert "grew" in greedy.search(make(8, 2, views=2, seed=1), 4, submodular=True).certificate.note
-    objective = make(20, 2)
-    found = greedy.search(objective, 5, evaluations=50, submodular=True)
+    found = greedy.search(make(20, 2), 5, evaluations=50, submodular=True)
     assert found.evaluations == 50
     assert found.certificate.bound == np.inf
     assert found.best.reward > 0

@@ -5,8 +5,7 @@ from placement_env.search.progress import Limits, Progress, add_each, as_rows
 
 
 def test_the_incumbent_is_the_best_feasible_or_settled_set_within_limits(make):
-    objective = make(4, 2)
-    progress = Progress(objective, 2, None, None)
+    progress = Progress(make(4, 2), 2, None, None)
     sets = as_rows([[0], [0, 1], [0, 2, 4], [2, 4]], 8)  # 0 and 1 share a mount; three are beyond the budget
     rewards = progress.rewards(sets)
     assert progress.reward == max(rewards[0], rewards[3])

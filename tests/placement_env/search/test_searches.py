@@ -5,14 +5,12 @@ from inspect import signature
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from placement_env.candidates.pool import paper_candidates
 from placement_env.fidelity.preparation import check_scorable
-from placement_env.search import cmaes, greedy, swap
+from placement_env.search import cmaes, greedy, methods, swap
 from placement_env.search.exact import cpsat, exhaustive
-from placement_env.search.methods import METHODS, check_search, load_search, usual_method
 from placement_env.search.progress import Progress
 from placement_env.setting import Setting, Weights
 from toolkit.sites.files import load_site
@@ -60,8 +58,7 @@ def test_seeds_seconds_and_settings_of_searches(make):
     first, again = (swap.search(objective, 4, seed=5, evaluations=1000) for _ in range(2))
     assert first.best.subset == again.best.subset
     assert np.array_equal(first.history.reward, again.history.reward)
-    found = swap.search(make(20, 2), 4, seconds=0.2)
-    assert len(found.best.subset) <= 4
+    assert len(swap.search(make(20, 2), 4, seconds=0.2).best.subset) <= 4
     with pytest.raises(ValueError, match="starts must be a whole number of at least 1"):
         swap.search(make(), 2, starts=0)
 
@@ -69,25 +66,22 @@ def test_seeds_seconds_and_settings_of_searches(make):
 SITE = load_site("tjunction")
 
 
-@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("name", methods.METHODS)
 def test_every_name_is_a_search(name):
-    if METHODS[name].needs and not find_spec(METHODS[name].needs):
+    if methods.METHODS[name].needs and not find_spec(methods.METHODS[name].needs):
         pytest.skip("its package is missing")
-    assert callable(load_search(name))
-    check_search(name, "detector", paper_candidates(SITE))
+    assert callable(methods.load_search(name))
+    methods.check_search(name, "detector", paper_candidates(SITE))
 
 
 def test_unknown_and_usual_methods():
     with pytest.raises(ValueError, match="method must be one of portfolio, exhaustive, greedy"):
-        check_search("luck", "coverage", paper_candidates(SITE))
-    assert [usual_method(each) for each in ("coverage", "surrogate", "detector", "table")] == [
-        "portfolio",
-        "portfolio",
-        "greedy",
-        "exhaustive",
+        methods.check_search("luck", "coverage", paper_candidates(SITE))
+    assert [methods.usual_method(each) for each in ("coverage", "surrogate", "detector", "table")] == [
+        *("portfolio", "portfolio", "greedy", "exhaustive")
     ]
-    assert usual_method("surrogate", verify=True) == "greedy"
-    assert usual_method("table", at_least=True) == "cheapest"
+    assert methods.usual_method("surrogate", verify=True) == "greedy"
+    assert methods.usual_method("table", at_least=True) == "cheapest"
 
 
 @pytest.mark.parametrize("fidelity", ["coverage", "surrogate", "detector", "table"])
@@ -119,8 +113,7 @@ def test_no_set_beats_the_online_bound_of_any_set(make, seed):
     objective = make(5, 2, seed=seed)
     optimum = exhaustive.search(objective, 3).best.ap
     for chosen in ([], [0], [0, 4]):
-        progress = Progress(objective, 3, None, None)
-        assert optimum <= greedy.online_bound(progress, chosen) + 1e-12
+        assert optimum <= greedy.online_bound(Progress(objective, 3, None, None), chosen) + 1e-12
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -11,8 +11,7 @@ from placement_env.fidelity.over_cases import ProfileFidelities, over_cases
 from placement_env.fidelity.preparation import Preparation
 from placement_env.objective import Objective
 from placement_env.protocol import Estimate
-from placement_env.search import greedy
-from placement_env.search.verification import ap_at_profiles, neighbours, score_result, verified
+from placement_env.search import greedy, verification
 from placement_env.setting import Setting
 from placement_env.subsets import all_subsets
 from toolkit.sites.files import load_site
@@ -76,25 +75,59 @@ def test_entrants_race_and_are_ranked_at_each_error_profile(dear):
     cheap = Objective(Setting(candidates=dear.candidates, fidelity=Half()))
     found = greedy.search(cheap, 3)
     dear.scored_by.asked = 0
-    ranking = verified(cheap, dear, np.array(found.best.subset))
+    ranking = verification.verified(cheap, dear, np.array(found.best.subset))
     assert len(ranking.sets) == 5
     assert (np.diff(ranking.accurate) <= 0).all()
     assert ranking.accurate == pytest.approx(dear.scores(ranking.sets).reward)
-    around = neighbours(np.array(found.best.subset), 8)
+    around = verification.neighbours(np.array(found.best.subset), 8)
     assert ranking.accurate[0] == dear.scores(around).reward.max() >= dear.score(found.best.subset).reward
     assert len(around) == 16
     found = greedy.search(dear, 2)
-    assert score_result(dear, found).ap == found.best.ap
+    assert verification.score_result(dear, found).ap == found.best.ap
     # A race over profiles goes by what counts; each profile is said by itself.
     other = PerFrame(seed=1)
     both = Objective(Setting(candidates=dear.candidates, fidelity=at_profiles(dear.scored_by, other)))
     row = both.row([0, 3])[None]
-    said = ap_at_profiles(both, (0, 3))
+    said = verification.ap_at_profiles(both, (0, 3))
     assert said == {"paper": float(dear.scored_by(row).ap[0]), "poor": float(other(row).ap[0])}
     assert both.score([0, 3]).ap == min(said.values())
-    assert ap_at_profiles(dear, (0, 3)) == ap_at_profiles(both, ()) == {}
-    ranking = verified(dear, both, np.array([0, 3]))
+    assert verification.ap_at_profiles(dear, (0, 3)) == verification.ap_at_profiles(both, ()) == {}
+    ranking = verification.verified(dear, both, np.array([0, 3]))
     assert both.score(np.flatnonzero(ranking.sets[0])).reward == both.scores(ranking.sets).reward.max()
+
+
+class Worths:
+    """Sum of what each sensor is worth; counts the sets that it scores."""
+
+    name = "made up"
+
+    def __init__(self, *worth):
+        self.worth, self.scored = np.array([*worth, *np.zeros(8 - len(worth))]), 0
+
+    def __call__(self, subsets, /):
+        self.scored += len(subsets)
+        ap = subsets @ self.worth
+        return Estimate(ap, ap, 0.0 * ap)
+
+
+def test_all_that_tie_are_ranked_and_equal_ones_as_the_cheap_fidelity_has_it(dear):
+    def ranked(cheap, accurate, best):
+        fast, exact = (
+            Objective(Setting(candidates=dear.candidates, fidelity=each, scheme="late")) for each in (cheap, accurate)
+        )
+        cheap.scored = accurate.scored = 0
+        return verification.verified(fast, exact, np.array([0]), best=best)
+
+    accurate = Worths(0.5, 0.6, 0.6, 0.9)
+    found = ranked(Worths(0.9, 0.8, 0.7, 0.1), accurate, 3)
+    assert found.sets.argmax(axis=1).tolist() == [1, 2, 0]
+    assert found.fast.tolist() == [0.8, 0.7, 0.9]
+    assert found.accurate.tolist() == [0.6, 0.6, 0.5]
+    assert accurate.scored == 3
+    assert len(ranked(Worths(), Worths(0.1, 0.2), 1).sets) == 8
+    assert len(ranked(Worths(0.1, 0.2), Worths(), 99).sets) == 8
+    with pytest.raises(ValueError, match="best must be a whole number of at least 1"):
+        ranked(Worths(), Worths(), 0)
 
 
 def at_profiles(*fidelities):
@@ -119,5 +152,5 @@ def test_sensors_that_were_moved_are_scored_at_each_profile_where_they_stand(dea
 
     monkeypatch.setattr("placement_env.search.cmaes.build_pose_scorer", build_pose_scorer)
     moved = dear.candidates.sensors[:2]
-    assert ap_at_profiles(both, (0, 1), moved) == {"paper": 0.9, "poor": 0.4}
+    assert verification.ap_at_profiles(both, (0, 1), moved) == {"paper": 0.9, "poor": 0.4}
     assert asked == [("paper", [moved]), ("poor", [moved])]

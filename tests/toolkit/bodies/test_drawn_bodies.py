@@ -2,11 +2,11 @@ from collections import Counter
 
 import numpy as np
 import pytest
+import trimesh
 
 from toolkit.bodies import drawn_bodies
 from toolkit.bodies.body import include_mirrors
-from toolkit.bodies.people import standing
-from toolkit.mesh import Mesh, box, volume
+from toolkit.mesh import box, stand
 from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE
 
 BUILT = [drawn_bodies.draw_heavy(np.random.default_rng([1, k])) for k in range(250)]
@@ -82,7 +82,7 @@ def test_people_and_two_wheelers_have_their_shares_and_heights():
     assert lengths.max() > 0.9
     assert {drawn_bodies.draw_pose(np.random.default_rng(k), 1.1).hands[0][2] for k in range(20)} == {0.47, 0.80}
     assert drawn_bodies.draw_pose(np.random.default_rng(0), 1.1).stout == 1.1
-    assert standing(box((1, 1, 1), (0, 0, 7))).vertices[:, 2].min() == 0
+    assert stand(box((1, 1, 1), (0, 0, 7))).vertices[:, 2].min() == 0
     counts = Counter(kind.removesuffix("_alone") for kind, _ in DRAWN_TWO_WHEELERS)
     assert set(counts) == set(drawn_bodies.TWO_WHEELERS)
     shares = {"bicycle": 0.5, "cargo_bicycle": 0.05, "e_scooter": 0.15, "motorcycle": 0.17, "scooter": 0.13}
@@ -151,7 +151,7 @@ def test_sizes_of_a_class_lie_in_its_ranges_on_sound_meshes(label):
         assert body.triangles.min() >= 0
         assert body.triangles.max() == len(body.vertices) - 1
         assert 40 <= len(body.triangles) < 3500, body.name
-        assert volume(Mesh(body.vertices.astype(np.float64), body.triangles.astype(np.int64))) > 0
+        assert trimesh.Trimesh(body.vertices, body.triangles, process=False).volume > 0
         low = body.vertices[body.vertices[:, 2] < 0.015 - body.size[2] / 2]
         if label != PEDESTRIAN and body.name != "vehicle/block":
             assert np.ptp(low[:, 0]) > 0.3 * body.size[0], body.name  # stands on what is far apart: wheels, no heap

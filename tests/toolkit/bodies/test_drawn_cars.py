@@ -75,8 +75,7 @@ def test_meshes_of_cars_have_no_holes_wheels_and_round_corners():
     for car in CARS_CARS:
         vertices = drawn_cars.loft_car(car).vertices
         low = vertices[vertices[:, 2] < 0.02]
-        corners = {(x > 0, y > 0) for x, y in low[:, :2].tolist()}
-        assert len(corners) == 4
+        assert len({(x > 0, y > 0) for x, y in low[:, :2].tolist()}) == 4
         assert np.ptp(low[:, 0]) > 0.45 * car.length
         assert np.ptp(low[:, 1]) > 0.6 * car.width
     assert max(len(drawn_cars.build_block_car(car, np.random.default_rng(1)).triangles) for car in CARS_CARS) < 420

@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
+import trimesh
 
 from toolkit.bodies.body import Body
 from toolkit.bodies.drawn_bodies import draw_body
 from toolkit.bodies.fleet import FLEETS, HELD_OUT, LARGEST_DRAW, Fleet, catalogue, fleet_named
-from toolkit.mesh import Mesh, volume
 from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE
 
 EVERY = catalogue() + tuple(body for body in catalogue(held_out=True) if body.name in HELD_OUT)
@@ -50,7 +50,7 @@ def test_box_is_tight_and_mesh_is_sound(body):
     assert np.isfinite(body.vertices).all()
     assert set(np.unique(body.triangles)) == set(range(len(body.vertices)))  # no vertex that no triangle uses
     assert 300 <= len(body.triangles) <= 2500
-    assert volume(Mesh(body.vertices.astype(float), body.triangles.astype(int))) > 0
+    assert trimesh.Trimesh(body.vertices, body.triangles, process=False).volume > 0
 
 
 CARS_ONLY = Fleet(tuple(of(VEHICLE, catalogue()))[:3], drawn=(CYCLIST, HEAVY))

@@ -7,9 +7,8 @@ import numpy as np
 import open3d as o3d
 import pytest
 
-from toolkit.bodies import meshes
+from toolkit.bodies import drawn_bodies, meshes
 from toolkit.bodies.body import Body, include_mirrors
-from toolkit.bodies.drawn_bodies import draw_body
 from toolkit.bodies.fleet import catalogue, fleet_named
 from toolkit.mesh import Mesh, box, ellipsoid, merge, tube
 from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE
@@ -57,9 +56,17 @@ def write_glb(path, vertices, triangles):
     return path
 
 
+def load_mesh(path):
+    return meshes.take_mesh(path, Path(path.name), meshes.MeshEntry()).body
+
+
+def load_meshes(folder):
+    return tuple(taken.body for taken in meshes.take_meshes(folder))
+
+
 @pytest.mark.parametrize("suffix", ["obj", "ply", "stl", "off", "glb"])
 def test_every_format_gives_the_same_box(tmp_path, suffix):
-    body = meshes.load_mesh(write(tmp_path / f"sedan.{suffix}", shift=(3, -4, 0.7)))
+    body = load_mesh(write(tmp_path / f"sedan.{suffix}", shift=(3, -4, 0.7)))
     assert np.allclose(body.size, SEDAN.size, atol=1e-4)
     assert np.allclose(body.vertices.min(axis=0)[[0, 2]], -np.array(body.size)[[0, 2]] / 2, atol=1e-4)
     assert -body.vertices[:, 1].min() > body.size[1] / 2 + 0.05  # the mirrors
@@ -69,12 +76,12 @@ def test_every_format_gives_the_same_box(tmp_path, suffix):
 
 def test_meshes_are_turned_upright_and_stray_vertices_left_out(tmp_path):
     y_up_z_forward = ((0, 1, 0), (0, 0, 1), (1, 0, 0))
-    body = meshes.load_mesh(write(tmp_path / "sedan.glb", turn=y_up_z_forward))
+    body = load_mesh(write(tmp_path / "sedan.glb", turn=y_up_z_forward))
     assert np.allclose(body.size, SEDAN.size, atol=1e-4)
     cabin = body.vertices[body.vertices[:, 2] > 0.3 * body.size[2]]
     assert cabin[:, 0].mean() < 0  # the bonnet is in front of it, so the cabin is behind the middle
     stray = Body("s", 0, np.concatenate([SEDAN.vertices, [[9, 9, 9]]]).astype(np.float32), SEDAN.triangles)
-    assert np.allclose(meshes.load_mesh(write(tmp_path / "sedan.ply", stray)).size, SEDAN.size, atol=1e-4)
+    assert np.allclose(load_mesh(write(tmp_path / "sedan.ply", stray)).size, SEDAN.size, atol=1e-4)
 
 
 def test_folders_and_names_give_the_class_and_how_it_was_taken(tmp_path):
@@ -84,7 +91,7 @@ def test_folders_and_names_give_the_class_and_how_it_was_taken(tmp_path):
     for letter, name in zip("cde", ("man_standing", "city_bicycle", "city_bus"), strict=True):
         write(tmp_path / f"{letter}.ply", bodies[name])
     (tmp_path / "README.txt").write_text("not a mesh")
-    loaded = {body.name: body.label for body in meshes.load_meshes(tmp_path)}
+    loaded = {body.name: body.label for body in load_meshes(tmp_path)}
     assert loaded == {"vehicle/a": VEHICLE, "b/heavy_van": HEAVY, "c": PEDESTRIAN, "d": CYCLIST, "e": HEAVY}
     assert [body.name for body in catalogue(tmp_path)][-5:] == sorted(loaded)
     how = tmp_path / "how"
@@ -112,7 +119,7 @@ def test_folders_and_names_give_the_class_and_how_it_was_taken(tmp_path):
 def test_a_size_no_road_user_has_is_refused_with_what_to_do(tmp_path, change, hint):
     path = write(tmp_path / "vehicle_sedan.ply", **change)
     with pytest.raises(ValueError, match=hint) as error:
-        meshes.load_meshes(tmp_path)
+        load_meshes(tmp_path)
     assert str(path) in str(error.value)
 
 
@@ -121,7 +128,7 @@ def test_a_size_no_road_user_has_is_refused_with_what_to_do(tmp_path, change, hi
 def test_damaged_files_are_named(tmp_path, suffix, content):
     (tmp_path / f"broken.{suffix}").write_bytes(content)
     with pytest.raises(ValueError, match=f"broken.{suffix}.*export it again"):
-        meshes.load_meshes(tmp_path)
+        load_meshes(tmp_path)
 
 
 @pytest.mark.parametrize("suffix", ["obj", "ply", "off"])
@@ -137,32 +144,32 @@ def test_a_corner_that_is_not_there_is_refused(tmp_path, suffix, corner):
     }
     path.write_text(texts[suffix])
     with pytest.raises(ValueError, match=r"export it again"):
-        meshes.load_mesh(path)
+        load_mesh(path)
 
 
 def test_empty_folders_and_flat_small_or_broken_meshes_are_refused(tmp_path):
     with pytest.raises(FileNotFoundError, match="is not a folder"):
-        meshes.load_meshes(tmp_path / "nowhere")
+        load_meshes(tmp_path / "nowhere")
     with pytest.raises(ValueError, match="holds no mesh"):
-        meshes.load_meshes(tmp_path)
+        load_meshes(tmp_path)
     with pytest.raises(ValueError, match="has no volume"):
-        meshes.measure_shape(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]]))
+        meshes.measure_shape(Mesh(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]])))
     with pytest.raises(ValueError, match="has no surface"):
-        meshes.surface_points(np.array([[0.0, 0, 0], [1, 1, 1], [2, 2, 2]]), np.array([[0, 1, 2]]))
+        meshes.surface_points(Mesh(np.array([[0.0, 0, 0], [1, 1, 1], [2, 2, 2]]), np.array([[0, 1, 2]])))
     write(tmp_path / "pedestrian" / "sedan.ply")
     with pytest.raises(ValueError, match="does not fit a pedestrian"):
-        meshes.load_meshes(tmp_path)
+        load_meshes(tmp_path)
     flat = Body("t", 0, np.array([[0, 0, 0], [4, 0, 0], [4, 2, 1.5]], np.float32), np.array([[0, 1, 2]], np.int32))
     with pytest.raises(ValueError, match="not clearly that of one"):
-        meshes.load_mesh(write(tmp_path / "one.ply", flat))
+        load_mesh(write(tmp_path / "one.ply", flat))
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(SEDAN.vertices.astype(float)))
     o3d.io.write_point_cloud(str(tmp_path / "points.ply"), cloud)
     with pytest.raises(ValueError, match="points but no triangles"):
-        meshes.load_mesh(tmp_path / "points.ply")
+        load_mesh(tmp_path / "points.ply")
     broken = Body("b", 0, box((4, 2, 1.5)).vertices.astype(np.float32), box((4, 2, 1.5)).triangles.astype(np.int32))
     broken.vertices[0] = np.nan
     with pytest.raises(ValueError, match="NaN"):
-        meshes.load_mesh(write(tmp_path / "nan.ply", broken))
+        load_mesh(write(tmp_path / "nan.ply", broken))
 
 
 Y_UP_X_FORWARD = ((1, 0, 0), (0, 0, 1), (0, -1, 0))
@@ -200,7 +207,7 @@ def elephant() -> Body:
 def test_what_cannot_be_told_is_refused_with_the_remedy(tmp_path, name, body, change, says):
     write(tmp_path / name, OURS[body], **change)
     with pytest.raises(ValueError, match=says) as error:
-        meshes.load_meshes(tmp_path)
+        load_meshes(tmp_path)
     assert "\n" not in str(error.value)
     assert name in str(error.value)
 
@@ -208,9 +215,9 @@ def test_what_cannot_be_told_is_refused_with_the_remedy(tmp_path, name, body, ch
 def test_tables_turn_scale_name_and_overrule_sizes(tmp_path):
     path = write(tmp_path / "dumbo.ply", elephant())
     with pytest.raises(ValueError, match=r"may be .* vehicle.* not clearly that of one: put it into a folder vehicle/"):
-        meshes.load_meshes(tmp_path)
+        load_meshes(tmp_path)
     (tmp_path / "meshes.toml").write_text('[[mesh]]\nfile = "dumbo.ply"\nlabel = "vehicle"\n')
-    assert [(body.name, body.label) for body in meshes.load_meshes(tmp_path)] == [("dumbo", VEHICLE)]
+    assert [(body.name, body.label) for body in load_meshes(tmp_path)] == [("dumbo", VEHICLE)]
     path.unlink()
     write(tmp_path / "sub" / "x1.ply", OURS["city_bus"], turn=Y_UP_Z_FORWARD, scale=INCHES)
     entry = 'file = "sub/x1.ply"\nlabel = "heavy"\nup = "y"\nforward = "z"\nscale = 0.0254\n'
@@ -260,7 +267,7 @@ ON_ITS_SIDE = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
 
 def shape_of(mesh, turn=None):
     vertices = np.asarray(mesh.vertices, np.float64) @ (np.eye(3) if turn is None else turn).T
-    return meshes.measure_shape(vertices, np.asarray(mesh.triangles, np.int64))
+    return meshes.measure_shape(Mesh(vertices, np.asarray(mesh.triangles, np.int64)))
 
 
 def elephant_mesh(length=4.4, width=1.8, height=1.7):
@@ -326,27 +333,29 @@ def test_stances_measures_and_mirrors_are_found():
     assert shape.clearance == pytest.approx(0)
     assert shape.ahead == pytest.approx(0, abs=1e-6)
     two = merge([box((1.0, 1.0, 1.0)), box((2.0, 2.0, 2.0), (5, 0, 0))])
-    points = meshes.surface_points(two.vertices, two.triangles)
+    points = meshes.surface_points(two)
     assert (points[:, 0] > 3).mean() == pytest.approx(0.8, abs=0.01)
     # Drawn bodies know how wide they are without them: an oracle.
     for number in range(40):
-        body = draw_body(VEHICLE, np.random.default_rng([11, number]))
+        body = drawn_bodies.draw_body(VEHICLE, np.random.default_rng([11, number]))
         whole = include_mirrors(body)
-        span = meshes.mirror_span(whole.vertices.astype(np.float64), whole.triangles.astype(np.int64))
+        span = meshes.mirror_span(Mesh(whole.vertices.astype(np.float64), whole.triangles.astype(np.int64)))
         width = whole.size[1] if span is None else span[1] - span[0]
         assert width == pytest.approx(body.size[1], abs=0.03), body.name
 
 
 def table_mesh_table(folder: Path, text: str) -> dict[Path, meshes.MeshEntry]:
     (folder / "a.obj").touch()
-    (folder / "meshes.toml").write_text(text)
+    (folder / "meshes.toml").write_text(text, errors="surrogateescape")
     return meshes.read_mesh_table(folder)
 
 
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        *(("[[mesh", "not valid TOML"), ("mesh = 3", r"must hold \[\[mesh\]\] entries alone")),
+        *((f"a = {'[' * 9999}", "nested too deep"), ("a" + 999 * ".a", "more than 300 dots")),
+        *(("a = " + "9" * 400, "hundreds of digits"), ("\udcff", "not a text file")),
+        *(("[[mesh", "not TOML"), ("mesh = 3", r"must hold \[\[mesh\]\] entries alone")),
         ('[other]\nx = 1\n[[mesh]]\nfile = "a.obj"', "entries alone"),
         ("mesh = [1]", "entry 1: file must name a mesh"),
         ('[[mesh]]\nfile = "b.obj"', "file must name a mesh below .*, got 'b.obj'"),

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from toolkit.bodies.people import Figure, pedestrians, person, striding, two_wheelers
+from toolkit.traffic.spawner import BICYCLE_LENGTH
 
 
 def test_people_and_two_wheelers_have_their_measures():
@@ -19,7 +20,6 @@ def test_people_and_two_wheelers_have_their_measures():
         assert 0.3 < width < 1.1
         assert 1.2 < height < 1.95
         assert abs(mesh.vertices[:, 2].min()) < 0.02
-    from toolkit.traffic.spawner import BICYCLE_LENGTH
 
     long = {name: np.ptp(mesh.vertices[:, 0]) for name, mesh in two_wheelers().items()}
     assert long["motorcycle"] > BICYCLE_LENGTH > long["child_bicycle"]

@@ -17,6 +17,7 @@ from toolkit.calibration.ground import (
     support_mask,
 )
 from toolkit.clouds import from_points
+from toolkit.datasets.layouts.argoverse import argoverse, read_labels
 from toolkit.geometry import invert, pose, transform
 
 
@@ -145,8 +146,7 @@ def test_maps_follow_hills_kerbs_and_not_stray_points():
         fit_map(np.zeros((10, 3)), reach=-1.0)
 
 
-SHARED = Path(os.environ.get("COVIEW_SHARED", Path(__file__).parents[4] / "shared"))
-LOG = SHARED / "real" / "av2_two_lidars"
+LOG = Path(os.environ.get("COVIEW_SHARED", Path(__file__).parents[4] / "shared")) / "real" / "av2_two_lidars"
 TILTED = Ground(np.array([0.1, -0.2, -6.0]), HeightMap(np.array([-9.0, -9]), np.array([[0.0, 0.4], [0.2, -0.3]]), 18.0))
 
 
@@ -234,8 +234,7 @@ def test_wrong_arguments_are_refused_and_heights_warned_of():
     assert level_warning(transform(pose(pitch=0.1), world)) is not None
     rng = np.random.default_rng(5)
     world = street(rng)
-    cropped = world[(world[:, 2] > 0) & (world[:, 2] < 4)]
-    assert level_warning(cropped) is None
+    assert level_warning(world[(world[:, 2] > 0) & (world[:, 2] < 4)]) is None
     assert level_warning(world[:50] - [0, 0, -9.0]) is None
     assert level_warning(np.zeros((0, 3))) is None
     nowhere = np.column_stack([np.zeros((500, 2)), np.linspace(-90, -50, 500)])
@@ -245,13 +244,11 @@ def test_wrong_arguments_are_refused_and_heights_warned_of():
 @pytest.mark.skipif(not LOG.is_dir(), reason="the recording is not here")
 def test_labelled_cars_of_a_real_street_stand_on_its_ground():
     pytest.importorskip("pyarrow")
-    from toolkit.datasets.layouts.argoverse import argoverse, read_labels
 
     sweep = argoverse(LOG)[0]
     labels, points = read_labels(LOG, int(sweep.name)), sweep.points()
     near = (np.abs(labels.boxes[:, :2]) < 50).all(axis=1) & (np.array(labels.categories) == "REGULAR_VEHICLE")
-    ground = level(points)
-    boxes = ground.boxes(labels.boxes[near])
+    boxes = level(points).boxes(labels.boxes[near])
     floors = boxes[:, 2] - boxes[:, 5] / 2
     assert near.sum() > 10
     assert abs(np.median(floors)) < 0.05

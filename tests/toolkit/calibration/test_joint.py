@@ -3,6 +3,7 @@ from functools import partial
 import numpy as np
 import pytest
 
+from toolkit.calibration import joint, registration
 from toolkit.calibration.joint import Pairs, SeenBoxes, align, face_sensor, object_pairs, seen_objects
 from toolkit.calibration.registration import LEVER, Surface, apply_motion
 from toolkit.frame import Frame
@@ -56,8 +57,7 @@ def apart(found, true):
 def test_sensors_are_fitted_to_the_one_held_or_left():
     rng = np.random.default_rng(0)
     surfaces = [seen_by(pose, rng) for pose in TRUE]
-    believed = [TRUE[0], off(TRUE[1], rng), off(TRUE[2], rng)]
-    found = align(surfaces, believed, held=[0])
+    found = align(surfaces, [TRUE[0], off(TRUE[1], rng), off(TRUE[2], rng)], held=[0])
     assert found.poses[0].tobytes() == TRUE[0].tobytes()
     for pose, true in zip(found.poses[1:], TRUE[1:], strict=True):
         turned, moved = apart(pose, true)
@@ -144,6 +144,35 @@ def test_more_pairs_say_what_the_scene_does_not():
     assert moved < 0.02
 
 
+def test_pairs_as_sure_as_the_usual_errors_move_a_sensor_half_the_way():
+    """A Gaussian prior at the believed pose and one measurement of the same spread: their mean, half the variance."""
+    rng, far = np.random.default_rng(7), np.eye(4)
+    far[0, 3] = 500.0
+    surface = seen_by(TRUE[0], rng)
+    usual = np.repeat([LEVER * joint.USUAL_TURN, joint.USUAL_MOVE], 3)
+    target = 0.2 * usual * [1, -1, 1, 1, 1, -1]
+
+    def more(poses, radius):
+        residual = registration.motion_between(far, poses[1]) - target
+        rows, ten = np.repeat(np.eye(6), 10, axis=0), np.repeat(usual, 10) * np.sqrt(10)
+        return [Pairs(0, 1, np.zeros((60, 6)), rows, np.repeat(residual, 10), ten, np.full(60, 1e6))]
+
+    found = align([surface, surface], [np.eye(4), far], held=[0], more=more)
+    assert found.shared[0, 1] == 60
+    assert registration.motion_between(far, found.poses[1]) == pytest.approx(target / 2, abs=1e-3 * usual.max())
+    variance = np.repeat([joint.USUAL_TURN**2, joint.USUAL_MOVE**2], 3) / 2
+    assert np.diag(found.covariance)[6:] == pytest.approx(variance, rel=1e-3)
+
+
+def test_neighbouring_points_err_alike():
+    """Nine points weigh as one alone, so a plane of N points gives its distance to no better than 9 deviations² / N."""
+    rng, above = np.random.default_rng(8), look((0.0, 0.0, 6.0), heading=0.0, tilt=np.pi / 2)
+    found = align([seen_by(above, rng, walls=False) for _ in range(2)], [above, above], held=[0])
+    deviation2 = 2 * 0.005**2 + 0.01**2
+    least = np.linalg.eigvalsh(found.covariance[9:, 9:])[0]
+    assert 7 * deviation2 / found.shared[0, 1] < least < 30 * deviation2 / found.shared[0, 1]
+
+
 TWO = TRUE[:2]
 
 
@@ -220,6 +249,5 @@ def test_road_users_pair_by_nearest_and_heading():
         return Detections(box, np.ones(1))
 
     seen = seen_objects([frame], detector, site)[0][0]
-    world = transform(sensor.pose, seen.centres)
-    np.testing.assert_allclose(world, [[2.0, 1.0, 1.1]], atol=1e-9)
+    np.testing.assert_allclose(transform(sensor.pose, seen.centres), [[2.0, 1.0, 1.1]], atol=1e-9)
     np.testing.assert_allclose(seen.ahead @ sensor.pose[:3, :3].T, [[np.cos(0.3), np.sin(0.3), 0.0]], atol=1e-9)

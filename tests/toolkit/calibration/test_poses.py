@@ -6,9 +6,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from toolkit.calibration import poses
-from toolkit.calibration import poses as sample_poses
-from toolkit.calibration.empty_scene import SceneLearner
+from toolkit.calibration import empty_scene, poses, poses as sample_poses
 from toolkit.calibration.registration import Registration, Surface, scene_points, site_surface
 from toolkit.datasets.readings import ReadRecording, Reads
 from toolkit.frame import Frame, SensorCloud, unproject
@@ -95,7 +93,7 @@ def test_too_few_frames_and_other_places_are_refused():
     assert refused.pose is TRUE[0].pose
     assert (refused.turn, refused.distance, refused.drifted) == (0.0, 0.0, False)
     assert refused.described()["found"] is False
-    learner = SceneLearner(TRUE[0])
+    learner = empty_scene.SceneLearner(TRUE[0])
     for _ in range(5):
         learner.add(images()[0])
     near = np.hypot(*(surface().points[:, :2] - TRUE[0].position[:2]).T) < 6.0
@@ -224,8 +222,7 @@ def apart(one, other):
 
 @pytest.mark.parametrize(("count", "driving"), [(5, 0.0), (2, 0.0), (6, 3.0)])
 def test_by_each_other(count, driving):
-    samples = recording_sample_poses(count, driving=driving)
-    found = poses.find_poses(samples, held=["a"])
+    found = poses.find_poses(recording_sample_poses(count, driving=driving), held=["a"])
     assert [each.sensor.name for each in found] == ["a", "b"]
     np.testing.assert_array_equal(found[0].pose, TRUE_CLOUDS[0].pose)
     assert apart(ERROR @ TRUE_CLOUDS[1].pose, TRUE_CLOUDS[1].pose)[0] == pytest.approx(0.78, abs=0.01)
@@ -301,7 +298,6 @@ def test_a_recording_that_cannot_be_read_is_a_finding_and_a_missing_reference_an
     save_site(Site("place", np.array([-4.0, -4, 4, 4])), place)
     broken = tmp_path / "broken.hdf5"
     broken.write_bytes(b"nothing")
-    finding = poses.check_drift(broken, place)[0]
-    assert finding.suspected == "its sensors' poses cannot be checked"
+    assert poses.check_drift(broken, place)[0].suspected == "its sensors' poses cannot be checked"
     with pytest.raises(FileNotFoundError, match="no site"):
         poses.check_drift(broken, tmp_path / "missing.json")

@@ -80,8 +80,7 @@ def test_planes_and_walls_leave_moves_along_them_as_believed():
     ground = surface_of(plane(rng, [-20, -20, 0], [40, 0, 0], [0, 40, 0], 20000))
     true = pose(1.0, 2.0, 5.0, yaw=0.4)
     points = transform(invert(true), ground.points[::5]) + 0.01 * rng.standard_normal((4000, 3))
-    believed = pose(1.0, 2.0, 5.2, yaw=0.4, pitch=0.02, roll=-0.01)
-    found = register(points, ground, believed)
+    found = register(points, ground, pose(1.0, 2.0, 5.2, yaw=0.4, pitch=0.02, roll=-0.01))
     assert len(found.unobserved) == 3
     hidden = np.abs(found.unobserved).max(axis=0)
     assert hidden[[0, 1, 5]].max() < 0.05
@@ -201,8 +200,7 @@ def test_points_and_normals_are_where_surfaces_are_flat():
     assert wall.sum() == pytest.approx(30 / SURFACE_SPACING**2, rel=0.1)
     assert surface.points[:, 2].max() <= 5.0 + 1e-9
     assert np.abs(surface.points[:, :2]).max() < 60.0
-    again = site_surface(PLACE)
-    assert again.points.tobytes() == surface.points.tobytes()
+    assert site_surface(PLACE).points.tobytes() == surface.points.tobytes()
     rng = np.random.default_rng(0)
     ground = np.column_stack([rng.uniform(-5, 5, (20000, 2)), 0.005 * rng.standard_normal(20000)])
     bush = rng.uniform([6, 6, 0.5], [8, 8, 2.5], (3000, 3))

@@ -6,9 +6,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from toolkit.calibration import scenes as sample_scenes
-from toolkit.calibration.empty_scene import EmptyScene, learn_empty_scenes, load_empty_scenes, save_empty_scenes
-from toolkit.calibration.scenes import Scenes, learn_sample_scenes
+from toolkit.calibration import empty_scene as sample_scenes
+from toolkit.calibration.empty_scene import (
+    EmptyScene,
+    Scenes,
+    learn_empty_scenes,
+    learn_sample_scenes,
+    load_empty_scenes,
+    save_empty_scenes,
+)
 from toolkit.datasets.lidar_grid import OUTSIDE_GRID, SHARED_CELL, LidarGrid
 from toolkit.frame import Frame, SensorCloud
 from toolkit.geometry import pose

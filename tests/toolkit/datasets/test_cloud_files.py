@@ -3,8 +3,7 @@ import json
 import numpy as np
 import open3d as o3d
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from toolkit.clouds import attributes, from_attributes, from_points, positions, save, sensor_numbers
 from toolkit.datasets import cloud_files
@@ -147,6 +146,8 @@ def test_bad_pose_files_say_what_is_wrong(tmp_path, content, message):
     (tmp_path / "poses.txt").write_text(content)
     with pytest.raises(ValueError, match=message):
         cloud_files.read_poses(tmp_path / "poses.txt")
+    with pytest.raises(ValueError, match=r"must be numbers, got .10{57}"):
+        cloud_files.parse_pose([10**400, 0, 0, 0, 0, 0, 0])
 
 
 @pytest.mark.parametrize("content", ["{", "3", "[]", '{"a": "b"}', '[{"x": 1}]', "[[1, 2], [3]]"])
@@ -163,10 +164,14 @@ def test_bad_cloud_files_say_what_is_wrong_and_need_a_pose_each(tmp_path):
         *(("a.las", b"x", r"ends in \.ply"), ("a.bin", b"12345", "5 bytes")),
         *(("a.npy", b"12345", r"cannot be read as \.npy array"), ("a.feather", b"12345", "no feather file")),
         *(("a.xyz", b"1 2\n", "x y z in every row"), ("b.xyz", b"1 2 x\n", "x y z in every row")),
-        *(("a.ply", b"ply", "no points"), ("a.npz", b"junk", "no points")),
+        *(("a.ply", b"ply", "no points"), ("a.npz", b"junk", r"cannot be read as \.npy array")),
         ("two-columns.csv", b"1,2\n3,4\n5,6\n", "x y z in every row"),
+        *(("b.csv", b"1,5 2,5 3,5\n", "decimal commas"), ("c.csv", b"10 2,5\t3,5\n", "decimal commas")),
+        *(("d.csv", b"x,y,z\n1,5,2,5,3,5\n", "as many cells"), ("e.csv", b"1 2 3\n1 2 3 4\n", "as many cells")),
+        ("f.xyz", b"nan nan nan\n1 2 inf\n", "none of its 2 points"),
+        ("millimetres.xyz", b"\n".join(b"%d %d 0" % (k * 1000, k * 900) for k in range(-50, 50)), "give metres"),
         ("empty-cell.csv", b"1,,3,4\n", "x y z in every row"),
-        ("binary.csv", b"\xff\xfe\x00", r"binary\.csv is no text"),
+        ("binary.csv", b"\xff\xfe\x00", r"binary\.csv: not a text file"),
     ):
         (tmp_path / name).write_bytes(content)
         with pytest.raises(ValueError, match=message):
@@ -228,3 +233,25 @@ def test_deep_and_endless_json_is_refused_in_one_line(tmp_path, content):
     with pytest.raises(ValueError, match=r"poses\.json holds no poses: (its lists|it has a number)") as error:
         cloud_files.read_poses(tmp_path / "poses.json")
     assert "\n" not in str(error.value)
+
+
+def test_a_table_that_unpacks_to_gigabytes_is_refused(tmp_path):
+    pyarrow = pytest.importorskip("pyarrow")
+    from pyarrow import feather
+
+    columns = [("x", np.zeros(1 << 20)), ("y", np.zeros(1 << 20)), ("z", np.zeros(1 << 20))]
+    for compression in ("zstd", "lz4", "uncompressed"):
+        feather.write_feather(pyarrow.table(dict(columns)), tmp_path / "a.feather", compression=compression)
+        assert len(cloud_files.read_table(tmp_path / "a.feather")["x"]) == 1 << 20
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr("toolkit.runtime.files.MOST_UNPACKED", 20 << 20)
+            with pytest.raises(ValueError, match=r"a\.feather .* unpacks to"):
+                cloud_files.read_table(tmp_path / "a.feather")
+    nothing = pyarrow.nulls(1 << 30)
+    feather.write_feather(
+        pyarrow.table({"x": nothing}), tmp_path / "a.feather", compression="uncompressed", chunksize=1 << 30
+    )
+    for content in ((tmp_path / "a.feather").read_bytes(), (tmp_path / "a.feather").read_bytes()[:-9]):
+        (tmp_path / "a.feather").write_bytes(content)
+        with pytest.raises(ValueError, match=r"unpacks to 8\.0 GiB|cut off"):
+            cloud_files.read_table(tmp_path / "a.feather")

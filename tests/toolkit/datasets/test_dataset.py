@@ -6,8 +6,9 @@ import h5py
 import numpy as np
 import pytest
 
-from toolkit.datasets.dataset import CoopDataset, noisy
+from toolkit.datasets.dataset import CoopDataset
 from toolkit.datasets.doctor import diagnose_file
+from toolkit.datasets.readings import with_errors
 from toolkit.datasets.recording import Header, Scene, encode, join
 from toolkit.detection.survey import survey
 from toolkit.frame import Frame
@@ -212,9 +213,9 @@ def test_noise_depends_on_seed_frame_and_sensor_alone(path):
     write(path, (NORTH, WEST, LIDAR))
     frame = CoopDataset(path)[2]
     alone = Frame(frame.sensors[1:2], frame.images[1:2], frame.objects, frame.time, frame.index)
-    noise = [a - b for a, b in zip(noisy(frame, 7).images, frame.measurements, strict=True)]
-    assert np.array_equal(noisy(alone, 7).images[0], noisy(frame, 7).measurements[1])
-    assert not np.array_equal(noisy(alone, 8).images[0], noisy(frame, 7).measurements[1])
+    noise = [a - b for a, b in zip(with_errors(frame, "paper", 7).images, frame.measurements, strict=True)]
+    assert np.array_equal(with_errors(alone, "paper", 7).images[0], with_errors(frame, "paper", 7).measurements[1])
+    assert not np.array_equal(with_errors(alone, "paper", 8).images[0], with_errors(frame, "paper", 7).measurements[1])
     for sensor, measurement, difference in zip(frame.sensors, frame.images, noise, strict=True):
         assert not difference[measurement == 0].any()
         assert difference[measurement > 0].std() == pytest.approx(float(sensor.model.deviation(measurement)), rel=0.1)

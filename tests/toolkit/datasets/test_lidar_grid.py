@@ -50,8 +50,7 @@ def test_rows_are_nearest_angles_found_in_scattered_elevations():
     np.testing.assert_allclose(distance, [5, 2])
     rows = np.array([0.2, 0.0, -0.4])
     assert nearest_row(np.array([0.9, 0.11, 0.09, -0.19, -0.21, -2.0]), rows).tolist() == [0, 0, 1, 1, 2, 2]
-    clouds = [turning(phase=k / 18, seed=k) for k in range(18)]
-    assert find_grid(clouds).model.heading == 0
+    assert find_grid([turning(phase=k / 18, seed=k) for k in range(18)]).model.heading == 0
     grid = find_grid([turning(noise=0.001, seed=k) for k in range(3)])
     np.testing.assert_allclose(grid.model.elevations, ROWS, atol=3e-4)
     every = turning(rings=True)
@@ -79,8 +78,7 @@ def test_a_spinning_lidar(rings, frame):
 @pytest.mark.parametrize("columns", [360, 361])
 @pytest.mark.parametrize("phase", [0.0, 0.3, 0.5, 0.9])
 def test_azimuths_are_in_the_middle_of_their_columns(phase, columns):
-    clouds = [turning(columns, phase=phase, seed=k) for k in range(2)]
-    model = find_grid(clouds).model
+    model = find_grid([turning(columns, phase=phase, seed=k) for k in range(2)]).model
     assert model.columns == columns
     own = np.arctan2(model.rays()[0, :, 1], model.rays()[0, :, 0]) * columns / (2 * np.pi) - phase - columns / 2
     np.testing.assert_allclose(own - np.round(own), 0, atol=2e-3)

@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from toolkit.datasets import published_layout as published
 from toolkit.geometry import look, pose
@@ -54,8 +53,9 @@ def test_cameras_boxes_and_empty_pixels_in_carla_coordinates():
     image = published.expand_image(depth, camera)
     assert image.shape == (6, 8)
     assert image[0].tolist() == [1.5, 0, 999, 0, 1000, 0, 1000, 0]
-    assert published.measured([(image, 2)])[0][0].tolist() == [1.5, 999, 0, 0]
-    assert published.measured([(np.full((6, 8), np.nan), 2)])[0].tolist() == np.zeros((3, 4)).tolist()
+    first, nothing = published.measured([(image, 2), (np.full((6, 8), np.nan), 2)])
+    assert first[0].tolist() == [1.5, 999, 0, 0]
+    assert nothing.tolist() == np.zeros((3, 4)).tolist()
 
 
 @pytest.mark.parametrize(

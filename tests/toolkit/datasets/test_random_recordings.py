@@ -155,5 +155,4 @@ def test_what_moves_touches_nothing_that_stands(number):
         rows, hits = tree.query(shapely.polygons(footprints(boxes)), predicate="intersects")
         tops = boxes[rows, 2] + boxes[rows, 5] / 2
         assert all(solids[hit].base > top - 0.3 for hit, top in zip(hits, tops, strict=True))
-    parked = [len(frame.objects) for frame in recording.frames]
-    assert max(parked) <= 24 + module.MOST_PARKED
+    assert max([len(frame.objects) for frame in recording.frames]) <= 24 + module.MOST_PARKED

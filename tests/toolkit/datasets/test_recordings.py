@@ -19,7 +19,7 @@ from toolkit.datasets.recordings import (
     read,
     write_recording,
 )
-from toolkit.datasets.records import add_problems
+from toolkit.datasets.records import add_problem
 from toolkit.frame import Frame, SensorCloud
 from toolkit.geometry import pose, transform
 from toolkit.objects import Objects
@@ -87,8 +87,7 @@ def test_boxes_come_back_within_a_millimetre_and_a_hundredth_of_a_degree(tmp_pat
         if layout in ("opv2v", "v2xset", "v2xreal"):  # ids sort as numbers do
             assert after.objects.ids.tolist() == [11, 12, 13, 14, 15]
         np.testing.assert_allclose(a[:, :6], b[:, :6], atol=1e-3)
-        off = np.angle(np.exp(1j * (a[:, 6] - b[:, 6])))
-        assert np.rad2deg(np.abs(off)).max() < 0.01
+        assert np.rad2deg(np.abs(np.angle(np.exp(1j * (a[:, 6] - b[:, 6]))))).max() < 0.01
         assert after.objects.labels.tolist() == [0, 1, 2, 3, 0]
         assert after.problems == {}
 
@@ -216,7 +215,8 @@ def test_a_recording_is_read_one_by_one_with_its_problems_or_missed(folder):
         read(folder, "folder", classes=["dog"])
     total: dict[str, int] = {}
     for sample in read(folder, "folder"):
-        add_problems(total, sample.problems)
+        for kind, number in sample.problems.items():
+            add_problem(total, kind, number)
     assert total == {"points of no return": 3}
     with pytest.raises(FileNotFoundError, match="no such recording"):
         read(folder / "other", "folder")

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from toolkit.datasets import records
-from toolkit.frame import Frame, SensorCloud
+from toolkit.datasets.recordings import Part
+from toolkit.frame import AWAY, Frame, SensorCloud
 from toolkit.geometry import pose
 from toolkit.objects import Detections, Objects
 
@@ -66,8 +67,8 @@ def made(*rows, names=None, **more):
 def test_labels_doubled_impossible_or_without_counts():
     for column, value, problem in (
         *((0, np.nan, "labels with NaN or infinite numbers"), (6, np.inf, "labels with NaN or infinite numbers")),
-        *((4, 0.0, "boxes of no size"), (5, -1.0, "boxes of no size")),
-        *((3, 1001.0, "boxes too large or too far away to be"), (1, 1.1e6, "boxes too large or too far away to be")),
+        *((4, 0.0018, "boxes of no size"), (5, -1.0, "boxes of no size")),
+        *((3, 101.0, "boxes too large or too far away to be"), (1, 1.1e6, "boxes too large or too far away to be")),
     ):
         found, problems = made(BOX, [*BOX[:column], value, *BOX[column + 1 :]])
         assert len(found.objects) == 1
@@ -181,3 +182,35 @@ def test_damage_names_the_file(tmp_path, content, names):
     (tmp_path / "a.json").write_text(content)
     with pytest.raises(ValueError, match=f"a.json .*{names}"):
         records.read_entries(tmp_path / "a.json")
+
+
+def test_labels_without_a_cloud_are_counted_once_and_none_with_one_is_refused():
+    def load(name):
+        return Frame.of_clouds(name, (), Objects.empty(), problems={"doubled labels": 2})
+
+    some = records.Listing(("a", "b"), load, labelled=("a", "c", "c", "d"))
+    assert [frame.problems for frame in some] == [{"doubled labels": 2, records.STRAY: 2}, {"doubled labels": 2}]
+    assert some[-2].problems[records.STRAY] == 2
+    assert some.describe_strays().startswith("2 of the 3 names")
+    assert "'c', where clouds have 'a'" in some.describe_strays()
+    records.check_labels(some)
+    for sound in (records.Listing(("a",), load), records.Listing(("a",), load, labelled=["7"], known=["7"])):
+        assert not sound.describe_strays()
+        records.check_labels(sound)
+    with pytest.raises(ValueError, match=r"no label can be used: 1 of the 1 names.*'1646667310044', where .* 'a'"):
+        records.check_labels(Part(records.Listing(("a",), load, labelled=["1646667310044"])))
+
+
+@pytest.mark.parametrize(("place", "away"), [([900.0, 0.0], 0), ([4500.0, 0.0], 1)])
+def test_boxes_far_from_every_sensor_and_point_are_counted(place, away):
+    points, box = (
+        np.zeros((2, 3), np.float32),
+        Objects(np.array([[*place, *BOX[2:]]]), np.zeros(1, int), np.zeros(1, int)),
+    )
+    seen = SensorCloud("a", points, np.eye(4))
+    expected = {AWAY: away} if away else {}
+    assert Frame.of_clouds("f", (seen,), box).problems == expected
+    in_map = SensorCloud("b", points + np.float32(place[0]), np.eye(4), "world")  # without its sensor's place
+    assert Frame.of_clouds("f", (seen, in_map), box[:0]).problems == {}
+    around = SensorCloud("b", np.array([[*place, 0.0]], np.float32), np.eye(4), "world")
+    assert Frame.of_clouds("f", (seen, around), box).problems == {}

@@ -138,8 +138,7 @@ def test_killed_and_started_again_it_writes_the_same_bytes(tmp_path, undisturbed
     os.kill(process.pid, signal.SIGKILL)
     process.wait()
     assert not out.exists()
-    part = next(tmp_path.glob("out.hdf5.parts/00000.*.hdf5"))
-    assert len(CoopDataset(part)) == BLOCK
+    assert len(CoopDataset(next(tmp_path.glob("out.hdf5.parts/00000.*.hdf5")))) == BLOCK
     told: list[int] = []
     made = simulate_dataset(out=out, **small_job(progress=lambda _, done, total: told.append(done)))
     assert made in (FRAMES - BLOCK, FRAMES - 2 * BLOCK)

@@ -85,8 +85,7 @@ def test_newcomers_stay_and_it_says_what_it_knows(background):
     np.testing.assert_array_equal(found.boxes, [CAR])
     assert found.scores.tolist() == [0.8]
     known = KnownBackground(Fixed(), background)
-    one = np.array([[0.0, 0, 1.0]])
-    np.testing.assert_array_equal(known(one).boxes, [CAR])
+    np.testing.assert_array_equal(known(np.array([[0.0, 0, 1.0]])).boxes, [CAR])
     assert len(known(np.zeros((0, 3)))) == 0
     lost = np.concatenate([seen(60), np.full((10, 3), np.nan, np.float32), [[np.inf, 0, 1]]])
     np.testing.assert_array_equal(KnownBackground(Fixed(), background)(lost).boxes, [CAR])

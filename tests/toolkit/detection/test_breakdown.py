@@ -3,14 +3,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from toolkit.detection import breakdown
-from toolkit.detection.metrics import precision_recall
+from toolkit.detection import breakdown, metrics
 from toolkit.frame import Frame, Rectangle, SensorCloud
 from toolkit.objects import Detections, Objects
 
 
 def curve(hits, truths):
-    return precision_recall(np.linspace(0.9, 0.1, len(hits)), np.array(hits, bool), truths=truths)
+    return metrics.precision_recall(np.linspace(0.9, 0.1, len(hits)), np.array(hits, bool), truths=truths)
 
 
 def test_ap_of_kitti_and_of_nuscenes_by_range():

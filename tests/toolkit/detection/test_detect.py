@@ -7,7 +7,7 @@ import pytest
 
 from toolkit.datasets.records import parse_objects, read_entries
 from toolkit.detection.detect import Detected, describe_summary, detect_frames, file_name, summarise, write_detections
-from toolkit.detection.place import Place, Stand, find_middle, level_frames
+from toolkit.detection.place import Place, Stand, level_frames
 from toolkit.frame import Frame, Rectangle, SensorCloud
 from toolkit.geometry import pose, transform
 from toolkit.objects import Detections, Objects
@@ -86,7 +86,7 @@ def test_clouds_are_counted_warned_of_or_empty():
     sample = Frame.of_clouds("0", clouds, Objects.empty())
     list(detect_frames([sample.seen_by(["b"])], detector, Place("none", area=(-1.0, -1.0, 1.0, 1.0))))
     assert detector.seen[0].tolist() == [[10, 1, 1]] * 2
-    assert find_middle(sample).tolist() == [4, 0]
+    assert Place().find_middle(sample).tolist() == [4, 0]
 
 
 def sample(complete=None, lift=20.0):
@@ -106,8 +106,7 @@ def test_points_and_boxes_stand_on_the_ground(levelling):
     assert made.sensors == ("s",)
     np.testing.assert_allclose(made.objects.boxes[0], [10, 0, 0.75, 4, 2, 1.5, 0.3], atol=0.03)
     assert len(made.objects) == 2  # the one on the edge is kept, the far one is not
-    high = made.clouds[0][made.clouds[0][:, 2] > 0.5]
-    np.testing.assert_allclose(high.mean(axis=0), [10, 0, 1], atol=0.03)
+    np.testing.assert_allclose(made.clouds[0][made.clouds[0][:, 2] > 0.5].mean(axis=0), [10, 0, 1], atol=0.03)
     assert made.clouds[0].dtype == np.float32
     assert made.clouds[0][:, 2].min() > 0
 
@@ -152,7 +151,7 @@ def test_boxes_in_files_and_a_summary(found, tmp_path):
     assert json.loads((tmp_path / "b.json").read_text())["weights"] == "general"
     list(write_detections(iter(found), tmp_path / "o", "openlabel"))
     list(write_detections(iter(found), tmp_path / "k", "kitti"))
-    assert sorted(file.name for file in (tmp_path / "o").iterdir()) == ["a_0.json", "a_1.json"]
+    assert sorted(file.name for file in (tmp_path / "o").glob("*.json")) == ["a_0.json", "a_1.json"]
     words = (tmp_path / "k/a_0.txt").read_text().split()
     assert words[0] == "Car"
     assert len(words) == 16

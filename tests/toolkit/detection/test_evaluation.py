@@ -9,8 +9,7 @@ import pytest
 from toolkit.bodies.body import include_mirrors
 from toolkit.bodies.fleet import catalogue
 from toolkit.boxes import count_points
-from toolkit.calibration.empty_scene import learn_empty_scenes
-from toolkit.calibration.scenes import Scenes
+from toolkit.calibration.empty_scene import Scenes, learn_empty_scenes
 from toolkit.datasets.readings import ReadRecording, Reads, read_frame
 from toolkit.detection.cluster import ClusterDetector
 from toolkit.detection.evaluation import Comparison, evaluate_recording, format_table, save_evaluation
@@ -53,8 +52,7 @@ class Recording:
         boxes = np.column_stack([x, 0 * x, 0 * x + 0.75, 0 * x + 4, 0 * x + 2, 0 * x + 1.5, 0 * x])
         rng = np.random.default_rng(k)
         depths = tuple(rng.uniform(1, 40, s.model.shape).astype(np.float32) for s in SENSORS)
-        labels = np.array([VEHICLE] * 5 + [HEAVY])
-        return Frame(SENSORS, depths, Objects(boxes, labels), index=k)
+        return Frame(SENSORS, depths, Objects(boxes, np.array([VEHICLE] * 5 + [HEAVY])), index=k)
 
 
 class Oracle:
@@ -154,10 +152,7 @@ def test_table_and_files(tmp_path):
     lines = format_table(rows).splitlines()
     assert lines[0].split() == ["scheme", "sensors", "AP@0.5", "AP@0.7", "recall@0.5", "kbit/sensor", "ms/frame"]
     assert [line.split()[:2] for line in lines[1:]] == [
-        ["early", "0,2"],
-        ["early", "0,1,2"],
-        ["late", "0,2"],
-        ["late", "0,1,2"],
+        *(["early", "0,2"], ["early", "0,1,2"], ["late", "0,2"], ["late", "0,1,2"])
     ]
     save_evaluation(rows, tmp_path / "out")
     written = json.loads((tmp_path / "out" / "table.json").read_text())

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from toolkit.calibration.scenes import Scenes, learn_sample_scenes
+from toolkit.calibration.empty_scene import Scenes, learn_sample_scenes
 from toolkit.detection.evaluation import Comparison, evaluate_recording, save_evaluation
 from toolkit.detection.link.range_images import RangeImages
 from toolkit.detection.place import Place, Stand

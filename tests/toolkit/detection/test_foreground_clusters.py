@@ -5,12 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from toolkit.calibration.empty_scene import EmptyScene
-from toolkit.calibration.scenes import Scenes
+from toolkit.calibration.empty_scene import EmptyScene, Scenes
 from toolkit.detection import cluster as clusters
 from toolkit.detection.cluster import cluster_points, foreground_clusters, learn_cluster_detector
 from toolkit.detection.detect import detect_frames
-from toolkit.detection.place import Place, find_middle
+from toolkit.detection.place import Place
 from toolkit.frame import Frame, SensorCloud
 from toolkit.geometry import pose, transform
 from toolkit.objects import LABELS, Objects
@@ -103,7 +102,7 @@ def test_backgrounds_and_clusters_by_hand():
 
 def test_detectors_that_learnt_no_label_have_boxes_or_refuse(every):
     scenes = Scenes(every)
-    x, y = find_middle(every[0])
+    x, y = Place().find_middle(every[0])
     place = Place("plane", True, (x - 20, y - 20, x + 20, y + 20))
     detector = learn_cluster_detector(scenes, every[0], place)
     found = list(detect_frames(every, detector, place))

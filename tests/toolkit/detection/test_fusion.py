@@ -84,8 +84,7 @@ def test_early_late_and_hybrid_send_and_detect_as_they_should():
     everything = Detections.merge([*local, suppress(grid_detector(np.concatenate(far)))])
     same(fused, Fused(suppress(everything), fused.bits))
     # Radius 0 sends every point, and the surest boxes come from all of them; an endless radius is late fusion.
-    endless = hybrid(frame(), grid_detector, site=AREA, radius=1e6)
-    same(endless, late(frame(), grid_detector, site=AREA))
+    same(hybrid(frame(), grid_detector, site=AREA, radius=1e6), late(frame(), grid_detector, site=AREA))
     none = hybrid(frame(), grid_detector, site=AREA, radius=0.0)
     best = early(frame(), grid_detector, site=AREA).detections
     assert none.bits.sum() > early(frame(), grid_detector, site=AREA).bits.sum()

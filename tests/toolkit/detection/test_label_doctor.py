@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from toolkit.calibration.ground import level
+from toolkit.datasets import records
 from toolkit.datasets.recordings import LAYOUTS, open_recording
 from toolkit.detection import label_doctor as label_fits
 from toolkit.detection.label_doctor import (
@@ -65,8 +66,7 @@ def test_points_fit_faces_better_than_chance():
     ):
         assert better(before, after) is said
     assert not better(np.full(9, 0.5), np.full(9, 0.6), 0.15)
-    rng = np.random.default_rng(0)
-    ground = np.column_stack([rng.uniform(-20, 20, (3000, 2)), np.full(3000, 2.0)])
+    ground = np.column_stack([np.random.default_rng(0).uniform(-20, 20, (3000, 2)), np.full(3000, 2.0)])
     points = np.concatenate([ground, face(8.0, z=(2.5, 3.5))]).astype(np.float32)
     cloud = SensorCloud("s", points, np.eye(4))
     seen = Seen.of(Frame.of_clouds("0", (cloud,), Objects(BOX + np.array([0, 0, 2.0, 0, 0, 0, 0]))))
@@ -272,8 +272,7 @@ def test_degrees_are_told_from_sound_radians(sound):
     nothing = Frame.of_clouds("0", (SensorCloud("s", np.zeros((0, 3), np.float32), np.eye(4)),), Objects.empty())
     for samples in (sound, [], [nothing]):
         assert diagnose_labels(samples) == []
-    far = [replace(sound[0], problems={"yaws beyond a full turn": 12})]
-    (finding,) = diagnose_labels(far)
+    (finding,) = diagnose_labels([replace(sound[0], problems={"yaws beyond a full turn": 12})])
     assert finding.suspected == "yaw in degrees where radians belong"
     assert "12 of 14 yaws" in finding.evidence
     assert diagnose_labels([replace(sound[0], problems={"yaws beyond a full turn": 2})]) == []
@@ -343,8 +342,7 @@ def test_mistakes_made_in_the_frames_of_sensors(sound):
     assert finding.suspected == "mirrored: y points the other way"
 
 
-HERE = Path(__file__).parent
-BENCHES = HERE.parents[1] / "benchmarks" / "toolkit"
+BENCHES = Path(__file__).parents[2] / "benchmarks" / "toolkit"
 
 
 def load(path):
@@ -452,3 +450,18 @@ def test_verdicts_on_every_layout():
     assert bench.verdict("late", []) == "not found"
     assert bench.verdict("late", ["labels lie about 0.2 s behind the clouds"]) == "found"
     assert bench.verdict("late", ["mirrored: y", "labels lie about"]) == "mirrored: y; labels lie about"
+
+
+def test_what_cannot_be_is_named_with_its_number():
+    def listed(times, **problems):
+        return [Frame.of_clouds(str(k), (), Objects.empty(), time=t, problems=problems) for k, t in enumerate(times)]
+
+    counted = {records.STRAY: 2, records.TOO_LARGE: 1, "doubled labels": 3}
+    found = [*label_fits.find_impossible(listed([0.0], **counted))]
+    assert [each.suspected for each in found] == [records.STRAY, records.TOO_LARGE]
+    assert found[0].evidence == "2, beside 0 labels that are read"
+    for times, says in (
+        *(([3.0, 2.0, 1.0], "times that repeat or go back"), ([0.0, 1e5, 2e5], "times in another unit than seconds")),
+        *(([0.0, 0.1, 0.2, 0.0, 0.1, 0.2], None), ([np.nan, np.nan], None)),
+    ):
+        assert [each.suspected for each in label_fits.find_impossible(listed(times))] == [says] * bool(says)

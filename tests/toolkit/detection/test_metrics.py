@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from toolkit.boxes import footprints, iou_3d, iou_bev
 from toolkit.detection import metrics
@@ -108,6 +107,8 @@ def test_a_case_worked_by_hand_as_the_published_protocol_counts():
     truths = [Objects.empty(), Objects(CAR)]
     assert metrics.evaluate(detections, truths, iou_thresholds=[0.5])[0.5].ap == 0.5
     assert metrics.evaluate(detections, truths, iou_thresholds=[0.5], protocol="published")[0.5].ap == 1.0
+    # Of two overlapping truths the published protocol asks for the greater overlap.
+    assert metrics.claim_then_test(np.array([[0.8, 0.1], [0.6, 0.3], [0.1, 0.7]]), 0.5).tolist() == [0, -1, 1]
     # The stray box overlaps nothing, its arg-max is truth 0, and it claims that.
     detections = [Detections(np.concatenate([moved(CAR, 99), CAR]), np.array([0.9, 0.8]))]
     assert metrics.evaluate(detections, [Objects(CAR)], iou_thresholds=[0.5])[0.5].ap == 0.5
@@ -119,12 +120,13 @@ def test_thresholds_met_by_equality_and_frames_without_objects():
     third = float(iou_3d(detections[0].boxes, CAR)[0, 0])
     assert metrics.evaluate(detections, truths, iou_thresholds=[third])[third].tp == 1
     assert metrics.evaluate(detections, truths, iou_thresholds=[0.9])[0.9].tp == 0
+    assert metrics.evaluate([Detections(CAR, np.ones(1))], truths, iou_thresholds=[1])[1.0].tp == 1
     assert metrics.evaluate(detections, truths, iou_thresholds=[0.9], metric="bev")[0.9].tp == 1
     boxes = np.concatenate([CAR, moved(CAR, 10)])
     detections, truths = [Detections(boxes, np.ones(2))], [Objects(boxes)]
     result = metrics.evaluate(detections, truths, iou_thresholds=[0.5], counted=[[True, False]])[0.5]
     assert (result.tp, result.fp, result.truths) == (1, 0, 1)
-    found = metrics.match(detections[0], truths[0], 0.5, counted=[True, False])
+    found = match_one(detections[0], truths[0], 0.5, counted=[True, False])
     assert found.ignored.tolist() == [False, True]
     assert found.scored.tolist() == [True, False]
     detected, there = Detections(CAR, np.ones(1)), Objects(CAR)
@@ -220,7 +222,7 @@ def test_sampled_iou_and_matches_name_their_truth():
     assert metrics.sample_iou(a[None], b[None], "bev")[0, 0] == pytest.approx(overlap / (8 + 4.4 * 1.8 - overlap))
     assert metrics.sample_iou(b[None], b[None])[0, 0] == 1
     boxes = np.concatenate([moved(CAR, 10.1), CAR, moved(CAR, 0.2), moved(CAR, 60), BUS])
-    found = metrics.match(
+    found = match_one(
         Detections(boxes, np.array([0.1, 0.8, 0.9, 0.5, 0.4]), np.array([0, 0, 0, 1, 0])),
         Objects(np.concatenate([BUS, CAR, moved(CAR, 10), moved(CAR, -10)]), np.array([3, 0, 0, 0])),
         0.5,
@@ -229,7 +231,7 @@ def test_sampled_iou_and_matches_name_their_truth():
     assert found.ignored.tolist() == [False, False, False, True, True]
     assert found.hit.tolist() == [False, True, True, False]
     assert found.scored.tolist() == [False, True, True, True]
-    assert found.iou[2] == pytest.approx(3.8 / 4.2)
+    assert found.iou.tolist() == pytest.approx([3.9 / 4.1, 0.0, 3.8 / 4.2, 0.0, 0.0])
 
 
 @pytest.mark.parametrize("protocol", ["exact", "published"])
@@ -237,7 +239,7 @@ def test_match_and_evaluate_agree(protocol):
     detections, truths = random_frames(3, frames=8)
     result = metrics.evaluate(detections, truths, iou_thresholds=[0.5], protocol=protocol)[0.5]
     pairs = [p for p in zip(detections, truths, strict=True) if protocol == "exact" or (p[1].labels == 0).any()]
-    found = [metrics.match(d, t, 0.5, protocol=protocol) for d, t in pairs]
+    found = [match_one(d, t, 0.5, protocol=protocol) for d, t in pairs]
     assert sum(int(m.hit.sum()) for m in found) == result.tp
     assert sum(int((~m.ignored & (m.truth < 0)).sum()) for m in found) == result.fp
     for pair, alone in zip(pairs, found, strict=True):
@@ -306,17 +308,22 @@ def test_frames_come_one_at_a_time_and_heavy_overlaps_are_ignored():
     )
     bus = Objects(BUS, np.array(["heavy"]))
     for forward, ignored in ((4.0, True), (5.9, True), (6.0, False), (7.0, False)):  # its front is at 6 m
-        match = metrics.match(scored([moved(CAR, 20 + forward)], [0.9]), bus, 0.5)
+        match = match_one(scored([moved(CAR, 20 + forward)], [0.9]), bus, 0.5)
         assert match.ignored.tolist() == [ignored], forward
         result = metrics.evaluate([scored([moved(CAR, 20 + forward)], [0.9])], [bus], iou_thresholds=[0.5])[0.5]
         assert result.fp == (not ignored)
     giant = BUS * [1, 1, 1, 1.0, 3.0, 1, 1]  # a third of its footprint on the bus
-    assert metrics.match(scored([giant], [0.9]), bus, 0.3, metric="bev").ignored.tolist() == [True]
-    assert metrics.match(scored([giant], [0.9]), bus, 0.4, metric="bev").ignored.tolist() == [False]
+    assert match_one(scored([giant], [0.9]), bus, 0.3, metric="bev").ignored.tolist() == [True]
+    assert match_one(scored([giant], [0.9]), bus, 0.4, metric="bev").ignored.tolist() == [False]
     for label, alarms in (("cyclist", 1), ("vehicle", 0)):  # heavy vehicles excuse vehicles only
         assert (
             metrics.evaluate([scored([BUS], [0.9], label)], [bus], iou_thresholds=[0.5], label=label)[0.5].fp == alarms
         )
+
+
+def match_one(detections, truths, threshold, **rules):
+    """Match one frame at one threshold."""
+    return next(metrics.matches(detections, truths, [threshold], **rules))
 
 
 def scored(boxes, scores, label="vehicle"):
@@ -326,8 +333,8 @@ def scored(boxes, scores, label="vehicle"):
 @pytest.mark.parametrize("order", [[0, 1], [1, 0]])
 def test_orders_of_equal_scores_and_truths_make_no_difference(order):
     pair = [moved(CAR, 0.1), moved(CAR, 0.5)]
-    found = metrics.match(scored([pair[k] for k in order], [0.9, 0.9]), Objects(CAR), 0.5)
+    found = match_one(scored([pair[k] for k in order], [0.9, 0.9]), Objects(CAR), 0.5)
     assert found.truth[order.index(0)] == 0
     assert found.truth[order.index(1)] == -1
     there = Objects(np.concatenate([[moved(CAR, 0.2), moved(CAR, -0.6)][k] for k in order]))
-    assert metrics.match(scored([CAR], [0.9]), there, 0.5).truth.tolist() == [order.index(0)]
+    assert match_one(scored([CAR], [0.9]), there, 0.5).truth.tolist() == [order.index(0)]

@@ -1,8 +1,7 @@
 import hashlib
 from types import SimpleNamespace
 
-from toolkit.detection import provenance
-from toolkit.detection.codec import PAPER
+from toolkit.detection import codec, provenance
 from toolkit.objects import Detections
 
 
@@ -26,8 +25,8 @@ def test_files_detectors_and_settings_are_named_with_digests(tmp_path):
     assert provenance.detector_origin(nothing) == {"detector": "nothing", "detector_digest": None}
     nothing.digest = "abc"  # type: ignore[attr-defined]
     assert provenance.detector_origin(nothing)["detector_digest"] == "abc"
-    assert provenance.settings_origin(PAPER, frames=3) == {
+    assert provenance.settings_origin(codec.PAPER, frames=3) == {
         "frames": 3,
-        "codec": PAPER.digest,
+        "codec": codec.PAPER.digest,
         "coview": provenance.coview_version(),
     }

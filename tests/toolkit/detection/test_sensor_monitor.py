@@ -58,6 +58,13 @@ def test_silence_is_noticed_and_work_is_not_accused():
     assert monitor.look(5.0, last) is Fault.SILENT
     assert monitor.look(5.0, whole(4.9, measured(1))) is None
     assert SensorMonitor(SCENE, start=100.0).look(100.4, None) is None
+    for wrong in (3600.0, 0.61, np.nan, np.inf):  # times that switch no monitor off
+        monitor = SensorMonitor(SCENE)
+        assert monitor.look(0.4, whole(0.4, measured(0))) is None
+        assert monitor.look(0.5, whole(wrong, measured(1))) is None
+        assert monitor.look(1.0, None) is Fault.SILENT
+        assert monitor.look(1.1, whole(1.2, measured(2))) is None  # a clock may be a little ahead
+        assert SensorMonitor(SCENE, silent_after=0.4).look(0.5, whole(wrong, measured(1))) is Fault.SILENT
     with pytest.raises(ValueError, match="above 0"):
         SensorMonitor(SCENE, silent_after=0.0)
     with pytest.raises(ValueError, match=r"sensor 'a' measures \(60, 80\) pixels, got an image of \(30, 40\)"):
@@ -73,8 +80,7 @@ def test_frozen_is_noticed_at_the_second_repetition(sent):
 
 
 def test_shifted_lies_behind_the_scene_and_farther_beyond_it():
-    message = whole(0.0, measured(0))
-    assert watched([message] * 5) == [None] * 5
+    assert watched([whole(0.0, measured(0))] * 5) == [None] * 5
     small = [foreground(0.1 * k, with_car(0, width=4)) for k in range(6)]  # 40 pixels
     assert small[0].sent.sum() == 40
     assert watched(small) == [None] * 6
@@ -149,6 +155,5 @@ def test_where_an_object_must_be_seen():
     assert abs(columns.mean() - (40 + 40 * centre[0] / centre[2])) < 3
     assert not standing_before(scene, SENSOR, box + np.array([0, 0, -2.0, 0, 0, 0, 0])).any()  # below the ground
     assert not standing_before(scene, SENSOR, box - np.array([20.0, 0, 0, 0, 0, 0, 0])).any()  # behind the sensor
-    wall = EmptyScene.of(SENSOR, np.minimum(depth, np.float32(9)))
-    assert not standing_before(wall, SENSOR, box).any()
+    assert not standing_before(EmptyScene.of(SENSOR, np.minimum(depth, np.float32(9))), SENSOR, box).any()
     assert not standing_before(scene, SENSOR, np.zeros((0, 7))).any()

@@ -50,8 +50,7 @@ def test_the_site_is_background_or_else_what_is_behind_all_that_moves(place):
     assert site_background(site).digest == background.digest
     assert random_site(3).relief.slope != LEVEL
     site, frames, background = place
-    recording = Recorded(frames, site)
-    assert recording_background(recording).digest == background.digest
+    assert recording_background(Recorded(frames, site)).digest == background.digest
     bare = Recorded(frames, Site("bare", site.area, relief=site.relief))
     learnt = recording_background(bare)
     assert learnt.digest == Background.learn(np.concatenate(list(empty_sweeps(bare)))).digest

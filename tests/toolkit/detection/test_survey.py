@@ -38,8 +38,7 @@ class Recording:
         boxes = np.column_stack([x, 0 * x, 0 * x + 0.75, 0 * x + 4, 0 * x + 2, 0 * x + 1.5, 0 * x])
         rng = np.random.default_rng(k)
         depths = tuple(rng.uniform(1, 40, s.model.shape).astype(np.float32) for s in SENSORS)
-        labels = np.array([VEHICLE] * 5 + [HEAVY])
-        return Frame(SENSORS, depths, Objects(boxes, labels), index=k)
+        return Frame(SENSORS, depths, Objects(boxes, np.array([VEHICLE] * 5 + [HEAVY])), index=k)
 
 
 def test_surveys_count_what_stands_in_the_area_if_anything():
@@ -102,8 +101,7 @@ def test_points_are_counted_by_class_and_without_a_site():
         found.points_on_objects("vehicle", [0])
     with pytest.raises(ValueError, match="label must be one of"):
         survey(Recording(), classes=["tram"])
-    recording = Labelled([sample(np.array([2, 1, 0])), sample(np.array([2, 0, 0]))])
-    found = survey(recording, classes=["vehicle"])
+    found = survey(Labelled([sample(np.array([2, 1, 0])), sample(np.array([2, 0, 0]))]), classes=["vehicle"])
     figures = found.as_dict([[0]])
     assert figures["frames"] == 2
     assert figures["points_per_cloud"] == {"s": 4}

@@ -6,9 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from toolkit.calibration.empty_scene import EmptyScene
+from toolkit.calibration.empty_scene import EmptyScene, Scenes
 from toolkit.calibration.ground import Ground
-from toolkit.calibration.scenes import Scenes
 from toolkit.detection.codec import Message
 from toolkit.detection.link.foreground import Foreground
 from toolkit.detection.link.range_images import RangeImages
@@ -21,7 +20,6 @@ from toolkit.objects import Detections, Objects
 from toolkit.sensors.models import DepthCamera, RowLidar
 from toolkit.sensors.sensor import Sensor
 
-AREA = (-10.0, -10.0, 10.0, 10.0)
 SENSORS = tuple(Sensor(name, DepthCamera(), np.eye(4)) for name in "ab")
 
 
@@ -34,10 +32,10 @@ class Halved:
     def decode_points(self, message, /):
         return message.content
 
-    def encode_boxes(self, detections, /):
+    def encode_boxes(self, detections, origin, /):
         return Message(detections, 7)
 
-    def decode_boxes(self, message, /):
+    def decode_boxes(self, message, sensor, /):
         return message.content
 
     def bits(self, *, points=0, boxes=0, messages=1):
@@ -58,7 +56,7 @@ def watched():
         return Detections(np.array([[len(together(clouds)), 0, 1, 4, 2, 1.5, 0]]), np.array([0.5]))
 
     def view(**options):
-        return View(AREA, SENSORS, measure=measure, run=run, **options), calls
+        return View((-10.0, -10.0, 10.0, 10.0), SENSORS, measure=measure, run=run, **options), calls
 
     return view
 
@@ -127,8 +125,7 @@ def test_points_share_pixels_and_are_counted_from_the_middle():
     assert made.cloud(0).points.dtype == np.float32
     assert made.sensors[1].position.tolist() == [10, 0, 4]
     detector = Counts()
-    fused = Hybrid(radius=15.0).fuse(view(detector), [0, 1])
-    assert fused.bits.tolist() == [256, 256 + 20 * 96]
+    assert Hybrid(radius=15.0).fuse(view(detector), [0, 1]).bits.tolist() == [256, 256 + 20 * 96]
     assert [len(points) for points in detector.seen] == [20, 30, 20]
     detector = Counts()
     nothing = stand_view(
@@ -304,8 +301,7 @@ class Counts:
 
     def __call__(self, points):
         self.seen.append(points)
-        box = np.array([[*points.mean(axis=0), 4, 2, 1.5, 0.0]])
-        return Detections(box, np.array([len(points) / 100]))
+        return Detections(np.array([[*points.mean(axis=0), 4, 2, 1.5, 0.0]]), np.array([len(points) / 100]))
 
 
 def far_sample():

@@ -66,8 +66,7 @@ def test_outcomes_lines_and_counts_differ_by_more_than_colour():
 
 @pytest.mark.parametrize("vision", VISION.values(), ids=VISION)
 def test_sensors_stand_out_for_every_reader(vision):
-    apart = distances(MEANINGS, MEANINGS, vision)
-    assert apart[np.triu_indices(len(MEANINGS), 1)].min() >= 18
+    assert distances(MEANINGS, MEANINGS, vision)[np.triu_indices(len(MEANINGS), 1)].min() >= 18
     ground = [*palette.GROUND.values(), "#ffffff", palette.SOLID["island"]]
     assert distances(palette.SENSORS, ground, vision).min() >= 20
     assert distances([palette.OUTCOME["hit"].colour, palette.OUTCOME["missed"].colour], ground, vision).min() >= 30

@@ -229,13 +229,14 @@ def test_what_sticks_out_of_a_box_is_seen_as_if_everything_was_cast_at_once(seed
     assert (transform(invert(pose(x, y, z, yaw=yaw)), seen.astype(np.float64))[:, 1] > 0.81).sum() >= out
 
 
-def test_only_so_many_scenes_are_kept(monkeypatch):
-    monkeypatch.setattr(module, "_MOST_SCENES", 2)
+def test_only_so_many_scenes_are_kept():
     bodies = catalogue()[:4]
     renderer = Renderer(FLAT, bodies, (camera((-10.0, 0.0, 5.0), 0.0, 0.2),))
     frame = snapshot(bodies, *((k, 4.0 * k, 0.0, 0.3) for k in range(4)))
-    first, again = renderer.render(frame), renderer.render(frame)
-    assert len(renderer._scenes) == 2
+    first = renderer.render(frame)
+    module._body_scene.cache_clear()
+    again = renderer.render(frame)
+    assert module._body_scene.cache_info()[1:] == (4, 400, 4)
     assert np.array_equal(first.hits[0], again.hits[0])
 
 
@@ -267,8 +268,7 @@ def lines(starts, ways):
 def test_moments_meet_lines_and_cover_ground():
     moment = Moment((CAR, CAR), BEHIND, threads=1)
     starts = np.array([[-10.0, 0, 0.7], [20, 0, 0.7], [0, 9, 0.7], [10, 9, 0.7]])
-    ways = np.array([[1.0, 0, 0], [-2, 0, 0], [0, 1, 0], [0, -1, 0]])
-    met, length = moment.met(lines(starts, ways))
+    met, length = moment.met(lines(starts, np.array([[1.0, 0, 0], [-2, 0, 0], [0, 1, 0], [0, -1, 0]])))
     assert met.tolist() == [0, 1, -1, 1]
     np.testing.assert_allclose(length[[0, 1, 3]], [8.0, 4.5, 7.0], atol=1e-5)
     assert np.isinf(length[2])

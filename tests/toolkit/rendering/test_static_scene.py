@@ -54,8 +54,7 @@ def test_meshes_repeat_and_stand_on_grounds_and_ponds():
         assert np.array_equal(first.triangles, second.triangles)
         assert 10_000 < len(first.triangles) < 300_000
         assert np.isfinite(first.vertices).all()
-    made = random_site(np.random.default_rng(3))
-    mesh = build_scenery(made)
+    mesh = build_scenery(random_site(np.random.default_rng(3)))
     assert np.isfinite(mesh.vertices).all()
     assert len(mesh.triangles) < 300_000
 
@@ -90,15 +89,13 @@ def test_hedges_leaves_and_slopes_are_followed_by_rays():
     hedge = mesh.vertices[mesh.vertices[:, 2] > 0.05]
     assert hedge[:, :2].min() > -ROUGHNESS - 1e-9
     assert (hedge[:, :2].max(axis=0) < np.array([6, 0.8]) + ROUGHNESS).all()
-    x = np.column_stack([np.linspace(0.3, 5.7, 200), np.full(200, 0.4)])
-    heights = drop(mesh, x)
+    heights = drop(mesh, np.column_stack([np.linspace(0.3, 5.7, 200), np.full(200, 0.4)]))
     assert (heights > 1.2).all()
     assert heights.max() <= 1.4 + 1e-4
     assert heights.std() > 0.005
     ring = 1.5 * np.column_stack([np.cos(np.arange(8) * np.pi / 4), np.sin(np.arange(8) * np.pi / 4)])
     mesh = build_scenery(site(Solid(ring, 2.0, 5.0, "tree")))
-    rng = np.random.default_rng(0)
-    heights = drop(mesh, rng.uniform(-0.9, 0.9, (2000, 2)))
+    heights = drop(mesh, np.random.default_rng(0).uniform(-0.9, 0.9, (2000, 2)))
     passed = heights < 0.1
     assert 0.02 < passed.mean() < 0.6
     assert heights[~passed].min() > 1.4
@@ -119,3 +116,10 @@ def test_hedges_leaves_and_slopes_are_followed_by_rays():
     xy = SQUARE * 0.8 + 0.4
     heights = drop(build_scenery(site(pond, relief=Relief(0.0, 0, (0.05, 0.0)))), xy)
     assert np.isfinite(heights).all()
+
+
+@pytest.mark.parametrize("kind", ["building", "hedge", "bush", "tree"])
+def test_solids_of_endless_size_are_refused(kind):
+    for footprint, top in ((SQUARE, 1e300), (SQUARE * 1e3, 1e3)):
+        with pytest.raises(ValueError, match="m² of skin, where 2"):
+            build_scenery(site(Solid(footprint, 0.0, top, kind)))

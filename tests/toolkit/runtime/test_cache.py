@@ -3,7 +3,10 @@ import json
 import multiprocessing
 import os
 import pickle
+import shutil
 import signal
+import sqlite3
+import stat
 import subprocess
 import sys
 import time
@@ -12,8 +15,7 @@ import zlib
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from toolkit.runtime.cache import CHECKSUM, Cache, decode_arrays, encode_arrays, make_key
 
@@ -145,6 +147,43 @@ def test_a_damaged_file_is_put_aside_and_begun_anew(cache, kind):
         warnings.simplefilter("error")
         assert same(again.get(KEYS[:1])[0], value(0))
     assert any("damaged" in path.name for path in cache.path.parent.iterdir())
+
+
+@pytest.mark.parametrize("cell", ["'text'", "CAST(X'ff00fe' AS TEXT)", "7", "0.5", "X''", "zeroblob(99)"])
+def test_a_row_of_any_kind_is_not_believed(cache, cell):
+    cache.close()
+    with sqlite3.connect(cache.path) as database:
+        database.execute(f"UPDATE entries SET value = {cell} WHERE key = ?", KEYS[:1])
+    database.close()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = Cache(cache.path).get(KEYS[:2])
+    assert found[0] is None
+    assert same(found[1], value(1))
+
+
+def test_only_who_knows_the_secret_writes_what_is_believed(cache, tmp_path):
+    key = cache.path.with_name("cache.sqlite.key")
+    assert stat.S_IMODE(key.stat().st_mode) == 0o600
+    forger = Cache(tmp_path / "other" / "cache.sqlite")  # knows the code and the keys of values, not the secret
+    forger.put({KEYS[0]: value(9)})
+    forger.close()
+    cache.close()
+    shutil.copy(forger.path, cache.path)
+    assert Cache(cache.path).get(KEYS[:1]) == [None]
+    cache.put({KEYS[0]: value(3)})
+    assert same(Cache(cache.path).get(KEYS[:1])[0], value(3))
+    content = key.read_bytes()
+    for change in (lambda: key.chmod(0o640), lambda: key.write_bytes(content[:5])):
+        key.unlink(missing_ok=True)
+        key.write_bytes(content)
+        key.chmod(0o600)
+        assert Cache(cache.path).get(KEYS[:1]) != [None]
+        change()
+        with pytest.warns(UserWarning, match=r"cache.sqlite.key is not a secret of yours alone: remove it"):
+            assert Cache(cache.path).get(KEYS[:1]) == [None]
+    Cache(cache.path).delete()
+    assert list(cache.path.parent.iterdir()) == []
 
 
 def put_slowly(path, first, gate):

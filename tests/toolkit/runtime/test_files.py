@@ -1,15 +1,23 @@
 """Whole files: what is there is there whole, and nothing is left behind."""
 
 import errno
+import itertools
 import os
+import threading
+import zipfile
 from hashlib import sha256
 from io import BytesIO
+from itertools import product
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from placement_env.candidates.sensor_catalogue import load_sensor_catalogue
+from toolkit.datasets.cloud_files import read_poses
+from toolkit.datasets.records import load_json
 from toolkit.runtime import files
+from toolkit.runtime.hdf5 import open_hdf5
 
 
 def test_files_replace_what_was_there_with_links_and_permissions(tmp_path):
@@ -127,6 +135,68 @@ def test_files_written_together_are_all_there_or_none(tmp_path):
     assert {each.name: each.read_text() for each in (tmp_path / "out").iterdir()} == {"a": "old", "b": "new"}
 
 
+def test_what_a_killed_process_left_is_taken_over_but_not_what_is_being_written(tmp_path):
+    (tmp_path / ".file.0.unfinished").write_text("torn")
+    (tmp_path / ".mine").write_text("")
+    with files.writing(tmp_path / "file") as one, files.writing(tmp_path / "file") as other:
+        assert one.name == ".file.0.unfinished"
+        assert one.read_text() == ""
+        assert other != one
+        files.write_text(tmp_path / "file", "third")
+        assert one.exists()
+        assert other.exists()
+    assert sorted(each.name for each in tmp_path.iterdir()) == [".mine", "file"]
+
+
+@pytest.mark.parametrize("before", ["missing", "empty", "ours", "killed while moving"])
+def test_a_folder_appears_whole_or_stays_as_it_was(tmp_path, before):
+    out = tmp_path / "new" / "out"
+    if before != "missing":
+        out.mkdir(parents=True)
+    if before in ("ours", "killed while moving"):
+        (out / files.WRITTEN).write_text("" if before == "ours" else files.UNFINISHED)
+        (out / "old").mkdir()
+    names = sorted(each.name for each in out.iterdir()) if out.exists() else None
+
+    def write(error=None):
+        files.check_new_folder(out, overwrite=before == "ours")
+        with files.writing_folder(out) as folder:
+            files.write_text(folder / "deep" / "a", "new")
+            assert not (out / "deep").exists()
+            if error:
+                raise error
+
+    with pytest.raises(OSError, match=r"cannot write .*out: No space left on device"):
+        write(OSError(errno.ENOSPC, "full"))
+    with pytest.raises(FileNotFoundError, match="of the input"):  # its words stay
+        write(FileNotFoundError(errno.ENOENT, "of the input"))
+    assert (sorted(each.name for each in out.iterdir()) if out.exists() else None) == names
+    left = (out if out.exists() else out.parent) / f"{'' if out.exists() else '.out'}.0.unfinished"
+    left.mkdir(parents=True)
+    (left / "torn").write_text("")
+    with pytest.warns(UserWarning, match="which a killed run left, is removed and begun anew"):
+        write()
+    assert sorted(each.name for each in out.iterdir()) == [files.WRITTEN, "deep"]
+    assert (out / files.WRITTEN).read_text() == ""
+    assert [each.name for each in out.parent.iterdir()] == ["out"]
+
+
+def test_outputs_below_an_input_above_one_or_among_files_of_others_are_refused(tmp_path):
+    (tmp_path / "rec" / "lidar").mkdir(parents=True)
+    (tmp_path / "link").symlink_to(tmp_path / "rec")
+    for out in ("rec/labels.json", "rec/lidar/new/file", "link/x"):
+        with pytest.raises(ValueError, match=r"is inside .*rec, which is read"):
+            files.check_output(tmp_path / out, inputs=[tmp_path / "rec"], overwrite=True)
+    with pytest.raises(ValueError, match="files that coview did not write there"):
+        files.check_new_folder(tmp_path, overwrite=True)
+    (tmp_path / files.WRITTEN).touch()
+    files.check_new_folder(tmp_path, overwrite=True)
+    with pytest.raises(FileExistsError, match="--overwrite"):
+        files.check_new_folder(tmp_path)
+    with pytest.raises(ValueError, match="rec/lidar, which is read"):
+        files.check_new_folder(tmp_path, inputs=[tmp_path / "rec" / "lidar"], overwrite=True)
+
+
 def test_sound_json_is_read_and_damaged_json_is_one_line(tmp_path):
     path = tmp_path / "a.json"
     path.write_text('\ufeff{"a": [1, 2.5, null]}', encoding="utf-8")
@@ -134,7 +204,7 @@ def test_sound_json_is_read_and_damaged_json_is_one_line(tmp_path):
     for content, says in (
         (b'{"a": 1,\n', r"a\.json: not JSON from line 2 on"),
         (b"[" * 100_000, r"a\.json: its lists or objects are nested too deep"),
-        *((b'{"a":' * 100_000, "nested too deep"), (b"1" * 5000, "thousands of digits")),
+        *((b'{"a":' * 100_000, "nested too deep"), (b"[%s]" % (b"1" * 400), "a number of 400 digits")),
         (b"\xff\xfe", r"a\.json: not a text file \(byte 0 is not UTF-8\)"),
     ):
         path.write_bytes(content)
@@ -144,6 +214,29 @@ def test_sound_json_is_read_and_damaged_json_is_one_line(tmp_path):
 
 
 ARRAYS: dict[str, np.ndarray] = {"a": np.arange(1000, dtype=np.float32), "empty": np.zeros((0, 7))}
+
+
+def test_pipes_that_are_silent_and_devices_are_no_files(tmp_path, monkeypatch):
+    monkeypatch.setattr(files, "_PATIENCE", 0.01)
+    os.mkfifo(tmp_path / "pipe")
+    readers = (
+        files.read_json,
+        load_sensor_catalogue,
+        files.read_arrays,
+        files.load_arrays,
+        open_hdf5,
+        load_json,
+        read_poses,
+    )
+    for path, read in product((tmp_path / "pipe", Path("/dev/zero")), readers):
+        with pytest.raises(ValueError, match=r"is a pipe.* save its content to a file"):
+            read(path)
+    monkeypatch.setattr(files, "_LONGEST_PIPE", 10)
+    writer = threading.Thread(target=(tmp_path / "pipe").write_text, args=("x" * 100,))
+    writer.start()
+    with pytest.raises(ValueError, match="does not end"):
+        files.read_bytes(tmp_path / "pipe")
+    writer.join()
 
 
 def test_arrays_written_are_read_here_and_by_numpy(tmp_path):
@@ -178,7 +271,7 @@ def test_arrays_cut_turned_or_not_ours_are_refused(tmp_path):
         files.read_arrays(tmp_path / "x.npz")
     for value in (content.getvalue(), b"no archive"):
         (tmp_path / "x.npz").write_bytes(value + sha256(value).digest())
-        with pytest.raises(ValueError, match="no plain arrays"):
+        with pytest.raises(ValueError, match="cannot be read as"):
             files.read_arrays(tmp_path / "x.npz")
     whole = npy(np.arange(9.0))
     for content in (
@@ -191,7 +284,66 @@ def test_arrays_cut_turned_or_not_ours_are_refused(tmp_path):
         assert "\n" not in str(error.value)
 
 
+def test_arrays_that_unpack_to_gigabytes_or_are_none_are_refused(tmp_path):
+    declared = npy(np.arange(9.0)).replace(b"(9,), }      ", b"(999999999,)}")
+    for content, says in ((declared, "unpacks to 7.5 GiB"), (b"a text", "magic"), (b"zeros", "unpacks to 2.0 GiB")):
+        with zipfile.ZipFile(tmp_path / "a.npz", "w") as archive:
+            archive.writestr("a.npy", content)
+        whole = (tmp_path / "a.npz").read_bytes()
+        if content == b"zeros":  # what the archive's directory says
+            place = whole.rindex(b"PK\x01\x02") + 24
+            whole = whole[:place] + (1 << 31).to_bytes(4, "little") + whole[place + 4 :]
+        (tmp_path / "a.npz").write_bytes(whole)
+        with pytest.raises(ValueError, match=says):
+            files.load_arrays(tmp_path / "a.npz")
+    (tmp_path / "a.npy").write_bytes(declared)
+    with pytest.raises(ValueError, match=r"a\.npy cannot be read as .*unpacks to 7.5 GiB"):
+        files.load_arrays(tmp_path / "a.npy")
+
+
 def npy(array):
     stream = BytesIO()
     np.save(stream, array)
     return stream.getvalue()
+
+
+BOMB = "a: &a [1, 1, 1, 1, 1, 1, 1, 1, 1, 1]\n" + "".join(
+    f"{name}: &{name} [{', '.join([f'*{before}'] * 10)}]\n" for before, name in itertools.pairwise("abcdefgh")
+)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (BOMB, "more than 1000000 values, aliases included"),
+        ("a: &a [*a]", "more than 1000000 values"),
+        ("a: {b: 1, c: 2, b: 3}", "the key 'b' twice"),
+        *(
+            ("a: [1", "expected"),
+            ("[" * 900, "nested too deep|while parsing"),
+            ("a: !!python/object:os.system x", "tag"),
+        ),
+    ],
+)
+def test_yaml_that_would_fill_the_memory_or_says_two_things_is_refused(text, says):
+    with pytest.raises(ValueError, match=says) as error:
+        files.parse_yaml(text)
+    assert "\n" not in str(error.value)
+
+
+def test_yaml_with_few_aliases_is_read_and_json_has_no_key_twice():
+    assert files.parse_yaml("a: &a [1, 2]\nb: *a\n7: {<<: {x: 1}, y: 2}") == {
+        "a": [1, 2],
+        "b": [1, 2],
+        7: {"x": 1, "y": 2},
+    }
+    assert files.parse_yaml("") is None
+    with pytest.raises(ValueError, match="the key 'b' twice: restore"):
+        files.parse_json('{"a": {"b": 1, "b": 2}}')
+
+
+@pytest.mark.parametrize("name", ["/etc/passwd", "a/../../b", "..", "a\0b"])
+def test_file_names_in_files_stay_below_their_data_set(name):
+    with pytest.raises(ValueError, match="leads out of"):
+        files.resolve_below("set", name)
+    assert files.resolve_below("set", "samples/a.bin") == Path("set/samples/a.bin")

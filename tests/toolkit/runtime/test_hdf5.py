@@ -1,6 +1,7 @@
 """HDF5 on a disk that is full: one error, wherever it strikes, and the process lives."""
 
 import errno
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -20,6 +21,13 @@ def file(tmp_path):
         made["words"] = "hello"
         made["group/inside"] = np.arange(3)
         made["nowhere"] = h5py.SoftLink("/not/there")
+        other = str(tmp_path / "pipe")
+        os.mkfifo(other)  # opening it would wait for ever
+        made["away"], made["else"] = h5py.ExternalLink(other, "x"), h5py.ExternalLink(other, "/")
+        made.create_dataset("raw", (4,), "f8", external=[(other, 0, 32)])
+        layout = h5py.VirtualLayout((4,), "f8")
+        layout[:] = h5py.VirtualSource(other, "x", (4,))
+        made.create_virtual_dataset("group/virtual", layout)
         made["type"] = np.dtype("f8")
         made["nothing"] = h5py.Empty("f8")
         made.create_dataset("vast", (10**9, 10**3), np.float32, chunks=True)
@@ -31,7 +39,7 @@ def test_what_is_sound_is_read_and_faults_of_h5py_are_of_reading(file):
     np.testing.assert_array_equal(hdf5.array(file, "numbers", axes=2), np.arange(6.0).reshape(2, 3))
     np.testing.assert_array_equal(hdf5.rows(hdf5.dataset(file, "numbers"), "numbers", 1), [3, 4, 5])
     assert hdf5.text(file, "words") == "hello"
-    assert hdf5.child_names(file, "group") == ["inside"]
+    assert hdf5.child_names(file, "group") == ["inside", "virtual"]
     assert hdf5.child_names(file, "missing") == hdf5.child_names(file, "numbers") == []
     assert hdf5.read_node_attributes(file["numbers"], "numbers") == {"unit": "m"}
     assert hdf5.contains(file, "group/inside")
@@ -47,7 +55,9 @@ def test_what_is_sound_is_read_and_faults_of_h5py_are_of_reading(file):
 @pytest.mark.parametrize(
     ("name", "asked", "says"),
     [
-        *(("missing", {}, "'missing' is missing"), ("nowhere", {}, "is missing")),
+        *(("missing", {}, "'missing' is missing"), ("nowhere", {}, "nowhere is a link")),
+        *(("away", {}, "away is a link, which is not followed: store"), ("else/x", {}, "else is a link")),
+        *(("raw", {}, "raw has its numbers in another file"), ("group/virtual", {}, "numbers in another file")),
         ("group", {}, "must be a dataset of numbers, got group"),
         *(("type", {}, "must be a dataset of numbers, got datatype"), ("nothing", {}, "must be a dataset of numbers")),
         ("words", {}, "must hold numbers, got object"),
@@ -60,6 +70,10 @@ def test_what_is_not_is_refused_in_one_line(file, name, asked, says):
     with pytest.raises(ValueError, match=says) as error:
         hdf5.array(file, name, **asked)
     assert "\n" not in str(error.value)
+    if "link" in says or "another" in says:
+        for follow in (hdf5.contains, hdf5.find_array, hdf5.child_names, hdf5.text):
+            with pytest.raises(ValueError, match=says):
+                follow(file, name)
 
 
 SIZES = [0, 1, 96, 2000, 5000, 20_000, 100_000, 200_000]

@@ -96,8 +96,7 @@ def test_the_same_job_finds_its_processes_waiting(tmp_path, monkeypatch):
         assert ends(process)
     last = set(spread(worker, range(8), workers=2))
     assert all(ends(process) for process in last)  # when nothing came for a while
-    waiting = set(spread(worker, range(8), workers=2))
-    os.kill(waiting.pop(), signal.SIGKILL)
+    os.kill(set(spread(worker, range(8), workers=2)).pop(), signal.SIGKILL)
     assert len(list(spread(worker, range(8), workers=2))) == 8
 
 

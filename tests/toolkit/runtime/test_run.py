@@ -14,6 +14,7 @@ from toolkit.runtime.run import Processes, Run
         ({"workers": 1.5}, "workers must be a whole number of at least 1, got 1.5"),
         ({"seed": -1}, "seed must be a whole number of at least 0, got -1"),
         ({"frames": 0}, "frames must be a whole number of at least 1, got 0"),
+        ({"cache": __file__}, "the cache is a folder, got the file .*: give another path"),
     ],
 )
 def test_fields_are_checked(fields, message):

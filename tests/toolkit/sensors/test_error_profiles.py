@@ -13,7 +13,6 @@ from toolkit.sensors.error_profiles import (
     ErrorProfile,
     check_drawn,
     find_profile,
-    get_profile,
     only_own_noise,
 )
 from toolkit.sensors.error_terms import Calibration, ClockOffset, DropOut, OwnNoise, RangeNoise, rain
@@ -47,8 +46,8 @@ def test_digests_and_names_of_profiles():
         ErrorProfile("", ())
     assert list(PROFILES) == ["paper", "surveyed", "typical", "poor"]
     assert [find_profile(name) for name in PROFILES] == [PAPER_ERRORS, SURVEYED, TYPICAL, POOR]
-    assert get_profile("poor") is POOR
-    assert get_profile(TYPICAL) is TYPICAL
+    assert find_profile("poor") is POOR
+    assert find_profile(TYPICAL) is TYPICAL
     with pytest.raises(ValueError, match=r"unknown error profile 'bad': choose among paper, surveyed, typical, poor"):
         find_profile("bad")
     assert len({profile.digest for profile in PROFILES.values()}) == 4

@@ -28,6 +28,7 @@ from toolkit.sensors.error_terms import (
     time_of_flight_noise,
     velocities,
 )
+from toolkit.sensors.readings import Draws, Reading
 
 
 def moved(objects, by):
@@ -39,8 +40,7 @@ def moved(objects, by):
 def test_velocities_of_tracks_and_the_window_band_of_cars(street):
     now, speed = street.objects, np.array([[10.0, 0, 0], [0, -5, 0], [1, 1, 0], [0, 0, 0]])
     before, after = (moved(now, speed * t) for t in (-0.1, 0.1))
-    both = velocities(now, 4.0, [(before, 3.9), (after, 4.1)])
-    assert np.allclose(both, speed)
+    assert np.allclose(velocities(now, 4.0, [(before, 3.9), (after, 4.1)]), speed)
     one = velocities(now, 4.0, [(after[[3, 0]], 4.1)])
     assert np.allclose(one, [[10, 0, 0], [0, 0, 0], [0, 0, 0], [0, 0, 0]])
     assert np.allclose(velocities(now, 4.0, [(before[[1]], 3.9), (after, 4.1)]), speed)
@@ -68,7 +68,6 @@ def test_points_on_a_car_move_with_its_velocity_and_drops_stay(read, street):
     assert np.array_equal(again.shift, said.shift)  # constant over a recording
     speed = np.full((4, 3), 10.0)
     near = np.where(street.owners == 0, np.float32(2.0), street.measurement)
-    from toolkit.sensors.readings import Draws, Reading
 
     reading = replace(Reading.of(replace(street, velocities=speed)), measurement=near)
     said = ClockOffset(0.05).apply(reading, Draws(0, 1, 2, 3))
@@ -273,8 +272,7 @@ def test_poles_sway_and_noise_is_drawn_anew(read, street):
     "term", [RangeNoise(constant=0.03), RangeNoise(0.01, 0.002), RangeNoise(quadratic=1e-4), time_of_flight_noise()]
 )
 def test_sigma_by_range(read, wall, sensor, term, metres):
-    truth = wall(sensor, metres)
-    noise = read(term, truth).measurement.astype(np.float64) - metres
+    noise = read(term, wall(sensor, metres)).measurement.astype(np.float64) - metres
     expected = term.constant + term.proportional * metres + term.quadratic * metres**2
     assert noise.std() == pytest.approx(expected, rel=0.03)
     assert abs(noise.mean()) < 4 * expected / np.sqrt(noise.size)
@@ -290,8 +288,7 @@ def test_what_returned_nothing_still_does_and_nothing_comes_from_behind(read, st
 def heights(truth):
     """Share of its object's height at which each pixel lies."""
     boxes = truth.objects.boxes[truth.owners]
-    z = truth.points[:, 2].reshape(truth.owners.shape)
-    return (z - boxes[..., 2]) / boxes[..., 5] + 0.5
+    return (truth.points[:, 2].reshape(truth.owners.shape) - boxes[..., 2]) / boxes[..., 5] + 0.5
 
 
 def test_dark_pillars_and_glass(read, street):
@@ -314,8 +311,7 @@ def test_dark_pillars_and_glass(read, street):
 def test_the_way_through_a_car_is_that_to_its_far_side(read, street):
     """Oracle: at most where the ray leaves the box, found by steps of a centimetre."""
     said = [read(Glass(1.0, behind=1.0), street, frame=f).measurement for f in range(60)]
-    band = np.argwhere(Glass(1.0).band(street))[::40]
-    for row, column in band:
+    for row, column in np.argwhere(Glass(1.0).band(street))[::40]:
         pixel = row * street.measurement.shape[1] + column
         ray = street.sensor.world_rays[:, pixel].astype(np.float64)
         steps = street.measurement[row, column] + np.arange(0, 8, 0.01)
@@ -350,8 +346,6 @@ def test_dark_cars_lose_more_and_open_rays_return_a_share(read, street, sensor):
 
 def test_wetness_and_rain_take_more_by_the_law(read, street):
     """All vehicles at a fifth of their reflectivity: what stays is the ratio of both chances."""
-    from toolkit.sensors.error_terms import chance_of_return
-
     term = Paint(0.0, wet=0.2, half_range=30.0)
     kept = np.mean([read(term, street, frame=f).valid for f in range(30)], axis=0)
     law = street.ranges, street.cosines, 30.0, 2.0

@@ -9,7 +9,6 @@ from toolkit.geometry import invert, look, pose, transform
 from toolkit.rendering.renderer import Renderer
 from toolkit.sensors.models import (
     MODELS,
-    AngleGrid,
     DepthCamera,
     RowLidar,
     SolidStateLidar,
@@ -17,11 +16,8 @@ from toolkit.sensors.models import (
     class_names,
     find_model,
     find_model_class,
-    grid_windows,
-    in_grid,
     make_model,
     register_sensor_model,
-    unit_rays,
 )
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.files import document, load_site, parse
@@ -48,7 +44,7 @@ def test_strides_and_right_angles_fill_the_view():
 
     inside = polar((0, 0, 10), (0.99, 0, 10), (0, -0.24, 10), (0, 0, 59.9))
     outside = polar((1.01, 0, 10), (0, 0.26, 10), (3.1, 0, 10), (0, 0, 60.1))
-    assert in_grid(SECTOR, np.concatenate([inside, outside])).tolist() == [True] * 4 + [False] * 4
+    assert SECTOR.in_view(np.concatenate([inside, outside])).tolist() == [True] * 4 + [False] * 4
     degree = np.pi / 180
     inside = polar((0, 0, 10), (59 * degree, 12 * degree, 10), (0, 0, 149))
     outside = polar((61 * degree, 0, 10), (0, -13 * degree, 10), (np.pi, 0, 10), (0, 0, 151))
@@ -83,28 +79,29 @@ def test_windows_of_cameras_hold_boxes_ahead_and_around():
     assert windows.tolist() == [[1, 0, CAMERA.shape[0], 0, CAMERA.shape[1]]]
 
 
-TURN = AngleGrid(rows=16, columns=90, up=0.2, down=-0.5, width=2 * np.pi, max_range=60.0)
-SECTOR = AngleGrid(rows=24, columns=60, up=0.25, down=-0.25, width=2.0, max_range=60.0)
-ROW = AngleGrid(rows=1, columns=36, up=0.0, down=0.0, width=2 * np.pi, max_range=60.0)
-grids = pytest.mark.parametrize("grid", [TURN, SECTOR, ROW], ids=["turn", "sector", "row"])
+TURN = SpinningLidar(16, 0.2, -0.5, azimuth_step=np.pi / 45, max_range=60.0)
+SECTOR = SolidStateLidar(24, 60, 2.0, 0.5, max_range=60.0)
+ROW = SpinningLidar(1, 0.0, 0.0, azimuth_step=np.pi / 18, max_range=60.0)
+grids = pytest.mark.parametrize("lidar", [TURN, SECTOR, ROW], ids=["turn", "sector", "row"])
 
 
 @grids
-def test_rays_are_unit_vectors_from_the_top_right_sideways(grid):
-    rays = unit_rays(grid).astype(np.float64)
-    assert rays.shape == (grid.rows, grid.columns, 3)
+def test_rays_are_unit_vectors_from_the_top_right_sideways(lidar):
+    rays = lidar.rays().astype(np.float64)
+    assert rays.shape == (*lidar.shape, 3)
     np.testing.assert_allclose(np.linalg.norm(rays, axis=-1), 1, atol=1e-6)
     elevation, azimuth = np.arcsin(rays[..., 2]), np.unwrap(np.arctan2(rays[..., 1], rays[..., 0]), axis=1)
-    np.testing.assert_allclose(elevation[[0, -1]].T, np.tile([grid.up, grid.down], (grid.columns, 1)), atol=1e-6)
-    np.testing.assert_allclose(np.diff(azimuth, axis=1), grid.width / grid.columns, atol=1e-5)
+    ends = {TURN: (0.2, -0.5), SECTOR: (0.25, -0.25), ROW: (0.0, 0.0)}[lidar]
+    np.testing.assert_allclose(elevation[[0, -1]].T, np.tile(ends, (lidar.shape[1], 1)), atol=1e-6)
+    np.testing.assert_allclose(np.diff(azimuth, axis=1), lidar.horizontal_fov / lidar.shape[1], atol=1e-5)
     np.testing.assert_allclose(azimuth.mean(axis=1), 0, atol=1e-5)
 
 
 def test_turning_lidars_have_columns_seams_and_rays_made_once():
-    assert unit_rays(TURN) is unit_rays(TURN._replace())
+    assert TURN.rays() is replace(TURN).rays()
     with pytest.raises(ValueError, match="read-only"):
-        unit_rays(TURN)[0, 0] = 1
-    assert len(grid_windows(TURN, corners(np.array([[99.0, 0, 0, 4, 2, 1.5, 0]])))) == 0
+        TURN.rays()[0, 0] = 1
+    assert len(TURN.windows(corners(np.array([[99.0, 0, 0, 4, 2, 1.5, 0]])))) == 0
     for step, sweep, columns in ((np.deg2rad(0.4), 2 * np.pi, 900), (0.1, 1.0, 10), (1.0, 1.0, 1), (0.4, 1.0, 2)):
         assert SpinningLidar(azimuth_step=step, azimuth_fov=sweep).shape == (64, columns)
     lidar = SpinningLidar(fov_up=0.2, fov_down=-0.3, azimuth_fov=1.5)
@@ -118,14 +115,14 @@ def test_turning_lidars_have_columns_seams_and_rays_made_once():
 
 
 @grids
-def test_every_ray_that_meets_a_box_lies_in_one_of_its_windows(grid):
+def test_every_ray_that_meets_a_box_lies_in_one_of_its_windows(lidar):
     rng = np.random.default_rng(3)
     places = np.column_stack([rng.uniform(-15, 15, (60, 2)), rng.uniform(-4, 4, 60)])
     boxes = np.column_stack([places, rng.uniform(1, 6, (60, 3)), rng.uniform(-3, 3, 60)])
-    windows = grid_windows(grid, corners(boxes))
+    windows = lidar.windows(corners(boxes))
     assert (windows[:, 1] < windows[:, 2]).all()
     assert (windows[:, 3] < windows[:, 4]).all()
-    rays = unit_rays(grid).astype(np.float64)
+    rays = lidar.rays().astype(np.float64)
     met = 0
     for number, (x, y, z, *size, yaw) in enumerate(boxes):
         turn = np.array([[np.cos(yaw), np.sin(yaw), 0], [-np.sin(yaw), np.cos(yaw), 0], [0, 0, 1]])
@@ -178,8 +175,7 @@ def test_solid_state_and_row_lidars_measure_in_their_field():
     ahead = SIDEWAYS.body_SE3_sensor[:3, :3] @ [np.cos(1.5), np.sin(1.5), 0.0]
     np.testing.assert_allclose(ahead, [1, 0, 0], atol=1e-12)
     np.testing.assert_allclose(ROWS.body_SE3_sensor, np.eye(4))
-    site = replace(load_site("tjunction"), sensors=(Sensor("r", SIDEWAYS, pose(1.0, 2.0, 5.0)),))
-    content = document(site)
+    content = document(replace(load_site("tjunction"), sensors=(Sensor("r", SIDEWAYS, pose(1.0, 2.0, 5.0)),)))
     (model,) = [f["properties"]["model"] for f in content["features"] if f["properties"]["layer"] == "sensor"]
     assert model["elevations_deg"] == pytest.approx(np.rad2deg(SIDEWAYS.elevations).tolist())
     (back,) = parse(content).sensors

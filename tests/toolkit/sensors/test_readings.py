@@ -34,8 +34,7 @@ def test_streams_depend_on_what_they_are_drawn_for_alone():
     assert together.tolist() == [BASE.of_objects(np.array([each]))[0] for each in (4, -1, 2**40, 4)]
     assert len(set(together.tolist())) == 3
     assert BASE.of_objects(np.zeros(0, np.int64)).shape == (0,)
-    many = BASE.of_objects(np.arange(2000))
-    assert many.mean() == pytest.approx(0.5, abs=0.03)
+    assert BASE.of_objects(np.arange(2000)).mean() == pytest.approx(0.5, abs=0.03)
     one, above, beside = (np.array(p) for p in ([-3.0, 2.0, 5.0], [-3.001, 2.0, 6.0], [-3.02, 2.0, 5.0]))
     assert first(BASE.of_pole(one)) == first(replace(BASE, sensor=6).of_pole(above)) != first(BASE.of_pole(beside))
 
@@ -50,8 +49,7 @@ def test_owners_are_the_boxes_that_rays_meet(street, cast):
     ground = street.valid & (street.points[:, 2].reshape(street.measurement.shape) < 0.01)
     assert (street.owners[ground] == -1).all()
     assert ground.sum() > 5000
-    nobody = replace(street, objects=Objects.empty())
-    assert (nobody.owners == -1).all()
+    assert (replace(street, objects=Objects.empty()).owners == -1).all()
 
 
 def test_cosines_on_even_ground_and_on_a_wall(street, wall, sensor):

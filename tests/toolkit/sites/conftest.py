@@ -16,7 +16,7 @@ from toolkit.sensors.models import DepthCamera, SpinningLidar
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.files import load_site, save_site
 from toolkit.sites.georeference import inverse_project
-from toolkit.sites.maps import import_osm
+from toolkit.sites.maps import MapPiece, import_osm
 from toolkit.sites.site import Mount, Relief, Site, Solid
 
 CENTRE = (13.4, 52.505)
@@ -80,10 +80,10 @@ def _put(draft, tmp_path, name="town.osm") -> Path:
     return path
 
 
-def _imported(draft, tmp_path, **more) -> Site:
+def _imported(draft, tmp_path, lefthand=False, **more) -> Site:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
-        site = import_osm(_put(draft, tmp_path), centre=CENTRE, size=(80, 60), **more)
+        site = import_osm(MapPiece(_put(draft, tmp_path), CENTRE, (80, 60), **more), lefthand=lefthand)
     _check(site, tmp_path)
     return site
 

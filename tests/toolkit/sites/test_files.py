@@ -3,8 +3,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from toolkit.geometry import pose
 from toolkit.sensors.models import SpinningLidar
@@ -115,7 +114,7 @@ DAMAGE = [
     (put(network=["<net>"]), r"network is damaged XML"),
     (put(network=["<routes/>"]), r"network must be a SUMO <net>"),
     (drop("height"), r"height must be a finite number, got None"),
-    (put(height=10**400), r"height must be a finite number, got 10{58}"),
+    (put(height=10**400), r"it has a number of 401 digits"),
     (put(relief=3), r"relief must be an object \{\.\.\.\}, got '3'"),
     (put(height=-4), r"height must be positive, got -4"),
     (put(hybrid_radius=[]), r"hybrid_radius must be a finite number"),

@@ -1,21 +1,21 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import shapely
 
-from toolkit.sites import furnishing
-from toolkit.sites.furniture import rectangle
-from toolkit.sites.site import Mount, Solid
+from toolkit.sites import furnishing, furniture, site
 from toolkit.sites.surroundings import LANE_CLEARANCE, MOUNT_CLEARANCE, Plot, Road, along, place_mounts
 
 AREA = np.array([-40.0, -20.0, 40.0, 20.0])
-SHOULDER = rectangle(-80.0, -8.7, 80.0, -3.5)
+SHOULDER = furniture.rectangle(-80.0, -8.7, 80.0, -3.5)
 LINE = np.array([[-80.0, -6.1], [80.0, -6.1]])  # middle of the shoulder, as its traffic goes
 ROAD = Road(
     paths=[np.array([[-80.0, 0.0], [80.0, 0.0]])],
     half_widths=[(5.5, 10.7)],
-    lanes=[rectangle(-80.0, -3.5, 80.0, 0.0), rectangle(-80.0, 0.0, 80.0, 3.5), SHOULDER],
-    footways=[rectangle(-80.0, 3.5, 80.0, 5.5), rectangle(-80.0, -10.7, 80.0, -8.7)],
-    shoulders=[SHOULDER],
+    lanes=[furniture.rectangle(-80.0, -3.5, 80.0, 0.0), furniture.rectangle(-80.0, 0.0, 80.0, 3.5), SHOULDER],
+    footways=[furniture.rectangle(-80.0, 3.5, 80.0, 5.5), furniture.rectangle(-80.0, -10.7, 80.0, -8.7)],
+    strips={"in0": (LINE, 5.2)},
 )
 DRIVEN = shapely.box(-80.0, -3.5, 80.0, 3.5)
 
@@ -25,7 +25,7 @@ DRIVEN = shapely.box(-80.0, -3.5, 80.0, 3.5)
 def test_what_is_built_keeps_off_the_lanes_the_mounts_and_the_bays(seed, angles):
     rng = np.random.default_rng(seed)
     mounts = place_mounts(ROAD, AREA, rng)
-    solids, bays = furnishing.furnish(ROAD, AREA, mounts, rng, strips={"in0": (LINE, 5.2)}, angles=angles)
+    solids, bays = furnishing.furnish(replace(ROAD, angles=angles), AREA, mounts, rng)
     low = [(shapely.Polygon(s.footprint), s.kind) for s in solids if s.base < 2]
     assert {"building", "post"} <= {kind for _, kind in low}
     assert max(shape.intersection(DRIVEN).area for shape, _ in low) < 1e-3
@@ -34,8 +34,7 @@ def test_what_is_built_keeps_off_the_lanes_the_mounts_and_the_bays(seed, angles)
     assert min(shape.distance(spot) for shape in standing for spot in spots) >= MOUNT_CLEARANCE - 0.02
     parked = shapely.union_all([shapely.Point(x, y).buffer(1.0) for x, y, _ in bays])
     assert parked.intersection(shapely.union_all(standing)).area < 1e-6
-    on_shoulder = [shapely.Polygon(SHOULDER).contains(shapely.Point(x, y)) for x, y, _ in bays]
-    assert any(on_shoulder) == bool(angles)
+    assert any(shapely.Polygon(SHOULDER).contains(shapely.Point(x, y)) for x, y, _ in bays) == bool(angles)
     works = [shapely.Polygon(s.footprint) for s in solids if s.kind in ("cone", "barrier", "fence")]
     works = [shape.intersects(shapely.Polygon(SHOULDER).buffer(-0.3)) for shape in works]
     assert any(works) == (not angles)
@@ -44,7 +43,7 @@ def test_what_is_built_keeps_off_the_lanes_the_mounts_and_the_bays(seed, angles)
 def test_posts_and_crowns_have_their_size_and_shape():
     rng = np.random.default_rng(0)
     mounts = place_mounts(ROAD, AREA, rng)
-    solids, _ = furnishing.furnish(ROAD, AREA, mounts, rng)
+    solids, _ = furnishing.furnish(replace(ROAD, strips={}), AREA, mounts, rng)
     assert [s.top for s in solids[: len(mounts)]] == [round(m.min_height - furnishing.FOOT_AIR, 2) for m in mounts]
     assert works(0, line=np.array([[0.0, -6.1], [12.0, -6.1]])) == []
     number = 0
@@ -69,7 +68,7 @@ def test_posts_and_crowns_have_their_size_and_shape():
         assert min(s.base for s in made) == 3.0
         assert max(s.top for s in made) == 7.0
     rng, plot = np.random.default_rng(0), Plot(ROAD, WINDOW, [])
-    plot.solids.append(Solid(rectangle(0.0, 8.0, 10.0, 18.0), 0.0, 6.0, "building"))
+    plot.solids.append(site.Solid(furniture.rectangle(0.0, 8.0, 10.0, 18.0), 0.0, 6.0, "building"))
     assert furnishing.plant(plot, np.array([5.0, 6.2]), 4.0, (3.0, 6.0), rng)
     crowns = [shapely.Polygon(s.footprint) for s in plot.solids if s.kind == "tree"]
     assert max(crown.bounds[3] for crown in crowns) <= 8.01
@@ -79,12 +78,11 @@ def test_posts_and_crowns_have_their_size_and_shape():
 
 
 WINDOW = shapely.box(*AREA).buffer(25.0, join_style="mitre")
-MOUNT = Mount("pole", np.array([3.0, 4.3, 0.0]))
 KERB = along(ROAD.carriageway.buffer(0.8).boundary.intersection(WINDOW), 0.5)
 
 
 def avenue(seed):
-    plot = Plot(ROAD, WINDOW, [MOUNT])
+    plot = Plot(ROAD, WINDOW, [site.Mount("pole", np.array([3.0, 4.3, 0.0]))])
     furnishing.avenues(plot, KERB, np.random.default_rng(seed))
     return plot.solids
 
@@ -143,7 +141,7 @@ SIDES = [(-20.0, -20.0, 20.0, -14.0), (-20.0, 14.0, 20.0, 20.0), (-20.0, -20.0, 
 
 
 def planted(seed, sides=SIDES):
-    plot = Plot(Road([], [], [rectangle(*side) for side in sides], []), shapely.box(-60, -60, 60, 60), [])
+    plot = Plot(Road([], [], [furniture.rectangle(*side) for side in sides], []), shapely.box(-60, -60, 60, 60), [])
     furnishing.plant_islands(plot, np.random.default_rng(seed))
     return plot
 

@@ -11,8 +11,7 @@ from shapely.geometry import shape
 from toolkit.geometry import look, pose
 from toolkit.sensors.models import DepthCamera
 from toolkit.sensors.sensor import Sensor
-from toolkit.sites import georeference
-from toolkit.sites.files import load_site, save_site
+from toolkit.sites import files, georeference
 from toolkit.sites.site import Site
 
 CENTRE = (13.4, 52.505)
@@ -60,9 +59,9 @@ def test_sites_lie_on_earth_by_projections_of_proj():
     assert placed[2] == pytest.approx(CENTRE, abs=1e-9)
     assert georeference.site_metres(TURNED, placed) == pytest.approx(xy, abs=1e-6)
     assert georeference.longitude_latitude(TURNED, np.zeros((0, 2))) == pytest.approx(np.zeros((0, 2)))
-    assert georeference.longitude_latitude(load_site("tjunction"), np.zeros((2, 2))) is None
+    assert georeference.longitude_latitude(files.load_site("tjunction"), np.zeros((2, 2))) is None
     with pytest.raises(ValueError, match=r"site 'tjunction' does not say where on earth it is \(geo_reference\)"):
-        georeference.site_metres(load_site("tjunction"), np.zeros((2, 2)))
+        georeference.site_metres(files.load_site("tjunction"), np.zeros((2, 2)))
     pytest.importorskip("pyproj")
     site = replace(TURNED, geo_reference="+proj=merc +datum=WGS84")
     with pytest.raises(ValueError, match=r"does not reach \[0.0, 95.0\]"):
@@ -196,7 +195,7 @@ def test_rings_boxes_and_members_as_rfc_7946_has_them(site):
     written = georeference.feature(replace(site, geo_reference=None), shapely.Point(1.23456, -0.0001, 7.0))
     assert written["geometry"] == {"type": "Point", "coordinates": (1.235, 0.0)}
     with pytest.raises(ValueError, match=r"site 'tjunction' does not say where on earth it is .* in metres"):
-        georeference.site_geojson(load_site("tjunction"))
+        georeference.site_geojson(files.load_site("tjunction"))
 
 
 def test_polygons_are_turned_in_the_same_text(site, tmp_path):
@@ -210,5 +209,5 @@ def test_polygons_are_turned_in_the_same_text(site, tmp_path):
         assert not shapely.LinearRing(inside).is_ccw
         assert shapely.LinearRing(second).is_ccw
         assert written["properties"] == {"layer": "seen"}
-    save_site(site, tmp_path / "site.json")
-    assert georeference.site_geojson(load_site(tmp_path / "site.json")) == georeference.site_geojson(site)
+    files.save_site(site, tmp_path / "site.json")
+    assert georeference.site_geojson(files.load_site(tmp_path / "site.json")) == georeference.site_geojson(site)

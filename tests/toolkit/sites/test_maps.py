@@ -12,9 +12,7 @@ from toolkit.boxes import footprints
 from toolkit.geometry import transform
 from toolkit.objects import VEHICLE
 from toolkit.points import has_centre_inside
-from toolkit.sites import maps
-from toolkit.sites.furniture import post, rectangle
-from toolkit.sites.georeference import inverse_project
+from toolkit.sites import furniture, georeference, maps
 from toolkit.sites.site import Mount, Solid
 from toolkit.traffic.snapshots import simulate
 
@@ -26,7 +24,7 @@ carla = pytest.mark.skipif(not (SHARED / "carla").is_dir(), reason="the CARLA ma
 @carla
 def test_tjunction_of_the_paper(tmp_path, check_site, union, on_lanes):
     site = maps.import_opendrive(
-        SHARED / "carla" / "Town01.xodr", centre=(104, -196), size=(80, 40), heading=np.pi / 2, name="t"
+        maps.MapPiece(SHARED / "carla" / "Town01.xodr", centre=(104, -196), size=(80, 40), heading=np.pi / 2)
     )
     check_site(site, tmp_path)
     # The through road at b = 13.6 ± 4.3, the side road at a = -0.8 ± 4 going down, in the published picture's axes.
@@ -51,12 +49,11 @@ def test_tjunction_of_the_paper(tmp_path, check_site, union, on_lanes):
 @carla
 def test_roundabout_of_the_paper(tmp_path, check_site, on_lanes):
     with pytest.warns(UserWarning, match=r"Town03.xodr: its geoReference names no projection \('\+lat_0=4\.9"):
-        site = maps.import_opendrive(SHARED / "carla" / "Town03.xodr", centre=(0, 0), size=(96, 96))
+        site = maps.import_opendrive(maps.MapPiece(SHARED / "carla" / "Town03.xodr", centre=(0, 0), size=(96, 96)))
     assert site.geo_reference is None
     check_site(site, tmp_path)
     angles = np.linspace(0, 2 * np.pi, 60, endpoint=False)
-    ring = [on_lanes(site, 20.95 * np.cos(a), 20.95 * np.sin(a)) for a in angles]
-    assert np.mean(ring) > 0.98
+    assert np.mean([on_lanes(site, 20.95 * np.cos(a), 20.95 * np.sin(a)) for a in angles]) > 0.98
     assert not any(on_lanes(site, 12 * np.cos(a), 12 * np.sin(a)) for a in angles)
     for x, y in ((44, 6), (44, -6), (-44, 1), (3, 44), (-4, 44), (5, -45), (-7, -45)):
         assert on_lanes(site, x, y), (x, y)
@@ -65,16 +62,16 @@ def test_roundabout_of_the_paper(tmp_path, check_site, on_lanes):
 @carla
 def test_turned_site_is_the_same_place_and_needs_a_road(tmp_path, on_lanes):
     town = SHARED / "carla" / "Town01.xodr"
-    straight = maps.import_opendrive(town, centre=(104, -196), size=(60, 60))
-    turned = maps.import_opendrive(town, centre=(104, -196), size=(60, 60), heading=0.6)
+    straight = maps.import_opendrive(maps.MapPiece(town, centre=(104, -196), size=(60, 60)))
+    turned = maps.import_opendrive(maps.MapPiece(town, centre=(104, -196), size=(60, 60), heading=0.6))
     spot = np.array([[-13.6, 5.0, 0.0]])
     assert on_lanes(straight, *spot[0, :2])
     moved = transform(np.linalg.inv(turned.map_SE3_site), transform(straight.map_SE3_site, spot))
     assert on_lanes(turned, *moved[0, :2])
     with pytest.raises(ValueError, match="no road within the area about 200 -260"):
-        maps.import_opendrive(SHARED / "carla" / "Town01.xodr", centre=(200, -260), size=(20, 20))
+        maps.import_opendrive(maps.MapPiece(SHARED / "carla" / "Town01.xodr", centre=(200, -260), size=(20, 20)))
     with pytest.raises(ValueError, match=r"centre 9000 0 lies outside the map, whose roads start at x"):
-        maps.import_opendrive(SHARED / "carla" / "Town01.xodr", centre=(9000, 0), size=(20, 20))
+        maps.import_opendrive(maps.MapPiece(SHARED / "carla" / "Town01.xodr", centre=(9000, 0), size=(20, 20)))
 
 
 @pytest.mark.parametrize("reader", [maps.import_opendrive, maps.import_osm])
@@ -82,18 +79,18 @@ def test_turned_site_is_the_same_place_and_needs_a_road(tmp_path, on_lanes):
 def test_no_map(tmp_path, reader, content):
     (tmp_path / "bad.osm").write_bytes(content)
     with pytest.raises(ValueError, match=r"bad\.osm: .*: (give|download|export|it )") as raised:
-        reader(tmp_path / "bad.osm", centre=(0, 0), size=(50, 50))
+        reader(maps.MapPiece(tmp_path / "bad.osm", centre=(0, 0), size=(50, 50)))
     assert "\n" not in str(raised.value)
 
 
 def test_missing_file_and_bad_place(tmp_path, put, crossroads):
     with pytest.raises(FileNotFoundError, match="no map"):
-        maps.import_osm(tmp_path / "none.osm", centre=CENTRE, size=(50, 50))
+        maps.import_osm(maps.MapPiece(tmp_path / "none.osm", centre=CENTRE, size=(50, 50)))
     path = put(crossroads(), tmp_path)
     with pytest.raises(ValueError, match="size must be two lengths above 0"):
-        maps.import_osm(path, centre=CENTRE, size=(50, -1))
+        maps.import_osm(maps.MapPiece(path, centre=CENTRE, size=(50, -1)))
     with pytest.raises(ValueError, match="centre must be two finite numbers"):
-        maps.import_osm(path, centre=(np.nan, 0.0), size=(50, 50))
+        maps.import_osm(maps.MapPiece(path, centre=(np.nan, 0.0), size=(50, 50)))
 
 
 def test_crossroads(tmp_path, imported, crossroads, on_lanes, union):
@@ -106,8 +103,7 @@ def test_crossroads(tmp_path, imported, crossroads, on_lanes, union):
     assert 'type="traffic_light"' in site.network
     assert 'function="crossing"' in site.network
     # traffic can come from at least 60 m beyond the area
-    reach = [np.abs(lane).max(axis=0) for lane in (np.array(p) for p in site.lanes)]
-    assert np.max(reach, axis=0)[0] >= 60
+    assert np.max([np.abs(lane).max(axis=0) for lane in (np.array(p) for p in site.lanes)], axis=0)[0] >= 60
     assert "300" not in site.network.partition("convBoundary")[2][:40]
 
 
@@ -141,15 +137,15 @@ def test_what_real_extracts_contain(tmp_path, crossroads, imported):
 def test_centre_outside_and_off_the_road(tmp_path, put, empty_map, crossroads, box):
     path = put(crossroads(), tmp_path)
     with pytest.raises(ValueError, match=r"centre 52.505 13.4 lies outside the map, which spans longitude 13\.39"):
-        maps.import_osm(path, centre=CENTRE[::-1], size=(60, 60))
-    (aside,) = inverse_project(np.array([[120.0, 120.0]]), CENTRE)
+        maps.import_osm(maps.MapPiece(path, centre=CENTRE[::-1], size=(60, 60)))
+    (aside,) = georeference.inverse_project(np.array([[120.0, 120.0]]), CENTRE)
     with pytest.raises(ValueError, match="no road within the area"):
-        maps.import_osm(path, centre=tuple(aside), size=(20, 20))
+        maps.import_osm(maps.MapPiece(path, centre=tuple(aside), size=(20, 20)))
     draft = empty_map()
     draft.way(*box(0, 0, 20, 20), building="yes")
     draft.way((-30, -30), (30, 30), highway="footway")
     with pytest.raises(ValueError, match="no road within the area"):
-        maps.import_osm(put(draft, tmp_path), centre=CENTRE, size=(20, 20))
+        maps.import_osm(maps.MapPiece(put(draft, tmp_path), centre=CENTRE, size=(20, 20)))
 
 
 def straight(folder, inside=""):
@@ -176,7 +172,7 @@ def test_an_opendrive_street_with_what_stands_there(tmp_path, of_kind, union, ch
     sign = '<signal id="9" type="274" s="170" t="-8.5" zOffset="2.5" dynamic="no" orientation="+"/>'
     path = straight(tmp_path, f"<objects>{objects}</objects><signals>{sign}</signals>")
     with pytest.warns(UserWarning, match=r"street\.xodr: ") as caught:
-        site = maps.import_opendrive(path, centre=(0, 0), size=(80, 40))
+        site = maps.import_opendrive(maps.MapPiece(path, centre=(0, 0), size=(80, 40)))
     assert [str(each.message).partition(": ")[2] for each in caught] == [
         "1 objects or signals stand on the carriageway and were left out",
         "objects of types that are not known were left out: 1 'dragon'",
@@ -196,7 +192,7 @@ def test_an_opendrive_street_with_what_stands_there(tmp_path, of_kind, union, ch
 def test_a_bare_street_is_furnished_from_a_seed(tmp_path, of_kind):
     path = straight(tmp_path)
     with pytest.warns(UserWarning, match=r"street\.xodr: drawn from seed 2, in no map: .* building.* tree"):
-        site = maps.import_opendrive(path, centre=(0, 0), size=(80, 40), seed=2)
+        site = maps.import_opendrive(maps.MapPiece(path, centre=(0, 0), size=(80, 40), seed=2))
     assert of_kind(site, "building")
     assert site.relief.amplitude > 0
 
@@ -204,7 +200,7 @@ def test_a_bare_street_is_furnished_from_a_seed(tmp_path, of_kind):
 def test_damaged_objects_name_the_file(tmp_path):
     path = straight(tmp_path, '<objects><object type="tree" s="x" t="9"/></objects>')
     with pytest.raises(ValueError, match=r"street\.xodr: ") as raised:
-        maps.import_opendrive(path, centre=(0, 0), size=(80, 40))
+        maps.import_opendrive(maps.MapPiece(path, centre=(0, 0), size=(80, 40)))
     assert "\n" not in str(raised.value)
 
 
@@ -283,7 +279,7 @@ def test_roads_yield_and_bays_are_free():
     assert shape(lanes_there).contains(shapely.box(-9.9, -11.9, 9.9, 0))
     assert shape(footways).contains(shapely.box(-9.9, 4.1, 9.9, 5.9))
     assert shape(footways).contains(shapely.box(-9.9, -13.9, 9.9, -12.1))
-    driven, footways = (rectangle(-10.0, -4.0, 10.0, 4.0),), (rectangle(-10.0, 4.0, 10.0, 6.0),)
+    driven, footways = (furniture.rectangle(-10.0, -4.0, 10.0, 4.0),), (furniture.rectangle(-10.0, 4.0, 10.0, 6.0),)
     stones = maps.kerbstones(driven, footways, shapely.Polygon())
     assert shape([s.footprint for s in stones]).bounds == pytest.approx((-10, 4.01, 10, 4.15), abs=0.011)
     assert [(s.base, s.top, s.kind) for s in stones] == [(0.0, 0.12, "kerb")] * 5
@@ -293,7 +289,7 @@ def test_roads_yield_and_bays_are_free():
     assert not lowered.intersects(shapely.box(-2.9, 0, 2.9, 9))
     bays = [(0.0, 9.0, 0.0), (10.0, 9.0, 0.0), (20.0, 9.0, 0.0), (38.0, 9.0, 0.0)]
     window = shapely.box(-40, -40, 40, 40)
-    rows = maps.free_bays(bays, window, [post(10.0, 9.0, 3.0)], shapely.box(18, 0, 22, 20))
+    rows = maps.free_bays(bays, window, [furniture.post(10.0, 9.0, 3.0)], shapely.box(18, 0, 22, 20))
     np.testing.assert_allclose(rows, [[0, 9, 0]])
     strip, lane = 4.8, shapely.box(-40, -3.3, 40, 0)  # the front of a slanted bay may reach over a lane's edge
     assert len(maps.free_bays([(0.0, strip / 2, 0.25 * np.pi)], window, [], lane)) == 1
@@ -307,7 +303,7 @@ def test_roads_yield_and_bays_are_free():
 def bare():
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        return maps.import_osm(DOCS / "own-junction.osm", centre=(8.0, 49.5), size=(70, 50))
+        return maps.import_osm(maps.MapPiece(DOCS / "own-junction.osm", centre=(8.0, 49.5), size=(70, 50)))
 
 
 def on_lanes(solids, lanes):
@@ -322,7 +318,7 @@ def low(site, below):
 
 
 def test_what_is_drawn_keeps_off_what_the_map_has(bare):
-    house = Solid(rectangle(10.0, 10.0, 30.0, 30.0), 0.0, 7.0)
+    house = Solid(furniture.rectangle(10.0, 10.0, 30.0, 30.0), 0.0, 7.0)
     lamp = Mount("lamp99", np.array([9.0, 9.0, 0.0]))
     made, said = maps.furnish_site(bare, [*bare.mounts, lamp], [house], 3)
     again, _ = maps.furnish_site(bare, [*bare.mounts, lamp], [house], 3)
@@ -370,7 +366,9 @@ def junctions(town):
 def whole(town, centre):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        site = maps.import_opendrive(SHARED / "carla_imported" / town, centre=centre, size=(80, 70), seed=0)
+        site = maps.import_opendrive(
+            maps.MapPiece(SHARED / "carla_imported" / town, centre=centre, size=(80, 70), seed=0)
+        )
     lanes = shape(site.lanes)
     assert on_lanes(low(site, 2.0), lanes) < 1e-3
     assert shape(site.footways).intersection(lanes).area < 0.1

@@ -1,10 +1,15 @@
 """SUMO networks made by netconvert, and the road polygons in them."""
 
+import subprocess
+import sys
+import time
+from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
 import shapely
 
+from toolkit.sites import network
 from toolkit.sites.network import build_network, convert, cut_polygons, list_polygons, netconvert, road_polygons, street
 
 
@@ -40,6 +45,31 @@ def test_what_netconvert_refuses_and_missing_sumo_are_told(monkeypatch):
     monkeypatch.delenv("SUMO_HOME", raising=False)
     with pytest.raises(ImportError, match=r"pip install coview\[sim\]"):
         netconvert()
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="other systems cannot tie a child to its parent")
+def test_netconvert_has_limits_and_dies_with_its_parent(tmp_path, monkeypatch):
+    program, said = tmp_path / "netconvert", tmp_path / "said"
+    program.write_text(f"#!/bin/sh\necho $$ $(ulimit -v) > {said}.new; mv {said}.new {said}; exec sleep 60\n")
+    program.chmod(0o755)
+    monkeypatch.setattr(network, "netconvert", lambda: program)
+    monkeypatch.setattr(network, "SLOWEST", 1.0)
+    with pytest.raises(ValueError, match="no network made in 1 s"):
+        convert([])
+    assert int(said.read_text().split()[1]) * 1024 == network.MOST_MEMORY
+    said.unlink()
+    code = f"from toolkit.sites import network; network.netconvert = lambda: {str(program)!r}; network.convert([])"
+    parent = subprocess.Popen([sys.executable, "-c", code])
+    while not said.exists():
+        time.sleep(0.02)
+    parent.kill()
+    parent.wait()
+    child = Path("/proc", said.read_text().split()[0])
+    for _ in range(100):
+        if not child.exists() or ") Z " in (child / "stat").read_text():
+            return
+        time.sleep(0.05)
+    pytest.fail("it lives on")
 
 
 def test_polygons_within_collections_are_not_lost():

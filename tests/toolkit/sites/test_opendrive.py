@@ -169,8 +169,7 @@ def test_frames_are_inverse_and_things_move_to_the_site():
 
 
 def test_the_plane_of_the_roads_in_the_frame_of_the_site(street, tmp_path):
-    path = street(tmp_path, elevation='<elevation s="0" a="3" b="-0.04"/>')
-    there = near(path, WINDOW, 0.0, 5.0)
+    there = near(street(tmp_path, elevation='<elevation s="0" a="3" b="-0.04"/>'), WINDOW, 0.0, 5.0)
     along, off, _ = find_plane(there, WINDOW, pose(5.0, 2.0, 1.0))
     assert along == pytest.approx((-0.04, 0.0))  # one road says nothing of the slope across it
     assert off == pytest.approx(0.0, abs=1e-9)
@@ -277,10 +276,19 @@ def test_signals_face_those_they_are_for(found, attributes, depth, levels):
         ('<object type="tree" t="5"/>', "<object> needs a finite number as s, got 'None'"),
         (
             '<object type="pole" s="5" t="9"><repeat s="0" length="90" distance="0.001"/></object>',
-            "<repeat> makes 9000[01] objects: it must be 1 to 2000",
+            "<repeat> needs both from 0 up and at most 2000 objects, but .* make 9000[01]",
         ),
     ],
 )
 def test_damaged_objects(found, inside, message):
     with pytest.raises(ValueError, match=message):
         found(inside)
+
+
+@pytest.mark.parametrize(
+    "numbers", ['length="50" distance="-10"', 'length="-9" distance="0"', 'length="9" distance="1e-9"']
+)
+def test_endless_repeats_are_refused_before_netconvert_follows_them(tmp_path, street, numbers):
+    path = street(tmp_path, f'<object type="none" s="5" t="9"><repeat s="0" {numbers}/></object>')
+    with pytest.raises(ValueError, match="needs both from 0 up and at most 2000 objects"):
+        read_opendrive(path, (0.0, 0.0))

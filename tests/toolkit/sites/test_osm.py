@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import shapely
 
-from toolkit.sites.maps import import_osm
+from toolkit.sites.maps import MapPiece, import_osm
 
 CENTRE = (13.4, 52.505)
 
@@ -34,30 +34,49 @@ def test_multipolygons_and_building_parts(tmp_path, crossroads, imported, top, b
 def test_gzip_and_wrong_formats(tmp_path, crossroads):
     path = tmp_path / "town.osm.gz"
     path.write_bytes(gzip.compress(str(crossroads()).encode()))
-    assert import_osm(path, centre=CENTRE, size=(60, 60)).name == "town"
+    assert import_osm(MapPiece(path, centre=CENTRE, size=(60, 60))).name == "town"
     whole = path.read_bytes()
     path.write_bytes(whole[:150] + bytes(60) + whole[210:])
     with pytest.raises(ValueError, match="damaged gzip"):
-        import_osm(path, centre=CENTRE, size=(60, 60))
+        import_osm(MapPiece(path, centre=CENTRE, size=(60, 60)))
     path.write_bytes(whole[:200])
     with pytest.raises(ValueError, match="damaged gzip"):
-        import_osm(path, centre=CENTRE, size=(60, 60))
+        import_osm(MapPiece(path, centre=CENTRE, size=(60, 60)))
     (tmp_path / "town.pbf").write_bytes(b"1")
     with pytest.raises(ValueError, match=r"only \.osm, \.osm\.xml and \.osm\.gz are read"):
-        import_osm(tmp_path / "town.pbf", centre=CENTRE, size=(60, 60))
+        import_osm(MapPiece(tmp_path / "town.pbf", centre=CENTRE, size=(60, 60)))
 
 
 def test_entities_are_refused(tmp_path, put):
     bomb = '<?xml version="1.0"?><!DOCTYPE osm [<!ENTITY a "aaaa">]><osm><node id="1" lat="0" lon="0"/></osm>'
     with pytest.raises(ValueError, match="not OpenStreetMap XML"):
-        import_osm(put(bomb, tmp_path), centre=(0, 0), size=(60, 60))
+        import_osm(MapPiece(put(bomb, tmp_path), centre=(0, 0), size=(60, 60)))
+
+
+@pytest.mark.parametrize(
+    "bomb", ["<!--" + 8_000_000 * "x" + "-->", f"<way>{210_000 * '<tag/>'}</way>", 200_000 * "<node/>"]
+)
+def test_maps_that_would_take_long_are_refused(tmp_path, crossroads, bomb, monkeypatch):
+    monkeypatch.setattr("toolkit.sites.osm.LARGEST_MAP", 1_000_000)
+    path = tmp_path / "town.osm.gz"
+    path.write_bytes(gzip.compress(str(crossroads()).replace("<node", f"{bomb}<node", 1).encode(), 1))
+    with pytest.raises(ValueError, match=r"town.osm.gz: more than .*: cut out the site first"):
+        import_osm(MapPiece(path, centre=CENTRE, size=(60, 60)))
+
+
+def test_places_that_are_not_on_earth_are_left_out(tmp_path, crossroads, imported):
+    draft = crossroads()
+    for k, (lon, lat) in enumerate((("1e308", "52.5"), ("13.4", "1e308"), ("13.4", "90"), ("inf", "nan"), ("x", "1"))):
+        draft.text.append(f'<node id="{k}" lon="{lon}" lat="{lat}"/>')
+    draft.way((-200, 20), (-150, 20), missing=range(5), highway="residential", layer="-" + 5000 * "9")
+    assert imported(draft, tmp_path).lanes
 
 
 def test_truncated_map(tmp_path, put, crossroads):
     text = str(crossroads())
     path = put(text[: len(text) // 2], tmp_path)
     with pytest.raises(ValueError, match="damaged XML"):
-        import_osm(path, centre=CENTRE, size=(60, 60))
+        import_osm(MapPiece(path, centre=CENTRE, size=(60, 60)))
 
 
 def test_one_way_streets_roundabouts_and_cycleways(tmp_path, empty_map, imported, on_lanes):
@@ -89,7 +108,7 @@ def test_bridges_and_tunnels_leave_the_ground_clear(tmp_path, crossroads, put, o
     draft.way((-200, -20), (200, -20), highway="primary", tunnel="yes", layer="-1")
     path = put(draft, tmp_path)
     with pytest.warns(UserWarning, match="2 tunnels or bridges over a road were left out"):
-        site = import_osm(path, centre=CENTRE, size=(80, 60))
+        site = import_osm(MapPiece(path, centre=CENTRE, size=(80, 60)))
     assert not on_lanes(site, 25, 20)
     assert not on_lanes(site, 25, -20)
 
@@ -106,8 +125,7 @@ def test_paths_and_squares(tmp_path, crossroads, imported, union, box):
     draft = crossroads()
     draft.way(*box(12, 12, 38, 28), highway="pedestrian", area="yes")
     draft.way((-12, 20), (-60, 20), highway="footway", width="3")
-    site = imported(draft, tmp_path)
-    walk = union(site.footways)
+    walk = union(imported(draft, tmp_path).footways)
     assert walk.contains(shapely.Point(25, 20))
     assert walk.contains(shapely.Point(-30, 21.3))
     assert not walk.contains(shapely.Point(-30, 22))
@@ -119,8 +137,7 @@ def test_streets_that_cross_without_a_junction_keep_their_footways_off_each_othe
     draft = crossroads()
     draft.way((-100, -40), (100, 44), highway="tertiary")
     draft.way((20, 30), (20, -30), (21, 30), highway="residential")
-    site = imported(draft, tmp_path)
-    assert on_lanes(site, 36, 2 + 36 * 0.42 - 0.5)
+    assert on_lanes(imported(draft, tmp_path), 36, 2 + 36 * 0.42 - 0.5)
 
 
 def test_no_bicycle_on_a_motorway(tmp_path, crossroads, imported):
@@ -156,7 +173,7 @@ def test_buildings_over_the_road_are_cut_back(tmp_path, crossroads, put, check_s
     draft.way(*box(20, -12, 30, 30), building="yes")
     path = put(draft, tmp_path)
     with pytest.warns(UserWarning, match=r"town\.osm: 1 buildings reached over a road"):
-        site = import_osm(path, centre=CENTRE, size=(80, 60))
+        site = import_osm(MapPiece(path, centre=CENTRE, size=(80, 60)))
     check_site(site, tmp_path)
     assert top(site, 25, 20) == [6.0]
     assert top(site, 25, 0) == []

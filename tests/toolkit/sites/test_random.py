@@ -9,9 +9,6 @@ from toolkit.sites.network import shoulders
 from toolkit.sites.random import HIGHEST, LOWEST, STEEPEST_STREET, random_sensors, random_site, sloping
 from toolkit.sites.site import Relief, Site
 
-QUICK = range(5)
-MANY = range(100)
-
 
 def union(polygons):
     return shapely.union_all([shapely.Polygon(p) for p in polygons])
@@ -74,13 +71,13 @@ def check_traffic(site: Site, tmp_path) -> None:
         libsumo.close()
 
 
-@pytest.mark.parametrize("seed", QUICK)
+@pytest.mark.parametrize("seed", range(5))
 def test_site_is_valid(seed, tmp_path):
     check(random_site(seed), tmp_path)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", MANY)
+@pytest.mark.parametrize("seed", range(100))
 def test_many_sites_are_valid(seed, tmp_path):
     check(random_site(np.random.default_rng(1000 + seed)), tmp_path)
 

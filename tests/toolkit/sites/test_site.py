@@ -23,6 +23,10 @@ def test_sites_that_differ_are_not_equal(small_site):
 @pytest.mark.parametrize(
     ("field", "value", "message"),
     [
+        *(
+            ("area", [0.0, 0, 5000, 5000], "at most 10 km long and 4 km² large"),
+            ("area", [0, 0, 1e300, 1e-300], "at most"),
+        ),
         *(("area", [0.0, 0, 0, 4], "area is empty"), ("area", [0.0, 0, np.nan, 4], "area must be four finite numbers")),
         ("height", 0.0, "height must be positive"),
         ("hybrid_radius", -1.0, "hybrid_radius must be finite and at least 0 m, got -1"),

@@ -8,10 +8,8 @@ import numpy as np
 import pytest
 import shapely
 
-from toolkit import sites
-from toolkit.geometry import transform
-from toolkit.sites import BUILT_IN
-from toolkit.sites.files import load_site
+from toolkit import geometry, sites
+from toolkit.sites import BUILT_IN, files
 
 FOLDER = Path(sites.__file__).parent
 AREAS = {"tjunction": (-40, -20, 40, 20), "roundabout": (-48, -48, 48, 48)}
@@ -20,7 +18,7 @@ HEIGHTS = {"tjunction": (5.2, 6), "roundabout": (8.0, 8)}
 
 @pytest.fixture(scope="module", params=sorted(BUILT_IN))
 def site(request):
-    return load_site(request.param)
+    return files.load_site(request.param)
 
 
 def test_areas_sensors_and_traffic_are_the_papers(site):
@@ -51,8 +49,7 @@ def test_nothing_is_in_the_way_on_the_road(site, union):
     corners = [[spot.split(",") for spot in lane.attrib["shape"].split()] for lane in lanes]
     paths = [shapely.LineString(np.array(line, np.float64)) for line in corners]
     swept = shapely.union_all(paths).buffer(1.0)
-    blocking = [s.kind for s in site.solids if s.base < 4 and shapely.Polygon(s.footprint).intersects(swept)]
-    assert not blocking
+    assert not [s.kind for s in site.solids if s.base < 4 and shapely.Polygon(s.footprint).intersects(swept)]
 
 
 def test_parking_bays_and_mounts_are_free_of_the_street(site, union):
@@ -79,24 +76,24 @@ def test_areas_and_poses_are_the_published_ones():
     """Recordings and tables refer to these sites, so the files change by no byte."""
     shipped = {name: sha256((FOLDER / f"{name}.json").read_bytes()).hexdigest()[:16] for name in sorted(BUILT_IN)}
     assert shipped == {"roundabout": "4a9ab46d1475b148", "tjunction": "04ad7bbaea6fac5b"}
-    site = load_site("tjunction")
+    site = files.load_site("tjunction")
     xmin, ymin, xmax, ymax = site.area
-    corners = transform(site.map_SE3_site, np.array([[xmin, ymin, 0], [xmax, ymax, 0]]))
+    corners = geometry.transform(site.map_SE3_site, np.array([[xmin, ymin, 0], [xmax, ymax, 0]]))
     x, y_carla = corners[:, 0], -corners[:, 1]
     assert sorted(x) == [84, 124]
     assert sorted(y_carla) == [156, 236]
     a, b = 12.5, 13.6
-    x, y, _ = transform(site.map_SE3_site, np.array([a, b, 0.0]))
+    x, y, _ = geometry.transform(site.map_SE3_site, np.array([a, b, 0.0]))
     assert (a, b) == pytest.approx((196 + y, 104 - x))  # a = 196 - y_carla, b = 104 - x_carla
-    assert np.array_equal(load_site("roundabout").map_SE3_site, np.eye(4))
-    site = load_site("tjunction")
+    assert np.array_equal(files.load_site("roundabout").map_SE3_site, np.eye(4))
+    site = files.load_site("tjunction")
     published = [
         *((40.9, 8.1, 155), (-7.7, 21.9, 295), (-45.6, 10.1, 15), (8, 5.6, 52), (-8.3, 18.5, 208), (-5.5, -27.5, 64))
     ]
-    places = np.array([s.position[:2] for s in site.sensors])
-    assert np.allclose(places, [p[:2] for p in published])
-    assert np.allclose((headings(site) - [p[2] for p in published] + 180) % 360, 180)
-    site = load_site("roundabout")
+    assert np.allclose(np.array([s.position[:2] for s in site.sensors]), [p[:2] for p in published])
+    headings = np.rad2deg([np.arctan2(s.pose[1, 2], s.pose[0, 2]) for s in site.sensors])
+    assert np.allclose((headings - [p[2] for p in published] + 180) % 360, 180)
+    site = files.load_site("roundabout")
     for i, sensor in enumerate(site.sensors):
         outwards = sensor.pose[:2, 2] @ (sensor.position[:2] / np.linalg.norm(sensor.position[:2]))
         assert outwards < -0.95 if i % 2 else outwards > 0.95
@@ -131,20 +128,15 @@ def test_network_runs_in_sumo_and_cars_cross_the_junction(site, tmp_path, union)
     assert np.mean([road.contains(shapely.Point(p)) for p in inside]) > 0.99
 
 
-def headings(site):
-    return np.rad2deg([np.arctan2(s.pose[1, 2], s.pose[0, 2]) for s in site.sensors])
-
-
 def test_streets_and_ring_lie_where_the_paper_has_them(union):
-    tjunction = load_site("tjunction")
+    tjunction = files.load_site("tjunction")
     road, walk = union(tjunction.lanes), union(tjunction.footways)
     assert all(road.contains(shapely.Point(p)) for p in [(-30, 9.7), (30, 17.5), (-0.8, 13.6), (-4.7, -15), (3.1, -15)])
     assert all(walk.contains(shapely.Point(p)) for p in [(-30, 5.4), (30, 21.8), (-9.0, -15), (7.4, -15)])
     across = shapely.LineString([(-30, 0), (-30, 30)])
     assert across.intersection(road).length == pytest.approx(8.6, abs=0.01)
     assert across.intersection(walk).length == pytest.approx(8.0, abs=0.01)
-    roundabout = load_site("roundabout")
-    road = union(roundabout.lanes)
+    road = union(files.load_site("roundabout").lanes)
     ring = [(r * np.cos(t), r * np.sin(t)) for r in (17.6, 20.95, 24.3) for t in np.linspace(0, 2 * np.pi, 73)]
     assert all(road.distance(shapely.Point(p)) < 0.05 for p in ring)
     assert not road.intersects(shapely.Point(0, 0).buffer(17.2))

@@ -43,20 +43,19 @@ def test_ground_is_taken_once_and_solids_together_or_not_at_all():
 
 @pytest.mark.parametrize("seed", range(3))
 def test_mounts_stand_apart_beside_the_road_and_repeat(seed):
-    mounts = surroundings.place_mounts(ROAD, AREA, np.random.default_rng(seed), at_least=10, spacing=5.0)
+    mounts = surroundings.place_mounts(ROAD, AREA, np.random.default_rng(seed))
     places = [shapely.Point(mount.position[:2]) for mount in mounts]
-    assert 10 <= len(mounts) <= 20
+    assert 12 <= len(mounts) <= 24
     assert len({mount.name for mount in mounts}) == len(mounts)
     assert min(ROAD.carriageway.distance(place) for place in places) >= 0.6 - 1e-3
-    apart = [a.distance(b) for i, a in enumerate(places) for b in places[:i]]
-    assert min(apart) >= 5.0 - 0.01
-    again = surroundings.place_mounts(ROAD, AREA, np.random.default_rng(seed), at_least=10, spacing=5.0)
+    assert min([a.distance(b) for i, a in enumerate(places) for b in places[:i]]) >= 5.0 - 0.01
+    again = surroundings.place_mounts(ROAD, AREA, np.random.default_rng(seed))
     assert [mount.position.tolist() for mount in again] == [mount.position.tolist() for mount in mounts]
 
 
 def test_shoulders_may_be_built_on_and_bays_are_claimed():
     road = surroundings.Road(
-        ROAD.paths, ROAD.half_widths, ROAD.lanes, ROAD.footways, [rectangle(-80.0, 0.0, 80.0, 3.5)]
+        ROAD.paths, ROAD.half_widths, ROAD.lanes, ROAD.footways, {"out0": (LINE - np.array([0.0, -7.85]), 3.5)}
     )
     shoulder = surroundings.Plot(road, shapely.box(*AREA), [])
     assert road.driven.area == pytest.approx(160 * 3.5, rel=0.01)
@@ -83,7 +82,7 @@ ROAD_BAYS = surroundings.Road(
     half_widths=[(5.5, 10.7)],
     lanes=[rectangle(-80.0, -3.5, 80.0, 0.0), rectangle(-80.0, 0.0, 80.0, 3.5), SHOULDER],
     footways=[rectangle(-80.0, 3.5, 80.0, 5.5), rectangle(-80.0, -10.7, 80.0, -8.7)],
-    shoulders=[SHOULDER],
+    strips={"in0": (LINE, 5.2)},
 )
 
 

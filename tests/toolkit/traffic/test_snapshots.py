@@ -24,7 +24,7 @@ from toolkit.traffic.snapshots import (
     separate,
     simulate,
 )
-from toolkit.traffic.spawner import LIFE, VehicleTypes
+from toolkit.traffic.spawner import LIFE, Supply
 
 pytestmark = pytest.mark.skipif(find_spec("libsumo") is None, reason="traffic needs SUMO")
 
@@ -101,13 +101,11 @@ def test_boxes_stand_on_the_ground_apart_near_the_area(site, snapshots):
         assert shapely.intersects(shapely.polygons(footprints(boxes)), near).all()
     walls = shapely.union_all([shapely.Polygon(s.footprint) for s in site.solids if s.top > 0.5 and s.base < 0.3])
     for boxes in (s.objects.boxes for s in snapshots):
-        overlap = iou_bev(boxes, boxes)
-        assert (overlap[~np.eye(len(boxes), dtype=bool)] < 1e-12).all()
+        assert (iou_bev(boxes, boxes)[~np.eye(len(boxes), dtype=bool)] < 1e-12).all()
         assert not shapely.intersects(shapely.polygons(footprints(boxes)), walls).any()
     bays = site.parking[:, None, :2]
     for boxes in (s.objects.boxes for s in snapshots):
-        distances = np.hypot(*(boxes[None, :, :2] - bays).transpose(2, 0, 1))
-        bay, row = np.nonzero(distances < 0.5)
+        bay, row = np.nonzero(np.hypot(*(boxes[None, :, :2] - bays).transpose(2, 0, 1)) < 0.5)
         assert len(set(bay)) == len(bay), "one vehicle to a bay"
         assert np.allclose(np.sin(boxes[row, 6] - site.parking[bay, 2]), 0, atol=0.05)
         assert len(bay) <= MOST_OBJECTS // 5
@@ -253,7 +251,6 @@ def test_frames_a_tenth_of_a_second_apart_show_motion_and_live_as_long(site):
 
 AREA = np.array([-50.0, -50, 50, 50])
 FREE = Obstacles(Site("free", AREA))
-CAR = np.array([0.0, 0, 0.75, 4, 2, 1.5, 0])
 
 
 def wall(x0, y0, x1, y1, base=0.0, top=2.0, kind="wall"):
@@ -261,7 +258,7 @@ def wall(x0, y0, x1, y1, base=0.0, top=2.0, kind="wall"):
 
 
 def cars(*offsets):
-    return CAR + [[x, y, 0, 0, 0, 0, yaw] for x, y, yaw in offsets]
+    return np.array([0.0, 0, 0.75, 4, 2, 1.5, 0]) + [[x, y, 0, 0, 0, 0, yaw] for x, y, yaw in offsets]
 
 
 def test_later_rows_and_parked_vehicles_stand_free():
@@ -291,21 +288,23 @@ def test_later_rows_and_parked_vehicles_stand_free():
         assert not overlaps(settled[kept]).any()
         assert not obstacles.hit(settled[kept]).any()
         assert kept[0] or obstacles.hit(boxes[:1]).any()
+    labels = np.array([body.label for body in catalogue()])
     for seed in range(10):
         parked = draw(seed)
         assert 0 < len(parked.places) <= 20
         assert len(set(parked.places.tolist())) == len(parked.places)
-        assert (TYPES.labels[parked.bodies] == VEHICLE).all()
+        assert (labels[parked.bodies] == VEHICLE).all()
         assert np.abs(parked.poses[:, :2] - parked.bays[parked.places, :2]).max() < 0.2
         assert np.abs(np.sin(parked.poses[:, 2] - 0.5)).max() < 0.05
     assert len(draw(0, solids=(WALL,)).bays) == len(BAYS) - 1
     site = Site("none", np.array([-5.0, -5, 5, 5]))
-    parked = Parked.draw(site, Obstacles(site), TYPES, np.random.default_rng(0), count(), most=6)
-    assert len(parked.ids) == len(parked.later(TYPES, np.random.default_rng(0), count()).ids) == 0
-    parked, rng, ids = draw(1), np.random.default_rng(2), count(100)
-    number, gone = len(parked.ids), 0
+    supply = Supply(catalogue(), np.random.default_rng(0))
+    parked = Parked.draw(site, Obstacles(site), supply, most=6)
+    assert len(parked.ids) == len(parked.later(supply).ids) == 0
+    parked, supply = draw(1), Supply(catalogue(), np.random.default_rng(2))
+    supply.ids, number, gone = count(100), len(parked.ids), 0
     for _ in range(400):
-        later = parked.later(TYPES, rng, ids)
+        later = parked.later(supply)
         gone += len(set(parked.ids.tolist()) - set(later.ids.tolist()))
         assert len(set(later.places.tolist())) == number
         parked = later
@@ -327,11 +326,10 @@ def test_obstacles(solid, moves):
     assert repaired == moves
 
 
-TYPES = VehicleTypes.of(catalogue())
 BAYS = np.column_stack([np.zeros(30), 3.0 * np.arange(30), np.full(30, 0.5)])
 WALL = Solid(np.array([[-1.0, -1], [1, -1], [1, 1], [-1, 1]]), 0.0, 2.0, "wall")  # in the first bay
 
 
 def draw(seed, most=20, solids=()):
     site = Site("lot", np.array([-50.0, -50, 50, 100]), parking=BAYS, solids=solids)
-    return Parked.draw(site, Obstacles(site), TYPES, np.random.default_rng(seed), count(), most=most)
+    return Parked.draw(site, Obstacles(site), Supply(catalogue(), np.random.default_rng(seed)), most=most)

@@ -1,5 +1,5 @@
 from importlib.util import find_spec
-from itertools import count, pairwise
+from itertools import pairwise
 from xml.etree import ElementTree
 
 import numpy as np
@@ -8,18 +8,7 @@ import pytest
 from toolkit.bodies.fleet import catalogue
 from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE
 from toolkit.traffic.snapshots import MARGIN
-from toolkit.traffic.spawner import (
-    LIFE,
-    POSITIONS,
-    SHARES,
-    SPAWN_REACH,
-    Lane,
-    Roads,
-    Spawner,
-    Supply,
-    VehicleTypes,
-    distance_to_area,
-)
+from toolkit.traffic.spawner import LIFE, POSITIONS, SHARES, SPAWN_REACH, Lane, Roads, Spawner, Supply, distance_to_area
 from toolkit.traffic.sumo import running
 
 pytestmark = pytest.mark.skipif(find_spec("libsumo") is None, reason="traffic needs SUMO")
@@ -28,28 +17,26 @@ BODIES = catalogue()
 
 
 def test_all_are_spawned_turn_continuously_and_leave(site):
-    types, rng = VehicleTypes.of(BODIES), np.random.default_rng(3)
-    track = {}
-    with running(site.network, types.sumo_types(rng), seed=3, step=0.1) as sumo:
-        spawner = Spawner(sumo, site, types, rng, count(), most=20, step=0.1)
+    supply, track = Supply(BODIES, np.random.default_rng(3)), {}
+    with running(site.network, supply.sumo_types(), seed=3, step=0.1) as sumo:
+        spawner = Spawner(sumo, site, supply, most=20, step=0.1)
         for _ in range(400):
             spawner.advance(0.1)
             for name, body, pose in zip(*spawner.state(), strict=True):
-                if types.labels[body] != PEDESTRIAN:
-                    track.setdefault(int(name), []).append((types.sizes[body, 0], *pose))
+                if supply.labels[body] != PEDESTRIAN:
+                    track.setdefault(int(name), []).append((supply.sizes[body, 0], *pose))
     turned = []
     for steps in track.values():
         for (length, x, y, yaw), (_, x2, y2, yaw2) in pairwise(steps[5:]):
             gone, turn = np.hypot(x2 - x, y2 - y), abs((yaw2 - yaw + np.pi) % (2 * np.pi) - np.pi)
             assert turn <= 2.5 * gone / length + 0.03, "no body turns faster than its front can move sideways"
             if gone > 0.3:
-                course = np.arctan2(y2 - y, x2 - x)
-                assert np.cos(course - yaw2) > np.cos(np.deg2rad(35))
+                assert np.cos(np.arctan2(y2 - y, x2 - x) - yaw2) > np.cos(np.deg2rad(35))
         turned.append(abs((steps[-1][3] - steps[0][3] + np.pi) % (2 * np.pi) - np.pi))
     assert np.sum(np.array(turned) > 1.2) >= 5, "some went round the corner"
-    types, rng = VehicleTypes.of(BODIES), np.random.default_rng(0)
-    with running(site.network, types.sumo_types(rng), seed=0) as sumo:
-        spawner = Spawner(sumo, site, types, rng, count(), most=12)
+    supply = Supply(BODIES, np.random.default_rng(0))
+    with running(site.network, supply.sumo_types(), seed=0) as sumo:
+        spawner = Spawner(sumo, site, supply, most=12)
         spawner.advance(10.0)
         first = spawner.state()[0]
         assert 6 < len(first) <= 12
@@ -66,19 +53,18 @@ def test_shares_lanes_and_types_of_classes():
     assert sum(SHARES.values()) == pytest.approx(1)
     assert SHARES[VEHICLE] + SHARES[HEAVY] == pytest.approx(0.6)
     assert set(SHARES) == set(range(len(LABELS)))
-    types = VehicleTypes.of(ONE_EACH)
-    by_label = {label: {types.classes[row] for row in np.flatnonzero(types.labels == label)} for label in SHARES}
+    supply = Supply(ONE_EACH, np.random.default_rng(0))
+    by_label = {label: {supply.classes[row] for row in np.flatnonzero(supply.labels == label)} for label in SHARES}
     assert by_label == {
         VEHICLE: {"passenger"},
         HEAVY: {"truck"},
         CYCLIST: {"bicycle", "motorcycle"},
         PEDESTRIAN: {"pedestrian"},
     }
-    types = VehicleTypes.of(ONE_EACH)
-    declared = ElementTree.fromstring(types.sumo_types(np.random.default_rng(0)))
+    declared = ElementTree.fromstring(supply.sumo_types())
     assert [v.get("id") for v in declared] == [f"{row}-{p}" for row in range(len(ONE_EACH)) for p in range(POSITIONS)]
     lengths = [float(v.get("length")) for v in declared][::POSITIONS]
-    assert lengths == pytest.approx(types.sizes[:, 0], abs=1e-3)
+    assert lengths == pytest.approx(supply.sizes[:, 0], abs=1e-3)
 
 
 ONE_EACH = catalogue()
@@ -87,27 +73,30 @@ ONE_EACH = catalogue()
 ROWS = np.array([2, 5, 7])
 
 
+def eight(seed, *, once=False):
+    return Supply(BODIES[:8], np.random.default_rng(seed), once=once)
+
+
 def test_rows_come_again_or_once_before_any_comes_again():
-    supply, rng = Supply(8), np.random.default_rng(0)
-    taken = [supply.offer(ROWS, rng) for _ in range(30)]
-    assert set(taken) == set(ROWS.tolist())
-    assert np.array_equal(supply.several(ROWS, 4, np.random.default_rng(3)), np.random.default_rng(3).choice(ROWS, 4))
-    supply, rng = Supply(8, once=True), np.random.default_rng(0)
+    supply = eight(0)
+    assert {supply.offer(ROWS) for _ in range(30)} == set(ROWS.tolist())
+    assert np.array_equal(eight(3).several(ROWS, 4), np.random.default_rng(3).choice(ROWS, 4))
+    supply = eight(0, once=True)
     for _ in range(3):
-        assert sorted(supply.several(ROWS, 3, rng).tolist()) == ROWS.tolist()
-    supply, rng = Supply(8, once=True), np.random.default_rng(1)
-    assert {supply.offer(ROWS, rng) for _ in range(30)} == set(ROWS.tolist())
+        assert sorted(supply.several(ROWS, 3).tolist()) == ROWS.tolist()
+    supply = eight(1, once=True)
+    assert {supply.offer(ROWS) for _ in range(30)} == set(ROWS.tolist())
     for row in (2, 5):
         supply.take(row)
-    assert {supply.offer(ROWS, rng) for _ in range(10)} == {7}
+    assert {supply.offer(ROWS) for _ in range(10)} == {7}
     supply.take(7)
-    supply.give_back(5)
-    assert {supply.offer(ROWS, rng) for _ in range(10)} == {5}
+    supply.take(5, taken=False)
+    assert {supply.offer(ROWS) for _ in range(10)} == {5}
 
 
 @pytest.mark.parametrize("once", [False, True])
 def test_a_seed_gives_an_order(once):
-    first, again = (Supply(8, once).several(ROWS, 9, np.random.default_rng(4)).tolist() for _ in range(2))
+    first, again = (eight(4, once=once).several(ROWS, 9).tolist() for _ in range(2))
     assert first == again
 
 
@@ -122,9 +111,8 @@ def lane(name, start, end, *, forbidden=("pedestrian",), following=(), length=No
 
 
 TOWARDS = lane("in_0", (-60, 0), (0, 0), following=("out_0",))
-AWAY = lane("out_0", (0, 0), (60, 0))
 FOOTWAY = lane("foot_0", (-60, 4), (60, 4), forbidden=("passenger",))
-ROADS = Roads({each.name: each for each in (TOWARDS, AWAY, FOOTWAY)})
+ROADS = Roads({each.name: each for each in (TOWARDS, lane("out_0", (0, 0), (60, 0)), FOOTWAY)})
 
 
 def test_routes_begin_on_lanes_and_go_on_by_links():

@@ -23,13 +23,12 @@ from toolkit.viewing.drawn import (
 )
 
 BOXES = np.array([[x, 0.0, 1.0, 4.0, 2.0, 2.0, 0.0] for x in (0.0, 10.0, 20.0, 30.0, 80.0)])
-LABELS = np.array([0, 0, 0, 2, 0])
 
 
 def detected(boxes, labels=None, complete=None, objects=None):
     """A sample of five objects, the third of them without points, in which these boxes are found."""
     points = np.array([[box[0], 0, 1] for k, box in enumerate(BOXES) if k != 2] * 3, np.float32)
-    objects = Objects(BOXES, LABELS) if objects is None else objects
+    objects = Objects(BOXES, np.array([0, 0, 0, 2, 0])) if objects is None else objects
     area = {} if complete is None else {"complete": complete}
     sample = Frame.of_clouds("0", (SensorCloud("s", points, np.eye(4)),), objects, **area)
     labels = np.zeros(len(boxes), np.int64) if labels is None else labels
@@ -110,8 +109,7 @@ def test_labels_detections_and_outcomes_stand_on_level_ground(touched, finds_the
     assert drawn.describe() == "first: 408 points, 3 labelled, 1 detected, 1 hit, 1 missed, 0 false alarms"
     (far,) = Drawing(finds_the_car, Place("none", area=(95.0, -5.0, 105.0, 5.0))).draw_all([touched])
     assert far.outcomes == {"hits": {}, "missed": {}, "false alarms": {}}
-    drawing = Drawing(finds_the_car, Place("plane"))
-    (drawn,) = drawing.draw_all([moved(touched, [3.0, 0.0, -7.3])])
+    (drawn,) = Drawing(finds_the_car, Place("plane")).draw_all([moved(touched, [3.0, 0.0, -7.3])])
     assert drawn.outcomes["hits"]["vehicle"][0, 2] == pytest.approx(0.75, abs=0.05)
 
 

@@ -1,14 +1,16 @@
 import time
+import urllib.request
+from contextlib import suppress
 from dataclasses import replace
 
 import pytest
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import connect
 
 from toolkit.datasets.recordings import Part
 from toolkit.datasets.records import Listing
-from toolkit.viewing import live
-from toolkit.viewing.drawn import Drawing
+from toolkit.viewing import drawn, live, scene
 from toolkit.viewing.live import LiveView, view_live
-from toolkit.viewing.scene import viser_server
 
 
 @pytest.fixture
@@ -25,8 +27,8 @@ def recording(samples):
 
 @pytest.fixture
 def view(recording, finds_the_car):
-    with viser_server() as server:
-        yield LiveView(server, recording, Drawing(finds_the_car))
+    with scene.viser_server() as server:
+        yield LiveView(server, recording, drawn.Drawing(finds_the_car))
 
 
 def shown(view):
@@ -94,15 +96,15 @@ def test_switches_hide_and_the_slider_goes_to_a_frame(view):
 @pytest.mark.parametrize("port", [0, -1, 65536])
 def test_a_port_that_is_none_is_refused(recording, port):
     with pytest.raises(ValueError, match=r"port must lie in 1\.\.65535"):
-        view_live(recording, Drawing(), port=port)
+        view_live(recording, drawn.Drawing(), port=port)
 
 
 def test_a_first_sample_that_is_damaged_is_an_error(recording):
     damaged = Part(Listing(("2",), recording.recording.load))
-    with viser_server() as server, pytest.raises(ValueError, match="damaged"):
-        LiveView(server, damaged, Drawing())
-    with viser_server() as server:
-        switches = LiveView(server, recording, Drawing()).switches
+    with scene.viser_server() as server, pytest.raises(ValueError, match="damaged"):
+        LiveView(server, damaged, drawn.Drawing())
+    with scene.viser_server() as server:
+        switches = LiveView(server, recording, drawn.Drawing()).switches
     assert not [name for name in switches if name.startswith(("hits", "missed", "false"))]
 
 
@@ -113,11 +115,22 @@ def test_large_clouds_are_said_to_be_thinned(view, monkeypatch):
 
 
 def test_it_is_served_until_it_is_interrupted(recording, monkeypatch):
+    said = []
+
     def interrupted(self):
+        port, address = self.get_port(), addresses[0]
+        said.append(urllib.request.urlopen(address).status)
+        local, path = f"http://127.0.0.1:{port}", address.removeprefix(f"http://127.0.0.1:{port}")
+        for origin, at in ((local, path), ("http://evil.example", path), (None, path), (local, "/"), (local, "/x/")):
+            with suppress(InvalidStatus), connect(f"ws://127.0.0.1:{port}{at}", origin=origin):
+                said.append((origin, at))
+        with pytest.raises(urllib.error.HTTPError, match="403"):
+            urllib.request.urlopen(local)
+        assert said == [200, (local, path)]
         raise KeyboardInterrupt
 
     monkeypatch.setattr("viser.ViserServer.sleep_forever", interrupted)
     addresses = []
-    view_live(recording, Drawing(), port=18765, ready=addresses.append)
+    view_live(recording, drawn.Drawing(), port=18765, ready=addresses.append)
     (address,) = addresses
     assert address.startswith("http://127.0.0.1:187")

@@ -4,17 +4,8 @@ import numpy as np
 import pytest
 
 from toolkit.plots.palette import OUTCOME
+from toolkit.viewing import recording_scene, scene
 from toolkit.viewing.drawn import COLOURINGS, Drawing, DrawnSample, Scales
-from toolkit.viewing.recording_scene import (
-    SceneStyle,
-    add_grid,
-    add_groups,
-    add_sample,
-    find_view_area,
-    list_sensors,
-    nodes_of_kind,
-)
-from toolkit.viewing.scene import rgb, viser_server
 
 
 @pytest.fixture(scope="module")
@@ -24,27 +15,27 @@ def drawn(samples, finds_the_car):
 
 @pytest.fixture(scope="module")
 def api():
-    with viser_server() as server:
+    with scene.viser_server() as server:
         yield server.scene
 
 
 def style(drawn, most=1000, colourings=COLOURINGS):
-    return SceneStyle(list_sensors(drawn), colourings, Scales.of(drawn[0]), most)
+    return recording_scene.SceneStyle(recording_scene.list_sensors(drawn), colourings, Scales.of(drawn[0]), most)
 
 
 def test_sensors_keep_numbers_and_the_first_view_has_most_points(drawn):
-    assert list_sensors(drawn) == ("north", "south")
-    assert list_sensors(drawn[::-1]) == ("north", "south")
-    assert list_sensors([]) == ()
-    assert find_view_area(drawn[0]) == (-30.0, -30.0, 30.0, 30.0)
-    assert find_view_area(drawn[1]) == (-30.0, -30.0, 50.0, 40.0)
+    assert recording_scene.list_sensors(drawn) == ("north", "south")
+    assert recording_scene.list_sensors(drawn[::-1]) == ("north", "south")
+    assert recording_scene.list_sensors([]) == ()
+    assert recording_scene.find_view_area(drawn[0]) == (-30.0, -30.0, 30.0, 30.0)
+    assert recording_scene.find_view_area(drawn[1]) == (-30.0, -30.0, 50.0, 40.0)
     boxes = DrawnSample("boxes", 0.0, (), drawn[0].truth, {})
-    assert find_view_area(boxes) == (-10.0, -20.0, 20.0, 10.0)
-    assert find_view_area(DrawnSample("nothing", 0.0, (), {}, {})) == (-10.0, -10.0, 10.0, 10.0)
+    assert recording_scene.find_view_area(boxes) == (-10.0, -20.0, 20.0, 10.0)
+    assert recording_scene.find_view_area(DrawnSample("nothing", 0.0, (), {}, {})) == (-10.0, -10.0, 10.0, 10.0)
 
 
 def test_samples_have_nodes_for_all_in_them_and_few_points_one_colouring(api, drawn):
-    made = {handle.name: handle.visible for handle in add_groups(api, style(drawn))}
+    made = {handle.name: handle.visible for handle in recording_scene.add_groups(api, style(drawn))}
     assert [name for name in made if name.count("/") == 1] == [
         *("/sensors", "/truth", "/detections", "/hits", "/missed", "/false_alarms")
     ]
@@ -54,7 +45,10 @@ def test_samples_have_nodes_for_all_in_them_and_few_points_one_colouring(api, dr
     assert [made[f"/sensors/1/{each}"] for each in ("sensor", "height", "intensity", "age", "place")] == [
         *(True, False, False, False, True)
     ]
-    made = {handle.name: handle for handle in add_sample(api, drawn[1], style(drawn), frame=7, visible=False)}
+    made = {
+        handle.name: handle
+        for handle in recording_scene.add_sample(api, drawn[1], style(drawn), frame=7, visible=False)
+    }
     sensors = {f"/sensors/{k}/{part}/7" for k in (0, 1) for part in ("place", *COLOURINGS)}
     boxes = {"/truth/vehicle/7", "/truth/others/7", "/detections/vehicle/7", "/false_alarms/vehicle/7"}
     assert set(made) == sensors | boxes
@@ -64,7 +58,7 @@ def test_samples_have_nodes_for_all_in_them_and_few_points_one_colouring(api, dr
     np.testing.assert_array_equal(made["/sensors/0/sensor/7"].points, drawn[1].clouds[0].points)
     assert made["/truth/vehicle/7"].points.shape == (13, 2, 3)  # twelve edges and a heading
     assert len(made["/detections/vehicle/7"].points) > 40  # dashes
-    made = {h.name: h for h in add_sample(api, drawn[0], style(drawn, most=50, colourings=("height",)))}
+    made = {h.name: h for h in recording_scene.add_sample(api, drawn[0], style(drawn, most=50, colourings=("height",)))}
     assert set(made) == {
         *("/sensors/0/place/0", "/sensors/0/height/0", "/detections/vehicle/0"),
         *(f"/truth/{kind}/0" for kind in ("vehicle", "pedestrian", "others")),
@@ -76,7 +70,7 @@ def test_samples_have_nodes_for_all_in_them_and_few_points_one_colouring(api, dr
 def test_outcomes_have_nodes_and_marks_of_their_own(api, touched, finds_the_car):
     (sample,) = Drawing(finds_the_car).draw_all([touched])
     sample = replace(sample, outcomes=sample.outcomes | {"false alarms": {"heavy": sample.truth["others"]}})
-    made = {handle.name: handle for handle in add_sample(api, sample, style([sample]), frame=3)}
+    made = {handle.name: handle for handle in recording_scene.add_sample(api, sample, style([sample]), frame=3)}
     assert {"/hits/vehicle/3", "/missed/pedestrian/3", "/false_alarms/heavy/3"} < set(made)
     assert not any("others" in name for name in made if not name.startswith("/truth"))
     lines = {
@@ -85,12 +79,16 @@ def test_outcomes_have_nodes_and_marks_of_their_own(api, touched, finds_the_car)
     }
     assert list(lines.values()) == [12, 12 + 2, 12 + 3]  # edges; a cross on the roof; a spike with two bars
     colours = {tuple(made[name].colors.reshape(-1, 3)[0].tolist()) for name in lines}
-    assert colours == {rgb(OUTCOME[name].colour) for name in ("hit", "missed", "false alarm")}
+    assert colours == {scene.rgb(OUTCOME[name].colour) for name in ("hit", "missed", "false alarm")}
 
 
 def test_the_grid_lies_on_the_area_and_kinds_can_be_hidden(api):
-    assert nodes_of_kind("heavy", outcomes=False) == ["/truth/heavy", "/detections/heavy"]
-    assert nodes_of_kind("heavy", outcomes=True)[2:] == ["/hits/heavy", "/missed/heavy", "/false_alarms/heavy"]
-    grid = add_grid(api, (-20.0, 0.0, 40.0, 30.0))
+    assert recording_scene.nodes_of_kind("heavy", outcomes=False) == ["/truth/heavy", "/detections/heavy"]
+    assert recording_scene.nodes_of_kind("heavy", outcomes=True)[2:] == [
+        "/hits/heavy",
+        "/missed/heavy",
+        "/false_alarms/heavy",
+    ]
+    grid = recording_scene.add_grid(api, (-20.0, 0.0, 40.0, 30.0))
     assert (grid.name, grid.width, grid.height, grid.cell_size) == ("/grid", 60.0, 30.0, 10.0)
     np.testing.assert_allclose(grid.position[:2], [10, 15])

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from toolkit.mesh import box, merge
-from toolkit.viewing import scene
-from toolkit.viewing import scene as viser_scene
+from toolkit.viewing import scene, scene as viser_scene
 
 
 def test_colours_camera_thinned_points_and_scripts():
@@ -18,8 +17,8 @@ def test_colours_camera_thinned_points_and_scripts():
     np.testing.assert_array_equal(scene.thin_evenly(points, 5)[:, 0], [0, 6, 12, 18, 24])
     assert scene.POLICY.startswith("default-src 'none';")
     assert "http" not in scene.POLICY
-    data = scene.script_data({"a": "</script><!--\u2028"})
-    assert data == '{"a": "\\u003c/script>\\u003c!--\\u2028"}'
+    assert " 'unsafe-eval'" not in scene.POLICY
+    assert scene.script_data({"a": "</script><!--\u2028"}) == '{"a": "\\u003c/script>\\u003c!--\\u2028"}'
     script = (Path(scene.__file__).parent / "scene.js").read_text()
     assert script.startswith('"use strict";')
     assert "</script" not in script

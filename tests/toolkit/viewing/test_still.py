@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from matplotlib import image
 
-from toolkit.plots import canvas
-from toolkit.plots.palette import OUTCOME, sensor_colour
+from toolkit.plots import canvas, palette
 from toolkit.viewing.drawn import COLOURINGS, Drawing, DrawnSample
 from toolkit.viewing.still import write_still
 
@@ -35,17 +34,16 @@ def test_a_picture_has_sensors_points_and_outcomes(judged, tmp_path):
     picture = image.imread(tmp_path / "a.png")
     assert min(picture.shape[:2]) > 300
     for outcome in ("hit", "missed"):
-        assert has(picture, OUTCOME[outcome].colour)
+        assert has(picture, palette.OUTCOME[outcome].colour)
     write_still(judged, tmp_path / "b.png", title="lidars")
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
 
 
 def test_colourings_and_outcomes_that_nobody_judges_are_drawn(drawn, tmp_path):
-    plain = replace(drawn, outcomes={}, truth={})
-    write_still(plain, tmp_path / "a.png")
+    write_still(replace(drawn, outcomes={}, truth={}), tmp_path / "a.png")
     picture = image.imread(tmp_path / "a.png")
-    assert [has(picture, sensor_colour(k)) for k in (0, 1, 2)] == [True, True, False]
-    assert not any(has(picture, OUTCOME[outcome].colour) for outcome in ("hit", "false alarm"))
+    assert [has(picture, palette.sensor_colour(k)) for k in (0, 1, 2)] == [True, True, False]
+    assert not any(has(picture, palette.OUTCOME[outcome].colour) for outcome in ("hit", "false alarm"))
     pictures = set()
     for colouring in COLOURINGS:
         write_still(drawn, tmp_path / "a.png", colouring=colouring)
@@ -59,8 +57,7 @@ def test_colourings_and_outcomes_that_nobody_judges_are_drawn(drawn, tmp_path):
 @pytest.mark.parametrize("colouring", COLOURINGS)
 def test_points_are_coloured_as_asked(drawn, tmp_path, colouring):
     write_still(drawn, tmp_path / "a.svg", colouring=colouring, sensors=("north", "south"))
-    written = (tmp_path / "a.svg").read_text()
-    assert written.startswith("<?xml")
+    assert (tmp_path / "a.svg").read_text().startswith("<?xml")
 
 
 def test_nothing_can_be_drawn_and_other_endings_are_refused(tmp_path):

@@ -15,7 +15,16 @@ from toolkit.arrays import Float64, Int64
 from toolkit.boxes import count_points
 from toolkit.datasets.cloud_files import quaternion_pose, read_table
 from toolkit.datasets.layouts.nuscenes import compute_quaternion
-from toolkit.datasets.records import Listing, Problems, build_cloud, get_intensity, labelled, named_damage, no_labels
+from toolkit.datasets.records import (
+    Listing,
+    Problems,
+    add_problem,
+    build_cloud,
+    get_intensity,
+    labelled,
+    named_damage,
+    no_labels,
+)
 from toolkit.frame import Frame
 from toolkit.objects import LABELS
 from toolkit.point_files import name_attributes
@@ -24,6 +33,7 @@ from toolkit.runtime.files import writing
 LASERS = {"up_lidar": range(32), "down_lidar": range(32, 64)}
 _CALIBRATION = Path("calibration", "egovehicle_SE3_sensor.feather")
 _POSE = ("qw", "qx", "qy", "qz", "tx_m", "ty_m", "tz_m")
+NO_PLACE = "sweeps whose time has no pose in the map"
 _NAMES = {"vehicle": "REGULAR_VEHICLE", "cyclist": "BICYCLIST", "pedestrian": "PEDESTRIAN", "heavy": "TRUCK"}
 
 
@@ -54,16 +64,10 @@ def sweep_times(log: str | Path) -> list[int]:
     return times
 
 
-def read_calibration(log: str | Path) -> dict[str, Float64[np.ndarray, "4 4"]]:
-    """ego_SE3_sensor of each sensor by name."""
-    table = read_table(Path(log, _CALIBRATION))
-    return {str(name): pose for name, pose in zip(table["sensor_name"], _poses(table), strict=True)}
-
-
 def read_labels(log: str | Path, time: int) -> Labels:
     """The cuboids labelled at one sweep's time."""
     table = read_table(Path(log, "annotations.feather"))
-    table = {name: column[table["timestamp_ns"] == time] for name, column in table.items()}
+    table = {name: column[_stamps(table) == time] for name, column in table.items()}
     poses = _poses(table)
     yaw = np.arctan2(poses[:, 1, 0], poses[:, 0, 0])
     size = [table[name] for name in ("length_m", "width_m", "height_m")]
@@ -90,14 +94,28 @@ def _poses(table: Mapping[str, np.ndarray]) -> Float64[np.ndarray, "n 4 4"]:
 
 def argoverse(path: Path) -> Listing:
     """Sweeps of a log. Raises FileNotFoundError if the folder is not a log."""
-    return Listing(tuple(map(str, sweep_times(path))), lambda name: _sample(path, name))
+    names, annotations = tuple(map(str, sweep_times(path))), path / "annotations.feather"
+    labelled: list[str] = []
+    if annotations.is_file():
+        with named_damage(annotations, "table of labels"):
+            labelled = np.unique(_stamps(read_table(annotations))).astype(str).tolist()
+    return Listing(names, lambda name: _sample(path, name), labelled=labelled)
+
+
+def _stamps(table: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Times (ns) of a table's rows, as they are: a float has lost the last ones, a text is equal to none."""
+    stamps = table["timestamp_ns"]
+    if stamps.dtype.kind not in "iu":
+        raise ValueError(f"timestamp_ns must hold whole nanoseconds, got {stamps.dtype}: convert the column to int64")
+    return stamps
 
 
 def _sample(log: Path, name: str) -> Frame:
     problems: Problems = {}
     time = int(name)
     with named_damage(log / _CALIBRATION, "calibration"):
-        calibration = read_calibration(log)
+        table = read_table(log / _CALIBRATION)
+        calibration = dict(zip(map(str, table["sensor_name"]), _poses(table), strict=True))  # ego_SE3_sensor
     file, clouds = log / "sensors" / "lidar" / f"{name}.feather", []
     with named_damage(file, "sweep"):
         table = read_table(file)
@@ -116,7 +134,8 @@ def _sample(log: Path, name: str) -> Frame:
     if city.is_file():
         with named_damage(city, "table of poses"):
             table = read_table(city)
-            rows = np.flatnonzero(table["timestamp_ns"] == time)[:1]
+            rows = np.flatnonzero(_stamps(table) == time)[:1]
+            add_problem(problems, NO_PLACE, int(not len(rows)))
             map_SE3_ego = next(iter(_poses({key: table[key][rows] for key in _POSE})), map_SE3_ego)
     return Frame.of_clouds(name, clouds, *found, time=time * 1e-9, map_SE3_world=map_SE3_ego, problems=problems)
 
@@ -161,14 +180,13 @@ def _labels(sample: Frame, stamp: int) -> dict[str, np.ndarray]:
     boxes, half = sample.objects.boxes, sample.objects.boxes[:, 6] / 2
     sizes = dict(zip(("length_m", "width_m", "height_m"), boxes[:, 3:6].T, strict=True))
     turns = dict(zip(_POSE, (np.cos(half), 0 * half, 0 * half, np.sin(half), *boxes[:, :3].T), strict=True))
-    counts = np.zeros(len(boxes), np.int64) if sample.counts is None else sample.counts
     return {
         "timestamp_ns": np.full(len(boxes), stamp, np.int64),
         "track_uuid": sample.objects.ids.astype(str).astype(object),
         "category": np.array([_NAMES[LABELS[label]] for label in sample.objects.labels], object),
         **sizes,
         **turns,
-        "num_interior_pts": counts,
+        "num_interior_pts": np.zeros(len(boxes), np.int64) if sample.counts is None else sample.counts,
     }
 
 

@@ -47,7 +47,11 @@ def dair(path: Path) -> records.Listing:
         found = read_annotations(_first(path, _LABELS, name), np.eye(4), problems)
         return Frame.of_clouds(name, (cloud,), *found, problems=problems)
 
-    return records.Listing(names, load)
+    return records.Listing(names, load, labelled=_labelled(path, _LABELS))
+
+
+def _labelled(root: Path, folders: tuple[str, ...]) -> list[str]:
+    return [file.stem for folder in folders for file in sorted((root / folder).glob("*.json"))]
 
 
 def _first(root: Path, folders: tuple[str, ...], name: str) -> Path | None:
@@ -57,7 +61,9 @@ def _first(root: Path, folders: tuple[str, ...], name: str) -> Path | None:
 def _pairs(root: Path) -> records.Listing:
     index = root / "cooperative" / "data_info.json"
     with named_damage(index, "list of pairs"):
-        pairs = {_stem(each, "infrastructure"): each for each in records.as_list(records.load_json(index))}
+        every = records.as_list(records.load_json(index))
+        pairs = {_stem(each, "infrastructure"): each for each in every}
+        vehicles = [_stem(each, "vehicle") for each in every]
     road, car = root / "infrastructure-side", root / "vehicle-side"
 
     def load(name: str) -> Frame:
@@ -75,12 +81,12 @@ def _pairs(root: Path) -> records.Listing:
         found = read_annotations(_first(root, _COOPERATIVE, vehicle), invert(map_SE3_road), problems)
         return Frame.of_clouds(name, clouds, *found, map_SE3_world=map_SE3_road, problems=problems)
 
-    return records.Listing(tuple(pairs), load)
+    return records.Listing(tuple(pairs), load, labelled=_labelled(root, _COOPERATIVE), known=vehicles)
 
 
 def _stem(pair: records.Unchecked, side: str) -> str:
     path = f"{side}_pointcloud_path"
-    return Path(str(pair[path])).stem if path in pair else str(entry(pair, f"{side}_frame"))
+    return Path(str(pair[path] if path in pair else entry(pair, f"{side}_frame"))).stem
 
 
 def read_transform(path: str | Path, offset: tuple[float, float] | None = None) -> Float64[np.ndarray, "4 4"]:

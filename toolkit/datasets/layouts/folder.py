@@ -18,8 +18,9 @@ from pathlib import Path
 import numpy as np
 
 from toolkit.datasets import records
-from toolkit.datasets.cloud_files import Pose, read_poses
+from toolkit.datasets.cloud_files import read_poses
 from toolkit.frame import Frame
+from toolkit.geometry import Pose
 from toolkit.runtime.files import write_text
 
 POSES = ("poses.json", "poses.txt", "poses.csv")
@@ -60,7 +61,7 @@ def folder(path: Path, *, poses: Path | None = None, inverted: bool = False) -> 
         found = records.parse_objects(labels, entries[name], problems) if name in entries else records.no_labels()
         return Frame.of_clouds(name, clouds, *found, time=parse_epoch(name), problems=problems)
 
-    return records.Listing(tuple(names), load)
+    return records.Listing(tuple(names), load, labelled=entries if path.is_dir() else ())
 
 
 def _files(path: Path) -> list[Path]:

@@ -145,10 +145,8 @@ def _write(group: h5py.Group, sample: Frame) -> None:
     about = {"time": sample.time, "sensors": sensors, "categories": sample.categories}
     about |= {"complete": sample.complete.record(), "others": sample.others.categories}
     group["about"] = json.dumps(replace_infinite(about | {"problems": dict(sample.problems)}))
-    objects, others = sample.objects, sample.others
-    columns: dict[str, np.ndarray | None] = {"map_SE3_world": sample.map_SE3_world, "boxes": objects.boxes}
-    columns |= {"labels": objects.labels, "ids": objects.ids, "counts": sample.counts, "others": others.boxes}
-    columns |= {"others_counts": others.counts}
+    columns: dict[str, np.ndarray | None] = {"map_SE3_world": sample.map_SE3_world, **vars(sample.objects)}
+    columns |= {"counts": sample.counts, "others": sample.others.boxes, "others_counts": sample.others.counts}
     for k, cloud in enumerate(sample.clouds):
         own: dict[str, np.ndarray | None] = {"points": cloud.points, "pose": cloud.world_SE3_sensor, "time": cloud.time}
         own |= {"intensity": cloud.intensity, "ring": cloud.ring}

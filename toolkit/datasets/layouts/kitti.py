@@ -24,8 +24,9 @@ from toolkit.datasets import records
 from toolkit.frame import Frame, ImageWedge, Region
 from toolkit.geometry import BODY_SE3_CAMERA, invert, transform
 from toolkit.objects import LABELS, Detections
-from toolkit.runtime.files import write_bytes, write_text
+from toolkit.runtime.files import read_bytes, write_bytes, write_text
 
+_OTHER_NAMES = {"R_rect": "R0_rect", "R_rect_00": "R0_rect", "Tr_velo_cam": "Tr_velo_to_cam"}
 IMAGE = 1242, 375  # pixels, used without an image
 _CAMERA = invert(BODY_SE3_CAMERA)  # camera_SE3_lidar of what is written
 _FOCAL = 721.5377  # of the camera that is written where a recording has none
@@ -39,7 +40,8 @@ def kitti(path: Path) -> records.Listing:
     names = tuple(sorted(file.stem for file in (folder / "velodyne").glob("*.bin")))
     if not names:
         raise FileNotFoundError(f"{folder / 'velodyne'} holds no *.bin")
-    return records.Listing(names, lambda name: _sample(folder, name))
+    labelled = [file.stem for file in sorted((folder / "label_2").glob("*.txt"))]
+    return records.Listing(names, lambda name: _sample(folder, name), labelled=labelled)
 
 
 def _sample(folder: Path, name: str) -> Frame:
@@ -49,7 +51,7 @@ def _sample(folder: Path, name: str) -> Frame:
     if not labels.is_file():
         return Frame.of_clouds(name, (cloud,), *records.no_labels(), problems=problems)
     with records.named_damage(calib, "calibration"):
-        camera_SE3_lidar, projection = _parse_calibration(calib.read_text(encoding="utf-8-sig"))
+        camera_SE3_lidar, projection = _parse_calibration(read_bytes(calib).decode("utf-8-sig"))
     with records.named_damage(labels, "list of labels"):
         rows = [line.split() for line in labels.read_text(encoding="utf-8-sig").splitlines() if line.strip()]
         for row in rows:
@@ -79,20 +81,14 @@ def _boxes(values: np.ndarray, lidar_SE3_camera: np.ndarray) -> Float64[np.ndarr
 def _parse_calibration(text: str) -> tuple[np.ndarray, np.ndarray]:
     """camera_SE3_lidar, and the projection (3, 4) of camera 2, rectified camera → pixels."""
     lines = [line.split() for line in text.splitlines() if line.strip()]
-    entries = {words[0].removesuffix(":"): words[1:] for words in lines}
-
-    def find(*names: str) -> list[str]:
-        for name in names:
-            if name in entries:
-                return entries[name]
-        raise ValueError(f"it has no {names[0]}")
-
-    rectification = records.rigid(find("R0_rect", "R_rect", "R_rect_00"), np.zeros(3), "R0_rect")
-    camera_SE3_lidar = rectification @ records.rigid_matrix(find("Tr_velo_to_cam", "Tr_velo_cam"), "Tr_velo_to_cam")
-    projection = records.numbers(find("P2"), 12, "P2").reshape(3, 4)
+    named = ((words[0].removesuffix(":"), words[1:]) for words in lines)
+    entries = {_OTHER_NAMES.get(name, name): rest for name, rest in named}
+    rectification = records.rigid(records.entry(entries, "R0_rect"), np.zeros(3), "R0_rect")
+    unrectified_SE3_lidar = records.rigid_matrix(records.entry(entries, "Tr_velo_to_cam"), "Tr_velo_to_cam")
+    projection = records.numbers(records.entry(entries, "P2"), 12, "P2").reshape(3, 4)
     if not np.isfinite(projection).all():
         raise ValueError("P2 holds NaN or infinite numbers")
-    return camera_SE3_lidar, projection
+    return rectification @ unrectified_SE3_lidar, projection
 
 
 def _image_size(image: Path) -> tuple[int, int]:

@@ -27,7 +27,7 @@ from toolkit.datasets.records import as_number, entry, named_damage, numbers
 from toolkit.frame import Frame
 from toolkit.geometry import invert, transform
 from toolkit.objects import LABELS
-from toolkit.runtime.files import write_bytes, write_text
+from toolkit.runtime.files import resolve_below, write_bytes, write_text
 
 _NAMES = {
     "vehicle": "vehicle.car",
@@ -62,7 +62,9 @@ def nuscenes(path: Path) -> records.Listing:
     with named_damage(folder / "sample.json", "table"):
         order = sorted(lidars, key=lambda token: as_number(entry(tables["sample"], token, "timestamp"), "timestamp"))
     return records.Listing(
-        tuple(order), lambda token: _sample(folder, token, tables, lidars[token], labels.get(token, []))
+        tuple(order),
+        lambda token: _sample(folder, token, tables, lidars[token], labels.get(token, [])),
+        labelled=labels,
     )
 
 
@@ -74,12 +76,11 @@ def _sensor(tables: dict[str, _Row], row: _Row, key: str) -> str:
 
 def _sample(folder: Path, token: str, tables: dict[str, _Row], data: list[_Row], labels: list[_Row]) -> Frame:
     problems: records.Problems = {}
-    with named_damage(folder / "ego_pose.json", "table"):
-        placed = [_placed(tables["ego_pose"], row, "ego_pose_token") for row in data]
-    with named_damage(folder / "calibrated_sensor.json", "table"):
-        mounted = [_placed(tables["calibrated_sensor"], row, "calibrated_sensor_token") for row in data]
+    placed, mounted = (
+        [_placed(folder, tables, name, row) for row in data] for name in ("ego_pose", "calibrated_sensor")
+    )
     with named_damage(folder / "sample_data.json", "table"):
-        files = [folder.parent / str(entry(row, "filename")) for row in data]
+        files = [resolve_below(folder.parent, str(entry(row, "filename"))) for row in data]
         names = [_sensor(tables, row, "channel") for row in data]
         time = as_number(entry(data[0], "timestamp"), "timestamp") * 1e-6
     map_SE3_ego = placed[0]
@@ -97,13 +98,15 @@ def _sample(folder: Path, token: str, tables: dict[str, _Row], data: list[_Row],
     return Frame.of_clouds(token, clouds, *found, time=time, map_SE3_world=map_SE3_ego, problems=problems)
 
 
-def _placed(table: _Row, row: _Row, key: str) -> Float64[np.ndarray, "4 4"]:
-    where = entry(table, str(entry(row, key)))
-    turned = numbers(entry(where, "rotation"), 4, "rotation")
-    moved = numbers(entry(where, "translation"), 3, "translation")
-    if not (np.isfinite(turned).all() and np.isfinite(moved).all()):
-        raise ValueError(f"{key} holds NaN or infinite numbers")
-    return quaternion_pose(turned, moved)
+def _placed(folder: Path, tables: dict[str, _Row], name: str, row: _Row) -> Float64[np.ndarray, "4 4"]:
+    """Pose in a table that a row of sample_data names."""
+    with named_damage(folder / f"{name}.json", "table"):
+        where = entry(tables[name], str(entry(row, f"{name}_token")))
+        turned = numbers(entry(where, "rotation"), 4, "rotation")
+        moved = numbers(entry(where, "translation"), 3, "translation")
+        if not (np.isfinite(turned).all() and np.isfinite(moved).all()):
+            raise ValueError(f"{name}_token holds NaN or infinite numbers")
+        return quaternion_pose(turned, moved)
 
 
 def _box(row: _Row) -> np.ndarray:
@@ -127,15 +130,14 @@ def write_nuscenes(samples: Iterable[Frame], folder: Path) -> int:
     written, alone = 0, {"prev": "", "next": ""}
     for written, sample in enumerate(samples, 1):
         token = f"{written - 1:06d}"
-        time = sample.time if np.isfinite(sample.time) else 0.1 * written
-        stamp = round(time * 1e6)
+        stamp = round((sample.time if np.isfinite(sample.time) else 0.1 * written) * 1e6)
         tables["sample"].append({"token": token, "timestamp": stamp, "scene_token": "", **alone})
         tables["ego_pose"].append({"token": token, "timestamp": stamp, **_format_pose(sample.map_SE3_world)})
         for cloud in sample.clouds:
             channel = cloud.name if cloud.name.startswith("LIDAR") else f"LIDAR_{cloud.name}"
             key, file = f"{token}_{channel}", f"samples/{channel}/{token}.pcd.bin"
-            points = transform(invert(cloud.world_SE3_sensor), cloud.in_world())
-            rows = np.column_stack([points, records.get_intensity(cloud), np.zeros(len(points))]).astype("<f4")
+            columns = cloud.in_sensor(), records.get_intensity(cloud), np.zeros(len(cloud.points))
+            rows = np.column_stack(columns).astype("<f4")
             write_bytes(folder / file, rows.tobytes())
             tables["sensor"].append({"token": key, "channel": channel, "modality": "lidar"})
             mounted = {"token": key, "sensor_token": key, "camera_intrinsic": []}

@@ -39,12 +39,24 @@ def openlabel(path: Path) -> records.Listing:
     root = path.parent if path.is_file() else path
     clouds = {file.name: file for file in sorted(root.rglob("*")) if file.suffix.lower() in records.ENDINGS}
     frames: dict[str, tuple[Path, str]] = {}
+    known: list[str] = []
     for file in files:
         with named_damage(file, "OpenLABEL file"):
-            keys = list(entry(records.load_json(file), "openlabel", "frames"))
-        stem = file.relative_to(root).with_suffix("").as_posix()
-        frames |= {stem if len(keys) == 1 else f"{stem}#{key}": (file, key) for key in keys}
-    return records.Listing(tuple(frames), lambda name: _sample(name, *frames[name], clouds))
+            some = entry(records.load_json(file), "openlabel", "frames")
+            stem = file.relative_to(root).with_suffix("").as_posix()
+            named = {stem if len(some) == 1 else f"{stem}#{key}": key for key in some}
+            known += [name for name, key in named.items() if _clouds(file, some[key], clouds)]
+        frames |= {name: (file, key) for name, key in named.items()}
+    return records.Listing(
+        tuple(frames), lambda name: _sample(name, *frames[name], clouds), labelled=frames, known=known
+    )
+
+
+def _clouds(file: Path, frame: records.Unchecked, clouds: dict[str, Path]) -> list[Path]:
+    """Files of a frame's clouds, by the names it gives them or by its own file's."""
+    names = frame.get("frame_properties", {}).get("point_cloud_file_names")
+    names = [Path(str(each)).name for each in names or [f"{file.stem}{ending}" for ending in records.ENDINGS]]
+    return [clouds[name] for name in names if name in clouds]
 
 
 def _sample(name: str, file: Path, key: str, clouds: dict[str, Path]) -> Frame:
@@ -55,8 +67,7 @@ def _sample(name: str, file: Path, key: str, clouds: dict[str, Path]) -> Frame:
         properties = frame.get("frame_properties", {})
         time = properties.get("timestamp")
         seconds = float("nan") if time is None else as_number(time, "timestamp")
-        names = properties.get("point_cloud_file_names") or [f"{file.stem}{ending}" for ending in records.ENDINGS]
-        files = [clouds[Path(str(each)).name] for each in names if Path(str(each)).name in clouds]
+        files = _clouds(file, frame, clouds)
         # a cloud's sensor is the stream that the frame names in its place, else the cloud's folder
         streams = list(properties.get("streams", {}))
         sensors = [streams[k] if k < len(streams) else each.parent.name for k, each in enumerate(files)]

@@ -26,7 +26,7 @@ from toolkit.datasets import records
 from toolkit.datasets.records import entry, named_damage, numbers
 from toolkit.frame import Frame, SensorCloud
 from toolkit.geometry import invert, pose
-from toolkit.runtime.files import write_text
+from toolkit.runtime.files import parse_yaml, write_text
 
 MIRROR = np.diag([1.0, -1.0, 1.0, 1.0])
 
@@ -34,14 +34,22 @@ MIRROR = np.diag([1.0, -1.0, 1.0, 1.0])
 def opv2v(path: Path, *, left_handed: bool = True) -> records.Listing:
     """Frames of all scenarios below a folder, all agents together. Raises FileNotFoundError if there are none."""
     names: dict[str, list[Path]] = {}
+    clouds: dict[Path, set[str]] = {}  # of agents; a scenario's own files, such as data_protocol.yaml, lie above
+    labelled, known = list[str](), list[str]()
     for file in sorted(path.rglob("*.yaml")):
-        if any(file.with_suffix(ending).is_file() for ending in records.ENDINGS):
+        if file.parent not in clouds:
+            clouds[file.parent] = {each.stem for each in file.parent.iterdir() if each.suffix in records.ENDINGS}
+        place = file.with_suffix("").relative_to(path.parent).as_posix()
+        labelled += [place] * bool(clouds[file.parent])
+        if file.stem in clouds[file.parent]:
             names.setdefault((file.parent.parent / file.stem).relative_to(path.parent).as_posix(), []).append(file)
+            known.append(place)
     if not names:
         raise FileNotFoundError(f"{path} is no folder of OPV2V: it has no AGENT/*.yaml beside clouds of their names")
     agents = {name: sorted(files, key=_agent) for name, files in sorted(names.items())}
+    mirror = MIRROR if left_handed else np.eye(4)
     return records.Listing(
-        tuple(agents), lambda name: _sample(name, agents[name], MIRROR if left_handed else np.eye(4))
+        tuple(agents), lambda name: _sample(name, agents[name], mirror), labelled=labelled, known=known
     )
 
 
@@ -62,7 +70,7 @@ def _sample(name: str, files: list[Path], mirror: np.ndarray) -> Frame:
     for file in files:
         with named_damage(file, "YAML file of an agent"):
             contents.append(_yaml(file))
-            poses.append(_pose(contents[-1].get("lidar_pose"), mirror))
+            poses.append(_pose(entry(contents[-1], "lidar_pose"), mirror))
     map_SE3_world = pose(*poses[0][:3, 3], yaw=float(records.heading(poses[0], 0.0)))
     clouds: list[SensorCloud] = []
     rows: dict[object, np.ndarray] = {}
@@ -83,27 +91,18 @@ def _sample(name: str, files: list[Path], mirror: np.ndarray) -> Frame:
 
 
 def _yaml(file: Path) -> records.Unchecked:
-    import yaml
-
-    try:
-        content = yaml.load(file.read_text(encoding="utf-8-sig"), Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
-    except yaml.YAMLError as error:
-        raise ValueError(" ".join(str(error).split())[:160]) from None
+    content = parse_yaml(file.read_text(encoding="utf-8-sig"))
     if not isinstance(content, dict):
         raise ValueError(f"it must hold names and values, got {str(content)[:40]!r}")
     return content
 
 
 def _pose(value: records.Unchecked, mirror: np.ndarray) -> np.ndarray:
-    if value is None:
-        raise ValueError("it has no entry lidar_pose")
     if np.array(value, dtype=object).size == 16:
         placed = records.rigid_matrix(value, "lidar_pose")
     else:
         x, y, z, roll, yaw, pitch = numbers(value, 6, "lidar_pose")
         placed = records.rigid(unreal_pose(roll, yaw, pitch)[:3, :3], [x, y, z], "lidar_pose")
-    if not np.isfinite(placed).all():
-        raise ValueError("lidar_pose holds NaN or infinite numbers")
     return mirror @ placed @ mirror
 
 
@@ -139,9 +138,8 @@ def write_opv2v(samples: Iterable[Frame], folder: Path, *, left_handed: bool = T
         name, flat = f"{written - 1:05d}", mirror @ sample.map_SE3_world
         vehicles = {}
         for box, kind, track in records.list_rows(sample.objects, records.COMMON_NAMES):
-            ahead = flat[:3, :3] @ [np.cos(box[6]), np.sin(box[6]), 0]
             vehicles[track] = {
-                "angle": [0.0, float(np.rad2deg(np.arctan2(ahead[1], ahead[0]))), 0.0],
+                "angle": [0.0, float(np.rad2deg(records.heading(flat, box[6]))), 0.0],
                 "center": [0.0, 0.0, 0.0],
                 "extent": [size / 2 for size in box[3:6]],
                 "location": (flat[:3, :3] @ box[:3] + flat[:3, 3]).tolist(),

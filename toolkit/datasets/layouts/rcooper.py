@@ -29,15 +29,20 @@ SAME_OBJECT = 0.3  # BEV IoU; two agents' labels of one class above it are one o
 def rcooper(path: Path) -> Listing:
     """Frames of the whole set, each of all agents. Raises FileNotFoundError if the folder is not such a set."""
     names: dict[str, list[tuple[str, Path]]] = {}
+    labelled, known = list[str](), list[str]()
     for scene in sorted((path / "data").glob("*")):
         agents = [name for name in scene.name.split("-") if (scene / name).is_dir()]
         for sequence in sorted({each.name for name in agents for each in (scene / name).iterdir() if each.is_dir()}):
             files = [(name, _clouds(scene / name / sequence / "lidar")) for name in agents]
+            for name, some in files:
+                own = f"{scene.name}/{name}/{sequence}"
+                known += [f"{own}/{file.stem}" for file in some]
+                labelled += [f"{own}/{file.stem}" for file in sorted((path / "label" / own).glob("*.json"))]
             for k in range(min((len(some) for _, some in files), default=0)):
                 names[f"{scene.name}/{sequence}/{k:05d}"] = [(name, some[k]) for name, some in files]
     if not names:
         raise FileNotFoundError(f"{path} is no RCooper folder: it has no data/SCENE/AGENT/SEQUENCE/lidar/*.pcd")
-    return Listing(tuple(names), lambda name: _sample(path, name, names[name]))
+    return Listing(tuple(names), lambda name: _sample(path, name, names[name]), labelled=labelled, known=known)
 
 
 def _clouds(folder: Path) -> list[Path]:

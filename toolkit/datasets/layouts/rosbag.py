@@ -14,8 +14,8 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -25,12 +25,11 @@ import numpy as np
 from toolkit.arrays import Float64
 from toolkit.datasets.cloud_files import quaternion_pose
 from toolkit.datasets.layouts.nuscenes import compute_quaternion
-from toolkit.datasets.records import Problems, add_problem, build_cloud, get_intensity
+from toolkit.datasets.records import Problems, add_problem, build_cloud, get_intensity, named_damage
 from toolkit.frame import Frame, SensorCloud
-from toolkit.geometry import invert, transform
 from toolkit.objects import Objects
 from toolkit.point_files import name_attributes
-from toolkit.runtime.files import writing_together
+from toolkit.runtime.files import plain_file
 from toolkit.sites.site import Site
 
 CLOUD = "sensor_msgs/msg/PointCloud2"
@@ -196,16 +195,7 @@ def _stamp(header: RosObject) -> int:
     return int(header.stamp.sec) * 10**9 + int(header.stamp.nanosec)
 
 
-@contextmanager
-def _damage(path: Path) -> Iterator[None]:
-    """Turn the errors of any kind that rosbags and its parsers raise on damaged bags into ValueError."""
-    try:
-        yield
-    except OSError:
-        raise
-    except Exception as error:
-        reason = " ".join(str(error).split())[:200] or type(error).__name__
-        raise ValueError(f"{path} is no bag that can be read: {reason}") from None
+_damage = partial(named_damage, what="bag", kinds=(Exception,))  # rosbags and its parsers raise errors of any kind
 
 
 def _messages(path: Path, *kinds: str, parse: bool = True) -> Iterator[tuple[str, RosObject]]:
@@ -216,7 +206,7 @@ def _messages(path: Path, *kinds: str, parse: bool = True) -> Iterator[tuple[str
     except ImportError:
         raise ImportError("reading bags needs rosbags: pip install rosbags") from None
     with _damage(path):
-        reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
+        reader = AnyReader([plain_file(path)], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
         reader.open()
     try:
         wanted = [each for each in reader.connections if each.msgtype in kinds]
@@ -242,10 +232,7 @@ def write_rosbag(samples: Iterable[Frame], folder: Path) -> int:
     store = get_typestore(Stores.ROS2_HUMBLE)
     connections: dict[str, RosObject] = {}
     written = labels = 0
-    with (
-        writing_together(folder) as unfinished,
-        Writer(unfinished / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer,
-    ):
+    with Writer(folder / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         tf = writer.add_connection("/tf", TF, typestore=store)
         for written, sample in enumerate(samples, 1):
             labels += len(sample.objects)
@@ -257,7 +244,7 @@ def write_rosbag(samples: Iterable[Frame], folder: Path) -> int:
                     connections[cloud.name] = writer.add_connection(f"/{cloud.name}", CLOUD, typestore=store)
                 writer.write(connections[cloud.name], stamp, store.serialize_cdr(_message(store, cloud, stamp), CLOUD))
     if labels:
-        warnings.warn(f"{folder}: a bag has no place for labels, {labels} are not in it", stacklevel=2)
+        warnings.warn(f"a bag has no place for labels, {labels} are not in it", stacklevel=2)
     return written
 
 
@@ -267,7 +254,6 @@ def _header(store: RosObject, stamp: int, frame: str) -> RosObject:
 
 
 def _link(store: RosObject, cloud: SensorCloud, stamp: int) -> RosObject:
-    """Pose of a sensor in the world."""
     names = ("Transform", "Vector3", "Quaternion", "TransformStamped")
     make, vector, quaternion, stamped = (store.types[f"geometry_msgs/msg/{name}"] for name in names)
     w, x, y, z = compute_quaternion(cloud.world_SE3_sensor).tolist()
@@ -277,8 +263,7 @@ def _link(store: RosObject, cloud: SensorCloud, stamp: int) -> RosObject:
 
 
 def _message(store: RosObject, cloud: SensorCloud, stamp: int) -> RosObject:
-    points = transform(invert(cloud.world_SE3_sensor), cloud.in_world())
-    table = np.column_stack([points, get_intensity(cloud)]).astype("<f4")
+    table = np.column_stack([cloud.in_sensor(), get_intensity(cloud)]).astype("<f4")
     make = store.types["sensor_msgs/msg/PointField"]
     names = enumerate(("x", "y", "z", "intensity"))
     fields = [make(name=name, offset=4 * k, datatype=7, count=1) for k, name in names]

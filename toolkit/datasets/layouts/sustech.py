@@ -30,7 +30,8 @@ def sustech(path: Path) -> Listing:
     files = {file.stem: file for file in sorted((path / "lidar").glob("*")) if file.suffix.lower() in ENDINGS}
     if not files:
         raise FileNotFoundError(f"{path} is no SUSTechPOINTS scene: it has no lidar/*.pcd")
-    return Listing(tuple(files), lambda name: _sample(path, name, files[name]))
+    labelled = [file.stem for file in sorted((path / "label").glob("*.json"))]
+    return Listing(tuple(files), lambda name: _sample(path, name, files[name]), labelled=labelled)
 
 
 def _sample(folder: Path, name: str, file: Path) -> Frame:

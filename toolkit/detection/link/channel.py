@@ -26,6 +26,7 @@ from typing import NamedTuple
 import numpy as np
 
 from toolkit.arrays import Float64
+from toolkit.boxes import check_boxes
 from toolkit.datasets.readings import read_frame
 from toolkit.frame import Frame, Frames
 from toolkit.objects import Detections
@@ -155,7 +156,6 @@ def delay_frames(
 def _put_together(
     history: Sequence[Frame], newest: Sequence[int | None], frozen: Sequence[int]
 ) -> tuple[Frame, Float64[np.ndarray, " sensors"]]:
-    """Combine these instants into a frame, with measurements' ages."""
     now = history[-1]
     sensors, measurements, shifts, ages = [], [], [], []
     for sensor, k in enumerate(newest):
@@ -195,8 +195,9 @@ class Tracks:
         return len(self._state)
 
     def update(self, detections: Detections, time: float) -> None:
-        """Update with detections of a time, not before the last."""
-        if len(self) and time < self._time:
+        """Update with detections of a time, not before the last. Raises ValueError for boxes that are none."""
+        check_boxes(detections.boxes)
+        if not (math.isfinite(time) and (time >= self._time or not len(self))):
             raise ValueError(f"detections must come in order of time, got {time} s after {self._time} s")
         step, again = time - self._time if len(self) else 0.0, bool(len(self)) and time == self._time
         move, pushed = np.eye(4), np.array([step**2 / 2, step]) * ACCELERATION

@@ -27,8 +27,7 @@ import numpy as np
 from toolkit.arrays import Bool, ImageMask, ImageSteps
 from toolkit.calibration.empty_scene import SIGMAS, EmptyScene
 from toolkit.detection.codec import RangeImage
-from toolkit.detection.link import foreground
-from toolkit.detection.link import image_coding as coding
+from toolkit.detection.link import foreground, image_coding as coding
 from toolkit.detection.link.foreground import Restored
 from toolkit.detection.link.message import MessageKind, read_message, step_in_mm
 from toolkit.detection.link.range_images import to_steps
@@ -101,16 +100,16 @@ class DifferenceReader:
         """
         header, content = read_message(message)
         if header.kind == MessageKind.FOREGROUND:
-            pixels = foreground.read_foreground(message, self.scene)
-            self._reference = Reference.of(header.number, header.step_mm, pixels.steps, pixels.sent)
-            return pixels.restore(self.scene)
+            restored = foreground.decode_foreground(message, self.scene)
+            self._reference = Reference.of(header.number, header.step_mm, restored.steps, restored.sent)
+            return restored
         foreground.check_scene(header, MessageKind.DIFFERENCE, self.scene)
         if len(content) < _REFERS.size:
             raise ValueError(f"a difference has at least {_REFERS.size} bytes of content, got {len(content)}")
         back, goes_on, checksum = _REFERS.unpack_from(content)
         if not back or goes_on > 1:
             raise ValueError(
-                f"a difference refers 1 to {MOST_BACK} messages back and goes on or not, got {back}, {goes_on}"
+                f"a message refers 1 to {MOST_BACK} messages back and goes on or not, got {back}, {goes_on}"
             )
         reference = self._reference
         if reference is None or reference.number != header.number - back or reference.checksum != checksum:
@@ -120,14 +119,11 @@ class DifferenceReader:
                 "wait for the next whole image"
             )
         if header.step_mm != reference.step_mm:
-            raise ValueError(
-                f"a difference has steps of its reference, {reference.step_mm} mm, got {header.step_mm} mm"
-            )
-        steps, sent, end = decode_difference(content, _REFERS.size, reference)
-        pixels = foreground.SentPixels(header, steps, sent, foreground.decode_missing(content, end, sent))
+            raise ValueError(f"a message has steps of its reference, {reference.step_mm} mm, got {header.step_mm} mm")
+        restored = foreground.restore(header, content, self.scene, *decode_difference(content, _REFERS.size, reference))
         if goes_on:
-            self._reference = reference.after(header.number, steps, sent)
-        return pixels.restore(self.scene)
+            self._reference = reference.after(header.number, restored.steps, restored.sent)
+        return restored
 
 
 def check_differences(refers_to: str, key_every: int) -> None:
@@ -300,7 +296,7 @@ class ForegroundDifferences(foreground.SendsForeground):
 
     def sent_bits(self, view: View, sensors: Sequence[int], /) -> list[int]:
         """Bits that sensors send of a frame, arrived or not."""
-        return [self._transmit(view, sensor).bits for sensor in sensors]
+        return [self._send(view, sensor).bits for sensor in sensors]
 
     def _exchange(self, view: View, sensor: int, image: RangeImage, missing: ImageMask) -> tuple[bytes, Restored]:
         def begin() -> tuple[DifferenceSender, DifferenceReader]:

@@ -19,22 +19,20 @@ import numpy as np
 
 from toolkit.arrays import Float32, ImageMask, ImageRanges, ImageSteps, Int64
 from toolkit.calibration.empty_scene import SIGMAS, EmptyScene
-from toolkit.detection.codec import Parameters, RangeImage
+from toolkit.detection.codec import RangeImage
 from toolkit.detection.link import message as wire
 from toolkit.detection.link.image_coding import decode_mask, encode_mask, encode_pixels, read_pixels
-from toolkit.detection.link.range_images import RangeImages, from_steps, image_header, to_steps
-from toolkit.detection.scheme import Counts, Fused
-from toolkit.detection.view import Captured, Lift, SentCloud, View
+from toolkit.detection.link.range_images import RangeImages, from_steps, sent_header, to_steps
+from toolkit.detection.scheme import Counts, DetectsOnce
+from toolkit.detection.view import Captured, Cloud, Fused, Lift, Sent, View
 from toolkit.frame import unproject
 from toolkit.points import Crop
 from toolkit.sensors.sensor import Sensor, is_return
 
 
-class SendsForeground(Parameters):
-    """Base of schemes that detect once in all foreground."""
+class SendsForeground(DetectsOnce):
+    """Base of schemes that detect once in all foreground; fusing raises ValueError without scenes or images."""
 
-    sends_points: ClassVar[bool] = True
-    sends_boxes: ClassVar[bool] = False
     predicted_as: ClassVar[str] = "early"
     step: float
     sigmas: float
@@ -45,24 +43,22 @@ class SendsForeground(Parameters):
         return RangeImages(self.step)
 
     def fuse(self, view: View, sensors: Sequence[int], /) -> Fused:
-        """Detect once in restored clouds; ValueError without scenes or images."""
-        sent = [self._transmit(view, sensor) for sensor in sensors]
-        boxes = view.suppress([view.detect([each.arrived for each in sent])])
-        return Fused(boxes.detections, np.array([each.bits for each in sent], np.int64), boxes.ms)
+        """Detect in all foreground that arrives."""
+        return view.fuse_points([self._send(view, sensor) for sensor in sensors])
 
     def sent_points(self, counts: Counts, /) -> Float32[np.ndarray, "C F"]:
         """Return the points on objects that count."""
         return counts.on_objects
 
-    def mask_pooled(self, distance: Float32[np.ndarray, "C O"], radius: float, /) -> None:
-        """Return None: no boxes are sent."""
-
-    def _transmit(self, view: View, sensor: int) -> SentCloud:
+    def _send(self, view: View, sensor: int) -> Sent[Cloud]:
         def through() -> tuple[Float32[np.ndarray, "n 3"], int]:
             captured, scene = view.captured(sensor), view.scene(sensor)
             out = standing_out(captured, scene, self.sigmas)
             message, restored = self._exchange(view, sensor, captured.sending(out.pixels), out.missing)
-            return restore_points(captured, scene, restored)[0], 8 * len(message)
+            measured = captured.points(np.where(restored.sent, restored.image, np.float32(0)))
+            drawn = draw_scene(captured, scene)
+            empty = ~(restored.sent | restored.missing).ravel()[drawn.pixels]
+            return np.concatenate([measured, drawn.points[empty]]), 8 * len(message)
 
         return view.transmit(sensor, self.digest, through)
 
@@ -95,12 +91,13 @@ class Foreground(SendsForeground):
 
 
 class Restored(NamedTuple):
-    """Restored image, masks of sent and missing pixels, and header."""
+    """Restored image, masks of sent and missing pixels, header, and measurements in steps."""
 
     header: wire.MessageHeader
     image: ImageRanges
     sent: ImageMask
     missing: ImageMask
+    steps: ImageSteps
 
 
 def encode_foreground(
@@ -114,35 +111,30 @@ def encode_foreground(
     return write_scene_message(wire.MessageKind.FOREGROUND, image, scene, step, content, missing)
 
 
-class SentPixels(NamedTuple):
-    """Header, measurements in steps, masks of sent and missing pixels."""
-
-    header: wire.MessageHeader
-    steps: ImageSteps
-    sent: ImageMask
-    missing: ImageMask
-
-    def restore(self, scene: EmptyScene) -> Restored:
-        """Draw the empty scene into all pixels without a measurement."""
-        measured = from_steps(self.steps, self.sent, self.header.step, scene.model)
-        image = np.where(self.sent | self.missing, measured, scene.first)
-        return Restored(self.header, image, self.sent, self.missing)
-
-
 def decode_foreground(message: bytes, scene: EmptyScene) -> Restored:
     """Restore an image from a message and the empty scene.
 
     Raises ValueError for a message that is damaged, of another version or sensor, or made with another empty scene.
     """
-    return read_foreground(message, scene).restore(scene)
-
-
-def read_foreground(message: bytes, scene: EmptyScene) -> SentPixels:
-    """Read the pixels of a message. Raises ValueError as `decode_foreground`."""
     header, content = wire.read_message(message)
     check_scene(header, wire.MessageKind.FOREGROUND, scene)
-    steps, sent, end = read_pixels(content, 0, scene.model.shape)
-    return SentPixels(header, steps, sent, decode_missing(content, end, sent))
+    return restore(header, content, scene, *read_pixels(content, 0, scene.model.shape))
+
+
+def restore(
+    header: wire.MessageHeader, content: bytes, scene: EmptyScene, steps: ImageSteps, sent: ImageMask, end: int
+) -> Restored:
+    """Draw the empty scene into all pixels without a measurement; ValueError for damaged missing ones after `end`."""
+    missing = np.zeros(sent.shape, bool)
+    if end < len(content):
+        missing, end = decode_mask(content, end, sent.shape)
+        if end != len(content) or not missing.any() or (missing & sent).any():
+            raise ValueError(
+                f"missing pixels must not be sent and must end the message: got {missing.sum()} of them, "
+                f"{(missing & sent).sum()} sent, and {len(content) - end} bytes more"
+            )
+    measured = from_steps(steps, sent, header.step, scene.model)
+    return Restored(header, np.where(sent | missing, measured, scene.first), sent, missing, steps)
 
 
 def check_pixels(image: RangeImage, scene: EmptyScene, missing: ImageMask | None) -> tuple[ImageMask, ImageMask]:
@@ -152,9 +144,7 @@ def check_pixels(image: RangeImage, scene: EmptyScene, missing: ImageMask | None
     sent = is_return(image.measurement, scene.model.max_range)
     missing = np.zeros(sent.shape, bool) if missing is None else missing
     if missing.shape != sent.shape or (missing & sent).any():
-        raise ValueError(
-            f"missing pixels must be some of {sent.shape} that return nothing, got {missing.shape}: send 0 there"
-        )
+        raise ValueError(f"missing pixels are some of {sent.shape} that return nothing, got {missing.shape}: send 0")
     return sent, missing
 
 
@@ -162,7 +152,7 @@ def write_scene_message(
     kind: wire.MessageKind, image: RangeImage, scene: EmptyScene, step: float, content: bytes, missing: np.ndarray
 ) -> bytes:
     """Write a message that ends with any missing pixels."""
-    header = image_header(kind, image, step, scene_number(scene))
+    header = sent_header(kind, image, step, scene_number(scene))
     return wire.write_message(header, content + (encode_mask(missing) if missing.any() else b""))
 
 
@@ -171,31 +161,6 @@ def check_scene(header: wire.MessageHeader, kind: wire.MessageKind, scene: Empty
     rows, columns = scene.model.shape
     number = wire.sensor_number(scene.name)
     wire.check_header(header, kind, sensor=number, rows=rows, columns=columns, scene=scene_number(scene))
-
-
-def decode_missing(content: bytes, start: int, sent: ImageMask) -> np.ndarray:
-    """Decode missing pixels from `start`, or raise ValueError."""
-    if start == len(content):
-        return np.zeros(sent.shape, bool)
-    missing, end = decode_mask(content, start, sent.shape)
-    if end != len(content) or not missing.any() or (missing & sent).any():
-        raise ValueError(
-            f"missing pixels must not be sent and must end the message: got {missing.sum()} of them, "
-            f"{(missing & sent).sum()} sent, and {len(content) - end} bytes more"
-        )
-    return missing
-
-
-def restore_points(
-    captured: Captured, scene: EmptyScene, restored: Restored | None
-) -> tuple[Float32[np.ndarray, "n 3"], Float32[np.ndarray, "m 3"]]:
-    """Points of a sensor in its crop, sent ones first, and the sent ones. restored: None if nothing arrived at all."""
-    drawn = draw_scene(captured, scene)
-    if restored is None:
-        return drawn.points, drawn.points[:0]
-    measured = captured.points(np.where(restored.sent, restored.image, np.float32(0)))
-    empty = ~(restored.sent | restored.missing).ravel()[drawn.pixels]
-    return np.concatenate([measured, drawn.points[empty]]), measured
 
 
 def scene_number(scene: EmptyScene) -> int:

@@ -208,7 +208,6 @@ def _predict(steps: np.ndarray, mask: np.ndarray, given: np.ndarray | None = Non
 
 
 def _add_up(mask: np.ndarray, residuals: np.ndarray, given: tuple[np.ndarray, np.ndarray] | None = None) -> np.ndarray:
-    """Add residuals to predictions, pixel after pixel."""
     at, wide = _pad_places(mask)
     known = [-1] * ((mask.shape[0] + 1) * wide)
     if given is not None:

@@ -12,17 +12,16 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections import deque
 from collections.abc import Iterable
 from dataclasses import astuple, dataclass
-from enum import Enum, IntEnum
+from enum import IntEnum
 
 import numpy as np
 
 from toolkit.arrays import Int64
 from toolkit.runtime.text_tables import align_columns
 
-MAGIC, MESSAGE_VERSION = b"cv", 1
+MAGIC, MESSAGE_VERSION = b"cv", 2
 _HEADER = struct.Struct("<2sBBIIQHHHI")
 _CHECKSUM = struct.Struct("<I")
 OVERHEAD = _HEADER.size + _CHECKSUM.size  # bytes of a message beside its content
@@ -46,16 +45,16 @@ class MessageHeader:
     sensor: int = 0
     number: int = 0
     time_us: int = 0
-    step_mm: int = 0
+    step_mm: int = 20
     rows: int = 0
     columns: int = 0
     scene: int = 0
 
     def __post_init__(self) -> None:
         for name, bits in _LARGEST.items():
-            value = getattr(self, name)
-            if not 0 <= value < 1 << bits:
-                raise ValueError(f"{name} of a message must be 0 to {(1 << bits) - 1}, got {value}")
+            value, least = getattr(self, name), int(name == "step_mm")
+            if not least <= value < 1 << bits:
+                raise ValueError(f"{name} of a message must be {least} to {(1 << bits) - 1}, got {value}")
 
     @property
     def time(self) -> float:
@@ -98,20 +97,17 @@ def read_message(message: bytes) -> tuple[MessageHeader, bytes]:
     """Read header and content, or raise ValueError if damaged."""
     if len(message) < OVERHEAD:
         raise ValueError(f"a message has at least {OVERHEAD} bytes, got {len(message)}: it is cut off")
-    body, checksum = message[: -_CHECKSUM.size], message[-_CHECKSUM.size :]
-    if _CHECKSUM.unpack(checksum)[0] != zlib.crc32(body):
-        raise ValueError(
-            f"a message of {len(message)} bytes does not fit its checksum: it is damaged, have it sent again"
-        )
+    body = message[: -_CHECKSUM.size]
+    if message != body + _CHECKSUM.pack(zlib.crc32(body)):
+        raise ValueError(f"a message of {len(message)} bytes does not fit its checksum: have it sent again")
     magic, version, kind, *fields = _HEADER.unpack_from(body)
     if magic != MAGIC:
         raise ValueError(f"a message begins with {MAGIC!r}, got {magic!r}: it is not a coview message")
     if version != MESSAGE_VERSION:
         raise ValueError(f"the version must be {MESSAGE_VERSION}, got {version}: update sender or reader")
     if kind not in set(MessageKind):
-        raise ValueError(
-            f"a message is of kind {', '.join(f'{k.value} ({k.name.lower()})' for k in MessageKind)}, got {kind}"
-        )
+        kinds = ", ".join(f"{each.value} ({each.name.lower()})" for each in MessageKind)
+        raise ValueError(f"a message is of kind {kinds}, got {kind}")
     return MessageHeader(MessageKind(kind), *fields), body[_HEADER.size :]
 
 
@@ -120,71 +116,8 @@ def check_header(header: MessageHeader, kind: MessageKind, **expected: int) -> N
     if header.kind != kind:
         raise ValueError(f"expected a message of kind {kind.name.lower()}, got {header.kind.name.lower()}")
     for name, value in expected.items():
-        if getattr(header, name) != value:
-            raise ValueError(
-                f"expected a message whose {name} is {value}, got {getattr(header, name)}: it belongs to another"
-            )
-
-
-REMEMBERED = 1024  # numbers of taken messages, which tell late messages from duplicates
-
-
-class Arrival(Enum):
-    """Outcome of a message."""
-
-    TAKEN = "taken"
-    DUPLICATE = "duplicate"
-    LATE = "late"
-
-
-class Inbox:
-    """Messages of one sensor, each once, none after a newer.
-
-    sensor: its number, see `sensor_number`; latest: header of the last message taken, None before the first; taken,
-    duplicates, late, lost: counts. A number not above the last one is a duplicate, if it was taken before, or else
-    late; neither is shown. Skipped numbers are lost until they arrive late.
-    """
-
-    def __init__(self, sensor: int) -> None:
-        self.sensor = sensor
-        self.latest: MessageHeader | None = None
-        self.taken = self.duplicates = self.late = 0
-        self._seen: deque[int] = deque(maxlen=REMEMBERED)
-        self._first = self.lost = 0
-
-    def receive(self, message: bytes) -> Arrival:
-        """Take a message, or return why not.
-
-        Raises ValueError for a damaged message, another sensor's, or a time that runs backwards while numbers do not;
-        the inbox then stays as it was.
-        """
-        header, _ = read_message(message)
-        check_header(header, header.kind, sensor=self.sensor)
-        if self.latest is not None and header.number <= self.latest.number:
-            if header.number in self._seen:
-                self.duplicates += 1
-                return Arrival.DUPLICATE
-            self._seen.append(header.number)
-            self.late += 1
-            self.lost -= header.number > self._first
-            return Arrival.LATE
-        if self.latest is not None and header.time_us < self.latest.time_us:
-            raise ValueError(
-                f"message {header.number} was measured at {header.time} s, before message {self.latest.number} at "
-                f"{self.latest.time} s: the sensor's clock was set back, begin with a new inbox"
-            )
-        if self.latest is None:
-            self._first = header.number
-        else:
-            self.lost += header.number - self.latest.number - 1
-        self.latest = header
-        self.taken += 1
-        self._seen.append(header.number)
-        return Arrival.TAKEN
-
-    def age(self, now: float) -> float:
-        """Seconds since the shown measurement. Infinite before the first."""
-        return float("inf") if self.latest is None else now - self.latest.time
+        if (got := getattr(header, name)) != value:
+            raise ValueError(f"expected a message whose {name} is {value}, got {got}: it belongs to another")
 
 
 PACKET = 1400  # bytes of a message in a packet
@@ -203,10 +136,6 @@ class LinkLoad:
     one_packet: float
     shares: dict[str, float]
 
-    def as_dict(self) -> dict[str, object]:
-        """Return plain values for JSON."""
-        return dict(vars(self))
-
 
 @dataclass(frozen=True)
 class SetLoad:
@@ -218,7 +147,7 @@ class SetLoad:
 
     def as_dict(self) -> dict[str, object]:
         """Return plain values for JSON."""
-        return {"scheme": self.scheme, "sensors": self.sensors, **self.load.as_dict()}
+        return {"scheme": self.scheme, "sensors": self.sensors, **vars(self.load)}
 
 
 def link_load(bits: Int64[np.ndarray, "frames sensors"], rate: float) -> LinkLoad:

@@ -14,7 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from toolkit.arrays import Float32, Float64, ImageMask, ImageRanges, ImageSteps
-from toolkit.detection.codec import PAPER, Amount, Codec, Message, Parameters, RangeImage
+from toolkit.boxes import check_boxes
+from toolkit.detection.codec import PAPER, Amount, Codec, Message, Origin, Parameters, RangeImage
 from toolkit.detection.link import message as wire
 from toolkit.detection.link.image_coding import decode_pixels, encode_pixels, read_bits, write_bits
 from toolkit.objects import Detections
@@ -25,33 +26,37 @@ TURN = 720  # steps of yaw
 SCORES = 511
 _COUNT, _COLUMN = struct.Struct("<H"), struct.Struct("<Bi")
 _COLUMNS = 9
-_YAW, _SCORE = 6, 7
-MOST_BOXES = 65535
+_SIZES, _YAW, _SCORE = slice(3, 6), 6, 7
+MOST_BOXES = 1000
+FARTHEST, LONGEST_SENT = 2000.0, 100.0  # m: a box from its sensor, along any axis, and its longest side
 
 
-def encode_boxes(detections: Detections) -> bytes:
+def encode_boxes(detections: Detections, sensor: Sensor) -> bytes:
     """Encode boxes, scores and labels, or raise ValueError."""
     if len(detections) > MOST_BOXES:
         raise ValueError(f"a message holds at most {MOST_BOXES} boxes, got {len(detections)}")
-    if not (np.isfinite(detections.boxes).all() and np.isfinite(detections.scores).all()):
-        raise ValueError("boxes and scores must be finite to be sent: drop those that are not")
+    check_boxes(detections.boxes)
+    if not np.isfinite(detections.scores).all():
+        raise ValueError("scores must be finite to be sent: drop those that are not")
     columns = [*(detections.boxes[:, :6].T / BOX_STEP), detections.boxes[:, 6] / (2 * np.pi) * TURN]
     columns += [np.sqrt(1 - np.clip(detections.scores, 0, 1)) * SCORES, detections.labels]
     table = np.rint(np.column_stack(columns))
     table[:, _YAW] %= TURN
-    if table.size and np.abs(table).max() >= 1 << 30:
-        raise ValueError(
-            f"boxes must lie within {(1 << 30) * BOX_STEP / 1000:.0f} km, got {np.abs(table).max() * BOX_STEP} m"
-        )
+    table[:, _SIZES] = np.maximum(table[:, _SIZES], 1)
+    farthest = np.abs(table).max(initial=0)
+    if farthest >= 1 << 30:
+        raise ValueError(f"boxes must lie within {(1 << 30) * BOX_STEP / 1000:.0f} km, got {farthest * BOX_STEP} m")
+    _check_reach(table[:, :7] * BOX_STEP, sensor)
     heads, bodies = [], []
-    for column in table.astype(np.int64).T if len(table) else ():
-        least, width = int(column.min()), int(np.ptp(column)).bit_length()
+    alike = len(table) > 1 and not np.ptp(table, axis=0).any()
+    for place, column in enumerate(table.astype(np.int64).T if len(table) else ()):
+        least, width = int(column.min()), int(np.ptp(column)).bit_length() or int(alike and not place)
         heads.append(_COLUMN.pack(width, least))
         bodies.append(write_bits(column - least, width))
     return _COUNT.pack(len(detections)) + b"".join(heads + bodies)
 
 
-def decode_boxes(content: bytes) -> Detections:
+def decode_boxes(content: bytes, sensor: Sensor) -> Detections:
     """Decode the boxes of `encode_boxes`. Raises ValueError for other bytes."""
     if len(content) < _COUNT.size:
         raise ValueError("the content of boxes begins with their count: it is cut off")
@@ -63,21 +68,37 @@ def decode_boxes(content: bytes) -> Detections:
         return Detections.empty()
     if len(content) < start:
         raise ValueError(f"{count} boxes need {start} bytes of columns, got {len(content)}: the message is cut off")
+    heads = list(_COLUMN.iter_unpack(content[_COUNT.size : start]))
+    widths = [width for width, _ in heads]
+    if max(widths) > 31:
+        raise ValueError(f"numbers of boxes have up to 31 bits, got {max(widths)}")
+    if count > (MOST_BOXES if any(widths) else 1):
+        raise ValueError(f"a message holds at most {MOST_BOXES} boxes, of a bit at least, got {count} of {sum(widths)}")
     columns = []
-    for place in range(_COLUMNS):
-        width, least = _COLUMN.unpack_from(content, _COUNT.size + place * _COLUMN.size)
-        if width > 31:
-            raise ValueError(f"numbers of boxes have up to 31 bits, got {width}")
+    for width, least in heads:
         numbers, start = read_bits(content, start, np.full(count, width))
         columns.append(numbers + least)
     if start != len(content):
         raise ValueError(f"{count} boxes must end the message, got {len(content) - start} more bytes")
-    scores = columns[_SCORE]
-    if not (scores.min() >= 0 and scores.max() <= SCORES):
-        raise ValueError(f"scores are sent as 0 to {SCORES}, got {scores.min()} to {scores.max()}")
+    for name, place, most in (("yaw", _YAW, TURN - 1), ("scores", _SCORE, SCORES)):
+        if not (columns[place].min() >= 0 and columns[place].max() <= most):
+            raise ValueError(
+                f"{name} must be sent as 0 to {most}, got {columns[place].min()} to {columns[place].max()}"
+            )
     yaw = (columns[_YAW] + TURN // 2) % TURN - TURN // 2
     boxes = np.column_stack([*(column * BOX_STEP for column in columns[:6]), yaw * (2 * np.pi / TURN)])
-    return Detections(boxes, 1 - (scores / SCORES) ** 2, columns[-1])
+    _check_reach(check_boxes(boxes), sensor)
+    return Detections(boxes, 1 - (columns[_SCORE] / SCORES) ** 2, columns[-1])
+
+
+def _check_reach(boxes: Float64[np.ndarray, "n 7"], sensor: Sensor) -> None:
+    """Raise ValueError for boxes that a sensor cannot have detected."""
+    away, size = np.abs(boxes[:, :3] - sensor.position).max(initial=0), boxes[:, _SIZES].max(initial=0)
+    if away > FARTHEST or size > LONGEST_SENT:
+        raise ValueError(
+            f"boxes in messages must lie within {FARTHEST:.0f} m of sensor {sensor.name!r} and measure at most "
+            f"{LONGEST_SENT:.0f} m, got {away:.0f} m away and {size:.0f} m: check the pose, or drop these boxes"
+        )
 
 
 BITS_PER_PIXEL, BITS_PER_BOX = 5.0, 75.0  # expected, at 2 cm; see docs/concepts/messages.md
@@ -96,7 +117,7 @@ class RangeImages(Parameters):
     def encode_image(self, image: RangeImage, /) -> Message:
         """Encode the pixels of an image that return something."""
         sent = is_return(image.measurement, image.sensor.model.max_range)
-        header = image_header(wire.MessageKind.RANGE_IMAGE, image, self.step)
+        header = sent_header(wire.MessageKind.RANGE_IMAGE, image, self.step)
         content = wire.write_message(header, encode_pixels(to_steps(image.measurement, sent, self.step), sent))
         return Message(content, 8 * len(content))
 
@@ -107,7 +128,7 @@ class RangeImages(Parameters):
         """
         header, content = wire.read_message(message.content)
         rows, columns = sensor.model.shape
-        expected = {"sensor": wire.sensor_number(sensor.name), "rows": rows, "columns": columns}
+        expected = {"sensor": wire.sensor_number(sensor.name), "rows": rows, "columns": columns, "scene": 0}
         wire.check_header(header, wire.MessageKind.RANGE_IMAGE, **expected)
         return from_steps(*decode_pixels(content, (rows, columns)), header.step, sensor.model)
 
@@ -119,17 +140,18 @@ class RangeImages(Parameters):
         """Raise ValueError, as `encode_points`."""
         raise ValueError(f"{self} sends images, got points of {message.bits} bits")
 
-    def encode_boxes(self, detections: Detections, /) -> Message:
+    def encode_boxes(self, detections: Detections, origin: Origin, /) -> Message:
         """Encode boxes in steps of 2 cm and 0.5°."""
-        header = wire.MessageHeader(wire.MessageKind.BOXES, step_mm=wire.step_in_mm(BOX_STEP))
-        content = wire.write_message(header, encode_boxes(detections))
+        header = sent_header(wire.MessageKind.BOXES, origin, BOX_STEP)
+        content = wire.write_message(header, encode_boxes(detections, origin.sensor))
         return Message(content, 8 * len(content))
 
-    def decode_boxes(self, message: Message, /) -> Detections:
-        """Decode boxes. Raises ValueError for a damaged message."""
+    def decode_boxes(self, message: Message, sensor: Sensor, /) -> Detections:
+        """Decode boxes. Raises ValueError for a message that is damaged, of another sensor, or of impossible boxes."""
         header, content = wire.read_message(message.content)
-        wire.check_header(header, wire.MessageKind.BOXES, step_mm=wire.step_in_mm(BOX_STEP))
-        return decode_boxes(content)
+        expected = {"sensor": wire.sensor_number(sensor.name), "step_mm": wire.step_in_mm(BOX_STEP)}
+        wire.check_header(header, wire.MessageKind.BOXES, **expected, rows=0, columns=0, scene=0)
+        return decode_boxes(content, sensor)
 
     def bits(self, *, points: Amount = 0, boxes: Amount = 0, messages: Amount = 1) -> Float64[np.ndarray, "*shape"]:
         """Estimate the bits, which depend on a message's content."""
@@ -137,11 +159,11 @@ class RangeImages(Parameters):
         return np.asarray(content + np.asarray(messages) * 8.0 * wire.OVERHEAD)
 
 
-def image_header(kind: wire.MessageKind, image: RangeImage, step: float, scene: int = 0) -> wire.MessageHeader:
-    """Header of a message that holds an image."""
-    rows, columns = image.sensor.model.shape
-    sensor, time_us = wire.sensor_number(image.sensor.name), wire.time_in_us(image.time)
-    return wire.MessageHeader(kind, sensor, image.number, time_us, wire.step_in_mm(step), rows, columns, scene)
+def sent_header(kind: wire.MessageKind, origin: Origin | RangeImage, step: float, scene: int = 0) -> wire.MessageHeader:
+    """Header of a message that holds an image, or boxes."""
+    rows, columns = origin.sensor.model.shape if isinstance(origin, RangeImage) else (0, 0)
+    sensor, time_us = wire.sensor_number(origin.sensor.name), wire.time_in_us(origin.time)
+    return wire.MessageHeader(kind, sensor, origin.number, time_us, wire.step_in_mm(step), rows, columns, scene)
 
 
 def to_steps(measurement: ImageRanges, sent: ImageMask, step: float) -> ImageSteps:

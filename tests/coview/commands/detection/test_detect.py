@@ -38,7 +38,9 @@ def test_kitti_and_openlabel_text(clouds, tmp_path, run):
         code, said, _ = run("detect", cloud, "--format", form, "--level", "none", "--out", tmp_path / form)
         assert code == 0
         assert "detections in 1 clouds" in said
-        assert len(list((tmp_path / form).iterdir())) == 1
+        assert [each.suffix for each in (tmp_path / form).iterdir() if each.suffix] == [
+            ".txt" if form == "kitti" else ".json"
+        ]
     assert "exists" in run("detect", cloud, "--format", "kitti", "--out", tmp_path / "kitti")[2]
 
 

@@ -5,6 +5,7 @@ import json
 import pytest
 
 from models.weight_files import digest_tensors, load_weights
+from toolkit.runtime.resumable import ShardFolder
 
 
 @pytest.fixture(scope="module")
@@ -28,6 +29,8 @@ def test_the_same_goes_on_and_another_is_refused(packed, tmp_path, run, refused)
     weights = out / "weights.safetensors"
     assert json.loads(printed) == {"weights": str(weights), "ap": {}}
     before = digest(weights)
+    with ShardFolder(out, {}).lock():
+        assert "another run is writing to" in refused(*arguments)
     assert run(*arguments)[0] == 0
     assert "--overwrite" in refused(*arguments, "--seed", 1)
     assert digest(weights) == before

@@ -83,8 +83,7 @@ def test_an_earlier_recording_and_a_survey_are_references_too(folder, tmp_path, 
 
     survey = tmp_path / "survey.ply"
     points = site_surface(PLACE).points
-    near = points[np.abs(points[:, :2]).max(axis=1) < 16][::2]
-    save(from_points(near.astype(np.float32)), survey)
+    save(from_points(points[np.abs(points[:, :2]).max(axis=1) < 16][::2].astype(np.float32)), survey)
     for reference in (folder / "true.hdf5", survey):
         code, text, _ = run("calibrate", folder / "crooked.hdf5", "--reference", reference, "--json")
         assert code == 0

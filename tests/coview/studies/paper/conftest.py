@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from coview.studies.paper.detections import FrameRun, FrameTruth, StoredDetections
-from coview.studies.paper.experiments import curve_runs, region_runs, scheme_runs
+from coview.studies.paper.experiments import all_runs
 from placement_env.fidelity.detector import FALSE_ALARM, IGNORED, IOUS
 from placement_env.fidelity.table import Origin, Table, hash_site
 from placement_env.subsets import all_subsets
@@ -34,7 +34,7 @@ def frame_run(truth, run, rng):
 
 def make_stored(site="tjunction", frames=12, seed=0):
     rng, place = np.random.default_rng(seed), load_site(site)
-    sensors, runs = place.sensors, [*scheme_runs(len(place.sensors)), *curve_runs(site), *region_runs(site)]
+    sensors, runs = place.sensors, all_runs(site, len(place.sensors))
     truths = []
     for _ in range(frames):
         count = int(rng.integers(0, 9))
@@ -55,8 +55,7 @@ def sensor_shares(count):
 def make_exact_table(site="tjunction", detector="made up", frames=12):
     """AP by the share of sensors, and a little by which they are; late fusion a tenth below."""
     place = load_site(site)
-    subsets = all_subsets(len(place.sensors))
-    ap = subsets @ sensor_shares(len(place.sensors))
+    ap = all_subsets(len(place.sensors)) @ sensor_shares(len(place.sensors))
     figures = np.stack([ap, 0.9 * ap, 0.95 * ap], axis=1)[:, :, None] * [0.9, 0.8, 0.4]
     names = tuple(sensor.name for sensor in place.sensors)
     origin = Origin(site, names, hash_site(place, place.sensors), frames, 50, "made up", detector, 0, "")

@@ -86,8 +86,7 @@ def test_figures_are_those_of_the_protocol_against_the_best_iou(whole):
     street = Street()
     for run in RUNS:
         theirs = Detected(street, Guess(), run.scheme)
-        row = np.isin(np.arange(3), run.sensors)[None]
-        for iou, estimate in theirs.estimates(row).items():
+        for iou, estimate in theirs.estimates(np.isin(np.arange(3), run.sensors)[None]).items():
             ours = detections.score_run(whole, run, iou)
             assert (ours.ap, ours.recall) == pytest.approx((estimate.ap[0], estimate.recall[0]))
             kbit = np.mean([found.bits.sum() for found in whole.runs[run]]) / 1000

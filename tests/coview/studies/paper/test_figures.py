@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import isotonic_regression
 
-from coview.studies.paper import experiments
-from coview.studies.paper.detections import score_run, visible_share
+from coview.studies.paper import detections, experiments
 from placement_env.analysis.intervals import ratio_interval
 from toolkit.detection.metrics import Curve
 
@@ -37,23 +36,23 @@ def test_curves_have_their_rows_and_files(stored):
     for run, paper in zip(
         experiments.curve_runs("tjunction"), (0.9870, 0.9441, 0.8653, 0.7123, 0.5365, 0.2862), strict=True
     ):
-        row, ours = rows["AP@0.7", ",".join(map(str, run.sensors))], score_run(stored, run)
+        row, ours = rows["AP@0.7", ",".join(map(str, run.sensors))], detections.score_run(stored, run)
         assert (row.ours, row.interval, row.paper) == (ours.ap, ours.interval, paper)
         assert bool(row.reason) == row.large
     one = rows["greatest recall", "4"]
-    assert one.ours == pytest.approx(score_run(stored, experiments.curve_runs("tjunction")[-1]).recall)
+    assert one.ours == pytest.approx(detections.score_run(stored, experiments.curve_runs("tjunction")[-1]).recall)
     assert (one.paper, one.relation) == (0.30, "is")
     everyone = rows["precision at recall 0.95", "0,1,2,3,4,5"]
     assert (everyone.relation, everyone.paper) == ("more than", 0.95)
     assert everyone.ours == experiments.interpolate_precision(
-        score_run(stored, experiments.curve_runs("tjunction")[0]).curve, 0.95
+        detections.score_run(stored, experiments.curve_runs("tjunction")[0]).curve, 0.95
     )
-    assert visible_share(stored, (4,)) > 0.3
+    assert detections.visible_share(stored, (4,)) > 0.3
     assert one.reason == ""
     ((name, lines),) = experiments.curve_experiment(stored, "tjunction", "").curves
     assert name == "pr_curves_points"
     assert lines[0] == ("sensors", "score", "precision", "recall")
-    curve = score_run(stored, experiments.curve_runs("tjunction")[-1]).curve
+    curve = detections.score_run(stored, experiments.curve_runs("tjunction")[-1]).curve
     last = [row[1:] for row in lines if row[0] == "4"][-1]
     assert last == pytest.approx((curve.score[-1], curve.precision[-1], curve.recall[-1]), abs=1e-6)
 
@@ -116,9 +115,7 @@ def test_log_curves_are_fitted_by_the_weight_of_bins():
     assert fit.density_needed(0.7) == pytest.approx(np.exp(5))
     assert experiments.LogFit(0.2, -0.1).density_needed(0.7) == np.inf
     assert np.isnan(
-        experiments.fit_log(experiments.BinnedIou(np.array([0.0, 3]), np.ones(2), np.ones(2, np.int64))).density_needed(
-            0.7
-        )
+        experiments.fit_log(experiments.BinnedIou(np.array([0.0, 3]), np.ones(2), np.ones(2, int))).density_needed(0.7)
     )
     density, iou = np.array([10.0, 100.0, 1000.0]), np.array([0.4, 0.7, 0.8])
     alone = experiments.fit_log(experiments.BinnedIou(density[:2], iou[:2], np.array([1, 1])))

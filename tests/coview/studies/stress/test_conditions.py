@@ -20,16 +20,10 @@ def test_kinds_have_distinct_levels_and_sensors_fail_in_turn():
     assert set(IN_SEQUENCE) < set(KINDS)
     made = make_conditions("pose", [])
     assert [(each.amount, each.level) for each in made] == [
-        (0, "0 m, 0°"),
-        (0.1, "0.1 m, 0.1°"),
-        (0.2, "0.2 m, 0.2°"),
-        (0.4, "0.4 m, 0.4°"),
-        (0.6, "0.6 m, 0.6°"),
+        *((0, "0 m, 0°"), (0.1, "0.1 m, 0.1°"), (0.2, "0.2 m, 0.2°"), (0.4, "0.4 m, 0.4°"), (0.6, "0.6 m, 0.6°")),
         (1, "1 m, 1°"),
     ]
-    assert [each.errors.terms[-1] for each in made] == [
-        Calibration(np.deg2rad(each.amount), each.amount) for each in made
-    ]
+    assert [each.errors.terms[-1] for each in made] == [Calibration(np.deg2rad(m.amount), m.amount) for m in made]
     assert all(each.errors.terms[:-1] == PAPER_ERRORS.terms and each.redrawn for each in made)
     made = make_conditions("mounting", [])
     assert [each.level for each in made[:4]] == ["0°, 0 cm", "0.1°, 1 cm", "0.2°, 2 cm", "0.4°, 4 cm"]

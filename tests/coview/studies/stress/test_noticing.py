@@ -11,9 +11,7 @@ from toolkit.sensors.sensor import Sensor
 @pytest.fixture(scope="module")
 def found(driving, tops):
     fine = driving(30)  # in images nine times as fine
-    fine.sensors = tuple(
-        Sensor(each.name, DepthCamera(width=135, height=90, stride=1), each.pose) for each in driving.sensors
-    )
+    fine.sensors = tuple(Sensor(s.name, DepthCamera(width=135, height=90, stride=1), s.pose) for s in driving.sensors)
     return time_faults(fine, tops(), Run(frames=28))
 
 

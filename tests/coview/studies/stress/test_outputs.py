@@ -5,20 +5,8 @@ import json
 import numpy as np
 import pytest
 
+from coview.studies.stress import outputs
 from coview.studies.stress.noticing import FalseAlarms, Noticed
-from coview.studies.stress.outputs import (
-    STRESS_FILES,
-    Crossing,
-    ExactFailure,
-    StressResults,
-    exact_failures,
-    format_crossings,
-    format_exact,
-    format_noticed,
-    format_rows,
-    write_rows,
-    write_stress,
-)
 from coview.studies.stress.stressing import StressRow
 from placement_env.fidelity.table import load_table
 from placement_env.report.content import Judgement
@@ -32,14 +20,16 @@ NOTICED = Noticed("frozen", "foreground", 6, 5, 0.2, np.inf)
 
 
 def test_rows_as_text_and_files_so_far(tmp_path):
-    assert format_rows(ROWS).splitlines() == [
+    assert outputs.format_rows(ROWS).splitlines() == [
         "stress  level  scheme  sent as  IoU     AP   95 % interval  kbit/sensor     age",
         "delay   0.3 s  early   2 cm     0.7  0.875  0.800 to 0.912         6.12  0.30 s",
         "loss    10%    late    paper    0.7  0.875  0.800 to 0.912         0.25   nan s",
     ]
-    crossed = Crossing("pose", 0.7, "early", "late", 0.254, 0.2, np.inf, 0.97)
-    write_stress(StressResults(tuple(ROWS), (crossed,), noticed=(NOTICED,)), {"site": "plain"}, tmp_path / "out")
-    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == sorted(STRESS_FILES)
+    crossed = outputs.Crossing("pose", 0.7, "early", "late", 0.254, 0.2, np.inf, 0.97)
+    outputs.write_stress(
+        outputs.StressResults(tuple(ROWS), (crossed,), noticed=(NOTICED,)), {"site": "plain"}, tmp_path / "out"
+    )
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == sorted(outputs.STRESS_FILES)
     content = json.loads((tmp_path / "out" / "stress.json").read_text())
     assert content["provenance"] == {"site": "plain"}
     assert content["rows"][1]["age"] is None
@@ -49,38 +39,40 @@ def test_rows_as_text_and_files_so_far(tmp_path):
     assert "tally" not in content["rows"][0]
     assert "exact" not in content
     assert "<svg" in (tmp_path / "out" / "stress.svg").read_text()
-    write_rows(ROWS[:1], {"site": "plain"}, tmp_path / "new")
-    write_rows(ROWS, {"site": "plain"}, tmp_path / "new")
+    outputs.write_rows(ROWS[:1], {"site": "plain"}, tmp_path / "new")
+    outputs.write_rows(ROWS, {"site": "plain"}, tmp_path / "new")
     assert [path.name for path in (tmp_path / "new").iterdir()] == ["stress.json"]
     assert len(json.loads((tmp_path / "new" / "stress.json").read_text())["rows"]) == 2
 
 
 def test_crossings_faults_and_failures_as_text():
-    crossed = [Crossing("pose", 0.7, "early", "late", 0.254, 0.2, np.inf, 0.97)]
+    crossed = [outputs.Crossing("pose", 0.7, "early", "late", 0.254, 0.2, np.inf, 0.97)]
     rows = [
         StressRow("pose", "", name, "2 cm", Judgement(ap, ap, ap, 1.0, 1.0, 1, 1), 1.0, 0.0, "vehicle", 0.7, level)
         for name, aps in (("early", (0.9, 0.1)), ("late", (0.5, 0.5)))
         for level, ap in zip((0.0, 0.4), aps, strict=True)
     ]
-    assert format_crossings(rows, crossed).splitlines() == [
+    assert outputs.format_crossings(rows, crossed).splitlines() == [
         *("highest AP  IoU  scheme  from    to", "pose        0.7  early   0.00  0.20"),
         *("pose        0.7  late    0.20  0.40", ""),
         "overtaken  IoU  scheme  by    from level  95 % interval  of draws",
         "pose       0.7  early   late        0.25    0.20 to inf       97%",
     ]
-    assert format_crossings(ROWS, []) == ""
-    assert format_noticed([NOTICED], [FalseAlarms("loss 10%", "foreground", 3, 12.54)]).splitlines() == [
+    assert outputs.format_crossings(ROWS, []) == ""
+    assert outputs.format_noticed([NOTICED], [FalseAlarms("loss 10%", "foreground", 3, 12.54)]).splitlines() == [
         *("fault   sent as     cases  noticed  median  worst", "frozen  foreground      6        5   0.2 s  inf s", ""),
         "false alarms: link  sent as     alarms  sensor-minutes",
         "loss 10%            foreground       3            12.5",
     ]
-    left = [ExactFailure("early", 0.7, 2, 0.98, 0.9, 0.8125, ("d0", "d3"))]
-    assert format_exact(left).splitlines()[1].split() == ["N-2", "early", "0.7", "0.980", "0.900", "0.812", "d0,", "d3"]
+    left = [outputs.ExactFailure("early", 0.7, 2, 0.98, 0.9, 0.8125, ("d0", "d3"))]
+    assert outputs.format_exact(left).splitlines()[1].split() == [
+        *("N-2", "early", "0.7", "0.980", "0.900", "0.812", "d0,", "d3")
+    ]
 
 
 def test_tables_say_what_is_left_or_lack_values():
     table = load_table("tjunction")
-    found = {(each.scheme, each.iou, each.failing): each for each in exact_failures(table, ious=(0.7, 0.9))}
+    found = {(each.scheme, each.iou, each.failing): each for each in outputs.exact_failures(table, ious=(0.7, 0.9))}
     assert len(found) == 3 * 2 * 2
     early = table.ap[:, 0, 0]
     one = found["early", 0.7, 1]
@@ -95,10 +87,10 @@ def test_tables_say_what_is_left_or_lack_values():
     assert len(two.without) == 2
     assert two.failing == 2
     table = load_table("tjunction")
-    assert {each.iou for each in exact_failures(table, ious=(0.5, 0.8))} == {0.8}
+    assert {each.iou for each in outputs.exact_failures(table, ious=(0.5, 0.8))} == {0.8}
     with pytest.raises(ValueError, match=r"holds AP at IoU 0\.7, 0\.8, 0\.9, not at 0\.5"):
-        exact_failures(table, ious=(0.5,))
+        outputs.exact_failures(table, ious=(0.5,))
     with pytest.raises(ValueError, match=r"holds AP at IoU 0\.5, not at 0\.7"):
-        exact_failures(table, label="cyclist", ious=(0.7,))
+        outputs.exact_failures(table, label="cyclist", ious=(0.7,))
     with pytest.raises(ValueError, match="holds vehicle, cyclist, pedestrian, heavy, not tram"):
-        exact_failures(table, label="tram")
+        outputs.exact_failures(table, label="tram")

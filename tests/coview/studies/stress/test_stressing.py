@@ -5,12 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from coview.studies.stress.conditions import Condition, make_systems
-from coview.studies.stress.stressing import KeptDetections, StressQuestion, Trial, choose_kinds, run_stress
+from coview.studies.stress.conditions import Condition, StressQuestion, make_systems
+from coview.studies.stress.stressing import KeptDetections, Trial, choose_kinds, run_stress
 from toolkit.datasets.readings import Reads
 from toolkit.detection.evaluation import Comparison, evaluate_recording
 from toolkit.detection.link.differences import ForegroundDifferences
-from toolkit.detection.link.foreground import Foreground
 from toolkit.detection.schemes import Early
 from toolkit.frame import Frame
 from toolkit.objects import Detections, Objects
@@ -110,7 +109,7 @@ def test_kinds_that_a_recording_can_show(driving):
 
 def test_pose_errors_and_blinded_sensors_far_apart_and_progress(driving, tops):
     done = []
-    question = StressQuestion(schemes=(Foreground(),), kinds=("pose", "blinded"))
+    question = StressQuestion(schemes=("foreground",), kinds=("pose", "blinded"))
     run = Run(frames=3, progress=lambda *counts: done.append(counts))
     rows = run_stress(driving(4, 5.0), tops(), question, run)
     assert [row.level for row in rows[:6]] == [f"{x} m, {x}°" for x in ("0", "0.1", "0.2", "0.4", "0.6", "1")]
@@ -125,7 +124,7 @@ def test_pose_errors_and_blinded_sensors_far_apart_and_progress(driving, tops):
 def test_bad_questions_and_the_same_rows_in_processes(driving, tops):
     for wrong, said in (
         ({"schemes": ()}, "name at least one IoU and one scheme"),
-        *(({"ious": ()}, "name at least one IoU and one scheme"), ({"schemes": ("middle",)}, "scheme must be one of")),
+        *(({"iou": ()}, "name at least one IoU and one scheme"), ({"schemes": ("middle",)}, "choose among early")),
         ({"label": "ox"}, "ox"),
     ):
         with pytest.raises(ValueError, match=said):

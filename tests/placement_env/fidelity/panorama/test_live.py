@@ -102,8 +102,7 @@ def test_panoramas_are_kept_on_disk_and_shared(traffic, view, tmp_path, monkeypa
     first = LiveView(traffic, cache=cache).see(some)
     assert len(cache) == 3
     monkeypatch.setattr(SuccessiveStrips, "of", None)
-    again = LiveView(traffic, cache=cache).see(some)
-    for one in (again, view.see(some)):
+    for one in (LiveView(traffic, cache=cache).see(some), view.see(some)):
         np.testing.assert_array_equal(one.points, first.points)
         np.testing.assert_array_equal(one.sent, first.sent)
     others = replace(traffic, snapshots=traffic.snapshots[::-1])

@@ -45,7 +45,7 @@ def test_panoramas_are_worthwhile_for_far_sighted_sensors_in_one_place(small_tra
     traffic = replace(small_traffic, snapshots=(first, first, second, first))
     job = seeing._RoundLook(traffic, tuple(SENSORS), (VEHICLE,))
     for block in ((0, 4), (2, 4), (1, 2)):
-        assert same(job.look(block), seeing._RoundLook(traffic, tuple(SENSORS), (VEHICLE,)).look(block))
+        assert same(job(block), seeing._RoundLook(traffic, tuple(SENSORS), (VEHICLE,))(block))
 
 
 def test_blocks_and_processes_make_no_difference(small_traffic, seen, monkeypatch):
@@ -56,10 +56,10 @@ def test_blocks_and_processes_make_no_difference(small_traffic, seen, monkeypatc
     )
     assert told == [1, 3, 4]
     job = seeing._RoundLook(small_traffic, tuple(SENSORS), (VEHICLE,))
-    job.look((0, 1))
+    job((0, 1))
     again = pickle.loads(pickle.dumps(job))
     assert "_stills" not in vars(again)
-    assert same(again.look((0, 2)), job.look((0, 2)))
+    assert same(again((0, 2)), job((0, 2)))
 
 
 def test_a_sensor_sees_the_same_beside_others(small_traffic, seen):

@@ -46,8 +46,7 @@ def test_behind_strips_it_is_that_of_the_direction(empty):
     azimuth, elevation = (each.ravel().astype(np.float32) for each in (azimuth, elevation))
     sent, far = still.behind(azimuth, elevation)
     for turn in (2, -2):
-        again = still.behind(azimuth + np.float32(turn * np.pi), elevation)[0]
-        np.testing.assert_array_equal(again, sent)
+        np.testing.assert_array_equal(still.behind(azimuth + np.float32(turn * np.pi), elevation)[0], sent)
     rows = [59, 120 + 99, 120 + 350 + 70]  # half degrees from -90, tenths from -30, half degrees from 5 on
     np.testing.assert_allclose(sent, still.sent.reshape(240, 640)[:, rows].T.ravel() / 250)
     assert sent[240:480].max() > 0.8

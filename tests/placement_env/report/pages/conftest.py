@@ -107,9 +107,7 @@ def example_plan(site, ground):
             content.BuildStep(name, 1.5 * (i + 1), judged(ap))
             for i, (name, ap) in enumerate(zip(("d3", "d0", "d1", "d5"), (0.71, 0.88, 0.934, 0.962), strict=True))
         ),
-        ground=GroundShares(
-            shares, 1 - shares[0], 0.04, {s.name: 900.0 + i for i, s in enumerate(sensors)}, 2950.0, 181.0
-        ),
+        ground=GroundShares(shares, 1 - shares[0], 0.04, {s.name: 900 + i for i, s in enumerate(sensors)}, 2950, 181),
         poles_unused=("post07", "post11"),
         assumptions=("Traffic is simulated.", "Sensors hang still."),
         unknown=("How rain changes the figures.",),

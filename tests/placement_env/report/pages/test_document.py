@@ -131,7 +131,7 @@ def small(*blocks):
 def test_texts_are_no_markup_and_long_tables_go_over_pages():
     rows = ((Cell(TYPST), Cell(TYPST, 1.0)),)
     columns = (Column(TYPST, digits=None), Column(TYPST, "m"))
-    blocks = (*(Paragraph(TYPST), Bullets((TYPST,)), Drawing(SQUARE, TYPST, TYPST), TableBlock(TYPST, columns, rows)),)
+    blocks = (Paragraph(TYPST), Bullets((TYPST,)), Drawing(SQUARE, TYPST, TYPST), TableBlock(TYPST, columns, rows))
     hostile = Document(TYPST, TYPST, (Section("one", TYPST, TYPST, (*blocks, SceneView(TYPST, TYPST))),))
     assert count_pages(to_pdf(hostile)) == 2
     many = tuple((Cell(f"pole {k}"), Cell(str(k), float(k))) for k in range(150))

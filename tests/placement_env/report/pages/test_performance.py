@@ -7,14 +7,13 @@ import numpy as np
 
 from placement_env.handover.ground import GroundShares
 from placement_env.report.content import BreakdownRow, ClassSeen, Judgement, SchemeFigures, SensorWorth
-from placement_env.report.pages import report
-from placement_env.report.pages.document import Section
+from placement_env.report.pages import document, report
 
 
 def read(section, plan, *others):
     """Section of a plan, with the chosen set where the section asks for it."""
     chosen = [plan.chosen] if "chosen" in signature(section).parameters else []
-    return Section("key", "Title", *section(plan, *chosen, *others))
+    return document.Section("key", "Title", *section(plan, *chosen, *others))
 
 
 def judged(ap, half=0.02):
@@ -83,9 +82,7 @@ def test_levels_and_error_profiles_have_tables(example):
     )
     assert plain.conclusion == section.conclusion
     assert len(section.blocks) > len(plain.blocks)
-    said = [
-        block.caption for block in section.blocks if getattr(block, "caption", "").startswith("By level of traffic")
-    ]
+    said = [each.caption for each in section.blocks if getattr(each, "caption", "").startswith("By level of traffic")]
     assert said[0].startswith("By level of traffic, AP ranges from 0.900 at “dense traffic” to 0.970 at “thin traffic”")
     rows = (BreakdownRow("paper", judged(0.97), 80.0), BreakdownRow("poor", judged(0.9), 60.0))
     plain, section = (

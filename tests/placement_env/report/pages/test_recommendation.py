@@ -5,15 +5,14 @@ from inspect import signature
 
 from placement_env.handover.mounted import MaterialItem
 from placement_env.report.content import Judgement, Verdict
-from placement_env.report.pages import report
-from placement_env.report.pages.document import Section
+from placement_env.report.pages import document, report
 from placement_env.report.pages.report import build_document, value_text
 
 
 def read(section, plan, *others):
     """Section of a plan, with the chosen set where the section asks for it."""
     chosen = [plan.chosen] if "chosen" in signature(section).parameters else []
-    return Section("key", "Title", *section(plan, *chosen, *others))
+    return document.Section("key", "Title", *section(plan, *chosen, *others))
 
 
 def test_the_answer_comes_first_and_explains_its_ap(example):
@@ -25,9 +24,7 @@ def test_the_answer_comes_first_and_explains_its_ap(example):
     assert [tuple(cell.text for cell in row) for row in asked.rows][1:4] == [
         *(("budget", "6.0"), ("min ap", "0.95"), ("max kbit", "not given"))
     ]
-    (said,) = [
-        block.text for block in read(report.requirement_section, example.plan).blocks if block.kind == "paragraph"
-    ]
+    (said,) = [each.text for each in read(report.requirement_section, example.plan).blocks if each.kind == "paragraph"]
     assert "AP (average precision)" in said
     assert "at least 0.7 of their union" in said
     assert "95% confidence" in said

@@ -8,8 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from placement_env.handover.ground import Ground
 from placement_env.report.pages.scene import (
@@ -51,8 +50,7 @@ def test_every_sensor_box_and_frame_has_nodes_in_a_small_page(scene):
 
 
 def test_the_same_plan_has_the_same_scene_and_says_nothing(example, scene, capsys):
-    again = build_scene(example.plan, example.site, example.ground, example.moments)
-    assert again == scene
+    assert build_scene(example.plan, example.site, example.ground, example.moments) == scene
     assert capsys.readouterr() == ("", "")
 
 

@@ -137,8 +137,7 @@ def test_provenance_holds_every_input_by_its_digest(ask, street, tmp_path):
     assert {key for key in before if before[key] != changed[key]} == {"poles_sha256"}
     question = ask(street.site)
     before = trace(street, question)
-    other_site = ask(replace(street.site, height=5.0))
-    assert trace(street, other_site)["site_sha256"] != before["site_sha256"]
+    assert trace(street, ask(replace(street.site, height=5.0)))["site_sha256"] != before["site_sha256"]
     fenced = ask(street.site, keep_out=(shapely.box(0, 0, 1, 1),))
     assert trace(street, fenced)["keep_out_sha256"] != before["keep_out_sha256"]
     assert trace(street, ask(street.site, errors=("typical",)))["errors"] != before["errors"]

@@ -50,11 +50,7 @@ def test_groups_of_boxes_share_vehicles_and_false_alarms(scored):
 def test_zones_ranges_approaches_and_levels(street, scored):
     rows = by_zone(scored, street.site, 0)
     assert [row.name for row in rows] == [
-        "centre (within 10 m)",
-        "north-east",
-        "north-west",
-        "south-east",
-        "south-west",
+        *("centre (within 10 m)", "north-east", "north-west", "south-east", "south-west")
     ]
     counts = {row.name: row.judged and row.judged.vehicles for row in rows}
     assert list(counts.values()) == [8, 24 - 8, 8, None, None]
@@ -66,8 +62,7 @@ def test_zones_ranges_approaches_and_levels(street, scored):
     assert [(row.name, row.judged.vehicles) for row in by_approach(scored, street.site, 0)] == [("junction", 32)]
     assert by_level(scored, street.judge, (0, 2)) == ()
     levels = (np.array([1, 3]), np.array([0, 2, 4, 5, 6, 7]))
-    judge = Judge((street.detected,), Cases(levels=2), levels=levels)
-    thin, dense = by_level(scored, judge, (0, 2))
+    thin, dense = by_level(scored, Judge((street.detected,), Cases(levels=2), levels=levels), (0, 2))
     assert (thin.name, thin.judged.vehicles, thin.judged.frames) == ("thin traffic", 8, 2)
     assert (dense.name, dense.judged.vehicles, dense.judged.frames) == ("dense traffic", 24, 6)
     assert thin.mean_points == dense.mean_points == 75 / 4
@@ -128,8 +123,7 @@ def test_error_profiles(street, scored):
     hazy = Thin(street.site, street.detected.renders.sensors)
     hazy.digest = "thin"
     rough = Detected(hazy, street.detected.detector, "early")
-    judge = Judge((street.detected, rough), Cases(errors=("paper", "poor")))
-    exact, other = by_errors(judge, (0, 2))
+    exact, other = by_errors(Judge((street.detected, rough), Cases(errors=("paper", "poor"))), (0, 2))
     assert (exact.name, other.name) == ("paper", "poor")
     assert exact.judged == street.judge.judge(np.array([[1, 0, 1, 0]], bool))[0]
     assert other.judged == Judge((rough,)).judge(np.array([[1, 0, 1, 0]], bool))[0]

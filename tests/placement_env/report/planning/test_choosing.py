@@ -73,9 +73,7 @@ def test_sets_of_each_size_race_and_the_best_are_judged(street):
     assert picked.options[5].sensors == ("post0_eye", "post1_eye", "post2_eye")
     assert picked.options[0].searches == ("greedy",)
     aps = street.judge.detected.estimates(sets[[4, 5]])
-    assert [picked.options[4].mean_ap, picked.options[5].mean_ap] == pytest.approx(
-        np.mean([e.ap for e in aps.values()], 0)
-    )
+    assert [o.mean_ap for o in picked.options[4:6]] == pytest.approx(np.mean([e.ap for e in aps.values()], 0))
     assert picked.options[2].mean_ap is None
     cheap = choose_set(street.objective, found, street.judge, min_ap=0.75)
     assert (cheap.chosen, cheap.rule) == (4, "interval")
@@ -114,8 +112,7 @@ def test_sets_are_compared_over_error_profiles(street):
         def clouds(self, k, c):
             return super().clouds(k, c)[: 0 if c == 0 else None]
 
-    blinded = Blinded(street.site, street.detected.renders.sensors)
-    rough = Detected(blinded, street.detected.detector, "early")
+    rough = Detected(Blinded(street.site, street.detected.renders.sensors), street.detected.detector, "early")
     judge = Judge((street.detected, rough), Cases(errors=("paper", "poor")))
     found = Entrants(np.array([[1, 1, 0, 0], [0, 1, 0, 1]], bool), np.zeros(2), ((), ()), 2)
     picked, alone = choose_set(street.objective, found, judge), choose_set(street.objective, found, street.judge)

@@ -10,7 +10,8 @@ import shapely
 from placement_env.candidates.pool import paper_candidates
 from placement_env.fidelity.preparation import Preparation
 from placement_env.report.content import Judgement, Plan, Planned, PlanOption, Verdict
-from placement_env.report.planning.planning import format_json, plan, write_plan
+from placement_env.report.planning.planning import find_buildable, format_json, plan, write_plan
+from placement_env.search.order import describe_exclusions
 from placement_env.setting import Setting
 from toolkit.objects import Detections
 from toolkit.sensors.error_profiles import POOR
@@ -51,8 +52,7 @@ def test_a_plan_has_all_its_parts_with_traffic_of_their_own(planned):
     assert {(row.scheme, row.iou) for row in made.schemes} == {
         (s, i) for s in ("early", "late", "hybrid") for i in (0.7, 0.8, 0.9)
     }
-    own = next(row for row in made.schemes if (row.scheme, row.iou) == ("early", 0.7))
-    assert own.judged == judged
+    assert next(row for row in made.schemes if (row.scheme, row.iou) == ("early", 0.7)).judged == judged
     for rows in (made.by_zone, made.by_range, made.by_approach):
         assert sum(row.judged.vehicles for row in rows if row.judged) == judged.vehicles
     assert made.by_class[0].objects == judged.vehicles
@@ -69,7 +69,11 @@ def test_a_plan_has_all_its_parts_with_traffic_of_their_own(planned):
     parts = planned.plan.provenance["traffic"]
     assert [parts[name]["seed"] for name in ("search", "comparison", "judgement")] == [0, 1, 2]
     assert len({part["sha256"] for part in parts.values()}) == 3
-    assert {option.judged.frames for option in planned.plan.considered if option.judged} == {5}
+    considered = planned.plan.considered
+    assert {option.judged.frames for option in considered if option.judged} == {5}
+    rank = [(not each.judged, -(each.judged.ap if each.judged else each.predicted)) for each in considered]
+    assert rank == sorted(rank)  # the best first, then what was only predicted
+    assert len({judged for judged, _ in rank}) == 2
 
 
 def test_the_same_question_has_the_same_plan(planned, asked, monkeypatch):
@@ -113,11 +117,20 @@ def test_requirements_and_limits_decide_by_the_ap_of_an_evaluation(planned, aske
     run = replace(asked().run, seed=2)
     candidates = paper_candidates(SITE)
     detected = Preparation(Setting(SITE, candidates=candidates, fidelity="detector"), run).fidelity()
-    names = [sensor.name for sensor in candidates.sensors]
-    row = np.isin(names, planned.plan.chosen.sensors)
+    row = np.isin([sensor.name for sensor in candidates.sensors], planned.plan.chosen.sensors)
     estimate = detected(row[None])
     assert estimate.ap[0] == planned.plan.chosen.judged.ap
     assert estimate.kbit[0] == pytest.approx(planned.plan.chosen.kbit)
+
+
+def test_a_sensor_may_send_exactly_what_is_allowed(street):
+    most = street.objective.sent.max()
+    over = np.flatnonzero(street.objective.sent == most)
+    assert len(find_buildable(street.objective, None)) == len(find_buildable(street.objective, most)) == 4
+    assert describe_exclusions(street.objective, most) == ()
+    fewer = find_buildable(street.objective, np.nextafter(most, 0))
+    assert sorted([*fewer, *over]) == [0, 1, 2, 3]
+    assert f"excludes {len(over)} of 4" in describe_exclusions(street.objective, np.nextafter(most, 0))[0]
 
 
 @pytest.mark.parametrize(
@@ -223,10 +236,9 @@ def test_error_profiles_decide_and_are_said(planned, asked):
     assert all(alone[each.sensors] == each.predicted for each in made.considered if each.sensors in alone)
 
 
-JUDGED = Judgement(0.5, 0.25, 0.75, 0.5, None, 4, 2)
 PLAN = Plan(
     {"site": "Straße", "money": float("inf")}, "Straße", "Reader", 0.7, "early", "", Verdict(None, "So."),
-    PlanOption(("a",), 1.0, 2.0, 2.0, float("nan"), JUDGED),
+    PlanOption(("a",), 1.0, 2.0, 2.0, float("nan"), Judgement(0.5, 0.25, 0.75, 0.5, None, 4, 2)),
 )  # fmt: skip
 
 

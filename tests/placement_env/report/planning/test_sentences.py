@@ -71,6 +71,9 @@ def test_verdicts_on_cases_and_error_profiles(ask):
     missed = sentences.build_verdict(ask(SITE, min_ap=0.95), OPTION, OPTION, ("Because.",))
     assert (missed.met, missed.reasons[-1]) == (False, "Because.")
     assert "is not met" in missed.sentence
+    frail = replace(OPTION, left=replace(FINAL, ap=0.5, low=0.4, high=0.6))  # the AP asked for is what is left
+    verdict = sentences.build_verdict(ask(SITE, min_ap=0.8, failing=1), OPTION, frail, ())
+    assert (verdict.met, "has AP 0.500" in verdict.sentence) == (False, True)
 
 
 def test_choices_and_assumptions_follow_the_question(ask):
@@ -88,8 +91,7 @@ def test_choices_and_assumptions_follow_the_question(ask):
     assert "AP is of vehicles alone, heavy ones not counted, centred in the detection area" in plain
     assert "No catalogue was given" in plain
     assert "by coverage" not in plain
-    weighed = ask(SITE, classes=Classes(EVERY, (3.0, 1.0, 1.0, 3.0)))
-    other = assume(weighed, "coverage", sampled=True)
+    other = assume(ask(SITE, classes=Classes(EVERY, (3.0, 1.0, 1.0, 3.0))), "coverage", sampled=True)
     assert "No AP is asked for" not in other
     assert "AP is the mean of 0.38 vehicle, 0.12 cyclist (IoU 0.5), 0.12 pedestrian (IoU 0.5) and 0.38 heavy" in other
     assert "searches went by coverage" in other

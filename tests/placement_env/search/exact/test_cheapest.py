@@ -10,9 +10,8 @@ from placement_env.fidelity.hit_model import HitModel
 from placement_env.fidelity.surrogate import Surrogate
 from placement_env.fidelity.visibility import Visibility, of_frames
 from placement_env.objective import Objective
-from placement_env.search.exact import cheapest
+from placement_env.search.exact import cheapest, programme
 from placement_env.search.exact.cheapest import Demand
-from placement_env.search.exact.programme import GAINS
 from placement_env.setting import Setting
 from placement_env.subsets import all_subsets
 
@@ -113,8 +112,7 @@ def test_by_a_surrogate_whichever_sensor_fails_and_at_each_level(junction, asked
     seed = 3 + CONDITIONS.index(asked)
     objective = junction("surrogate", seed)
     seen = objective.visibility
-    there = np.bincount(seen.frame)
-    order = np.argsort(there, kind="stable") if "levels" in asked else np.arange(8)
+    order = np.argsort(np.bincount(seen.frame), kind="stable") if "levels" in asked else np.arange(8)
     halves = [np.sort(half) for half in np.split(order, 2)] if {"levels", "parts"} & set(asked) else [np.arange(8)]
     by = [Surrogate(of_frames(seen, half), "early", MODEL) for half in halves]
 
@@ -160,12 +158,11 @@ def test_bounds_under_failures_and_steps_of_shares(junction):
     np.testing.assert_array_equal(levels.gain[:, 20:], usual.gain[:, 20:])
     for chosen in ([0], [1, 4], [0, 3, 9]):
         row = np.isin(np.arange(10), chosen)[None]
-        assert levels.worth(chosen) / GAINS >= bulky(row).recall[0]
+        assert levels.worth(chosen) / programme.GAINS >= bulky(row).recall[0]
 
 
 def test_impossible_demands_and_what_it_cannot_prove(junction, make):
-    objective = junction("coverage", 1, most_price=1.0)
-    found = cheapest.search(objective, 4, demand=Demand(at_least=0.99))
+    found = cheapest.search(junction("coverage", 1, most_price=1.0), 4, demand=Demand(at_least=0.99))
     assert found.best.subset == ()
     assert found.certificate.note == "no set within the budget covers 99% of the objects"
     best = junction("surrogate", 1, most_price=1.0)

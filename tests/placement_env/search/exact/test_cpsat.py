@@ -2,22 +2,20 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from placement_env.fidelity.coverage import Coverage
 from placement_env.fidelity.visibility import Visibility
 from placement_env.objective import Objective
 from placement_env.search import greedy
-from placement_env.search.exact import cpsat
-from placement_env.search.exact.programme import Poles, SolverLimits
+from placement_env.search.exact import cpsat, programme
 from placement_env.setting import Setting
 
 pytest.importorskip("ortools")
 
 
 def single(mount):
-    return Poles(mount, np.ones_like(mount), np.zeros_like(mount))
+    return programme.Poles(mount, np.ones_like(mount), np.zeros_like(mount))
 
 
 def most(seen, mount, budget, views):
@@ -44,17 +42,16 @@ def test_equals_trying_all(seed, mounts, poses, budget, views, density):
     seen = rng.random((len(mount), 25)) < density
     cover = cpsat.cover_most(seen, single(mount), budget, views=views)
     assert cover.optimal
-    assert cover.covered == cover.bound == most(seen, mount, budget, views)
+    assert cover.figure == cover.bound == most(seen, mount, budget, views)
     assert len(set(mount[cover.chosen])) == len(cover.chosen) <= budget
 
 
 def test_stopped_early_it_has_a_bound_and_merging_keeps_objects():
-    rng = np.random.default_rng(0)
-    seen, mount = rng.random((300, 400)) < 0.1, np.repeat(np.arange(30), 10)
+    seen, mount = np.random.default_rng(0).random((300, 400)) < 0.1, np.repeat(np.arange(30), 10)
     start = cpsat.greedy_cover(seen, np.ones(400, np.int64), mount, 5, 1)
-    cover = cpsat.cover_most(seen, single(mount), 5, limits=SolverLimits(seconds=1e-3))
-    assert (seen[cover.chosen].sum(axis=0) > 0).sum() == cover.covered >= (seen[start].sum(axis=0) > 0).sum()
-    assert cover.covered <= cover.bound <= 400
+    cover = cpsat.cover_most(seen, single(mount), 5, limits=programme.SolverLimits(seconds=1e-3))
+    assert (seen[cover.chosen].sum(axis=0) > 0).sum() == cover.figure >= (seen[start].sum(axis=0) > 0).sum()
+    assert cover.figure <= cover.bound <= 400
     assert not cover.optimal
     seen = np.array([[1, 1, 0, 0, 1], [0, 0, 1, 0, 1]], bool)
     ones = np.ones((1, 5), np.int64)
@@ -68,8 +65,7 @@ def test_stopped_early_it_has_a_bound_and_merging_keeps_objects():
 @pytest.mark.parametrize("views", [1, 2])
 @pytest.mark.parametrize("seed", range(5))
 def test_bound_holds_wherever_it_is_taken(seed, views):
-    rng = np.random.default_rng(seed)
-    seen, mount = rng.random((12, 30)) < 0.3, np.repeat(np.arange(4), 3)
+    seen, mount = np.random.default_rng(seed).random((12, 30)) < 0.3, np.repeat(np.arange(4), 3)
     weight = np.ones(30, np.int64)
     for chosen in ([], [0], [0, 4], cpsat.greedy_cover(seen, weight, mount, 3, views)):
         assert cpsat.prove_bound(seen, weight, mount, 3, views=views, chosen=chosen) >= most(seen, mount, 3, views)
@@ -112,5 +108,6 @@ def test_other_objectives_and_seeds_have_their_answers(make):
     assert first == again
     seen = np.array([[1, 1, 1], [1, 0, 0], [0, 1, 0]], bool)
     cover = cpsat.cover_most(seen, single(np.arange(3)), 1, may_stand=np.array([False, True, True]))
-    assert cover.covered == 1
+    assert cover.figure == 1
+    assert cover.chosen is not None
     assert 0 not in cover.chosen

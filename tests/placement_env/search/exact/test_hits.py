@@ -7,8 +7,7 @@ from placement_env.fidelity.hit_model import HitModel
 from placement_env.fidelity.surrogate import Surrogate
 from placement_env.fidelity.visibility import Visibility
 from placement_env.objective import Objective
-from placement_env.search.exact import hits
-from placement_env.search.exact.cheapest import build_levels
+from placement_env.search.exact import cheapest, hits
 from placement_env.setting import Setting
 from placement_env.subsets import all_subsets
 
@@ -28,7 +27,7 @@ def objective(make):
 
 def test_no_set_has_more(objective):
     found = hits.search(objective, 2)
-    levels = build_levels(objective.scored_by, above=False)
+    levels = cheapest.build_levels(objective.scored_by, above=False)
     sets = all_subsets(10)[1:]
     sets = sets[(sets.sum(axis=1) <= 2) & objective.feasible(sets)]
     worth = np.array([levels.worth(np.flatnonzero(row).tolist()) for row in sets])

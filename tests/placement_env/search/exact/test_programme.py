@@ -5,8 +5,7 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from placement_env.fidelity.hit_model import HitModel
 from placement_env.search.exact.programme import (
@@ -114,15 +113,13 @@ def test_what_is_left_without_some_equals_trying_all(seed):
 def test_steps_are_worth_no_less_and_survive_failures_or_stay_unproven():
     """A millionth has no whole number of parts for each of 7 objects: the parts are rounded up."""
     model = HitModel("early", 0.7, -6.0, 1.8, 1.0, 0.8, 0.3, "made up")
-    above = levels_of_hits(np.full((1, 7), 1e5), model, above=True)
-    assert above.worth([0]) >= GAINS
+    assert levels_of_hits(np.full((1, 7), 1e5), model, above=True).worth([0]) >= GAINS
     levels = levels_of_coverage(np.array([[1, 1, 0, 0], [0, 1, 1, 0], [0, 0, 1, 1]], bool))
     assert levels.worth([0, 1]) == 3
     assert surviving(levels, [0, 1]) == 2
     assert surviving(levels, [0, 1, 2]) == 3  # without the first the first object is lost, and so on
     assert (surviving(levels, [0]), levels.whole) == (0, 4)
-    rng = np.random.default_rng(0)
-    levels = levels_of_coverage(rng.random((200, 300)) < 0.05)
+    levels = levels_of_coverage(np.random.default_rng(0).random((200, 300)) < 0.05)
     mount = np.arange(200)
     programme = Programme(levels, 20, single(mount), np.ones(200, bool))
     found = solve(programme, SolverLimits(seconds=0.01), at_least=290, cost=priced(np.ones(200, np.int64), mount))
@@ -144,8 +141,7 @@ def test_steps_of_hits_lie_above_the_curve_or_cut_it(floor):
             steps = (middle.gain * (middle.known[chosen].sum(axis=0) >= middle.threshold)).sum(axis=0) * 40 / GAINS
             assert np.abs(steps - p).max() <= 0.25
             assert np.abs(steps - p).mean() < 0.12
-    nothing = levels_of_hits(np.zeros((2, 3)), model, above=True)
-    assert nothing.worth([0, 1]) == 0
+    assert levels_of_hits(np.zeros((2, 3)), model, above=True).worth([0, 1]) == 0
 
 
 def test_changes_keep_the_count_and_raise_the_reward_of_what_may_be_built(make):
@@ -161,12 +157,10 @@ def test_changes_keep_the_count_and_raise_the_reward_of_what_may_be_built(make):
         int(np.flatnonzero(even)[value[even].argmax()])
     ]
     assert best_of_equals(Progress(objective, 1, None, None), [], count) == []
-    stopped = Progress(objective, 1, None, 1)
-    assert best_of_equals(stopped, [worst], count) == [worst]
+    assert best_of_equals(Progress(objective, 1, None, 1), [worst], count) == [worst]
     objective = make(4, 2, seed=3)
     chosen = best_of_equals(Progress(objective, 2, None, None), [0, 2], lambda sets: sets.sum(axis=1))
-    row = objective.row(chosen)
-    assert objective.feasible(row[None])[0]
+    assert objective.feasible(objective.row(chosen)[None])[0]
     assert objective.score(chosen).reward >= objective.score([0, 2]).reward
 
 
@@ -196,8 +190,7 @@ def test_shared_poles_are_paid_once(make):
     objective = make(3, 2)
     assert Prices.of(objective) is None
     price = objective.candidates.prices
-    exact = objective.weighed(objective.weights, most_price=float(price[0] + price[2]))
-    prices = Prices.of(exact)
+    prices = Prices.of(objective.weighed(objective.weights, most_price=float(price[0] + price[2])))
     assert prices is not None
     assert prices.total([0, 2]) <= prices.most < prices.total([0, 2]) + 2**20
     assert prices.shared.tolist() == [0] * 6

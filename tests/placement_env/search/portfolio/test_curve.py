@@ -76,8 +76,7 @@ def test_points_have_ap_by_profile_and_nothing_has_no_curve(street):
 def test_amounts_of_money_have_their_winners(street):
     """The sensors cost 11, 11, 10.5 and 23 and see cars 0 and 1, 1 and 2, 3 beside a ghost, and 0."""
     evaluator = CasesEvaluator((DetectorEvaluator(street.detected),))
-    prices = street.objective.price(np.eye(4, dtype=bool)).tolist()
-    assert prices == [11.0, 11.0, 10.5, 23.0]
+    assert street.objective.price(np.eye(4, dtype=bool)).tolist() == [11.0, 11.0, 10.5, 23.0]
     amounts = list_amounts(street.objective, 3, 33.0)
     assert amounts == (10.5, 11.0, 21.0, 21.5, 22.0, 23.0, 31.5, 32.0, 32.5, 33.0)
     points = budget_curve(street.objective, 3, amounts=amounts, judging=Judging(evaluators=(evaluator, evaluator)))
@@ -98,8 +97,7 @@ def test_amounts_of_money_have_their_winners(street):
 
 
 def test_too_many_amounts_are_spread_evenly(street, make):
-    amounts = list_amounts(street.objective, 4, 50.0, 3)
-    assert amounts == (11.0, 33.0, 46.0)  # up to 16.7, 33.3 and 50
+    assert list_amounts(street.objective, 4, 50.0, 3) == (11.0, 33.0, 46.0)  # up to 16.7, 33.3 and 50
     many = make(40, 1, seed=3)
     spread = list_amounts(many, 8, 10.0)
     assert len(spread) == 12

@@ -37,8 +37,7 @@ def test_the_line_goes_through_what_pays_over_money_too(axes_of):
     assert ("x", 2.0, 0.8) in drawn
     assert [each.get_markerfacecolor() for each in rest if each.get_marker() == "o"][1] == "white"
     assert axes.get_xlabel() == "sensors"
-    paid = [CurvePoint(**{**vars(point), "money": point.price + 0.5}) for point in POINTS]
-    axes = axes_of(paid)
+    axes = axes_of([CurvePoint(**{**vars(point), "money": point.price + 0.5}) for point in POINTS])
     assert np.array(axes.lines[0].get_data()).T.tolist() == [[11.0, 0.5], [32.5, 0.7]]
     assert axes.get_xlabel() == "price (EUR)"
 

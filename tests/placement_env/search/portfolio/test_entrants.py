@@ -17,8 +17,7 @@ def test_every_size_has_the_best_set_for_the_money(street):
     assert street.objective.feasible(found.sets).all()
     sizes = found.sets.sum(axis=1)
     assert (np.diff(sizes) >= 0).all()
-    best = {size: found.predicted[sizes == size].max() for size in (1, 2, 3)}
-    assert best == {1: 0.5, 2: 0.75, 3: 1.0}
+    assert {size: found.predicted[sizes == size].max() for size in (1, 2, 3)} == {1: 0.5, 2: 0.75, 3: 1.0}
     assert len(np.unique(found.sets, axis=0)) == len(found.sets)
     three = int(np.flatnonzero(sizes == 3)[found.predicted[sizes == 3].argmax()])
     assert {"exhaustive", "greedy"} <= set(found.searches[three])
@@ -46,8 +45,7 @@ def test_every_size_has_the_best_set_for_the_money(street):
 
 def test_large_pools(make):
     stages = []
-    free = make(mounts=6, poses=4)
-    objective = Objective(free.setting, Run(progress=lambda *stage: stages.append(stage)))
+    objective = Objective(make(mounts=6, poses=4).setting, Run(progress=lambda *stage: stages.append(stage)))
     found = entrants(objective, Effort((1, 2), neighbours=3))
     assert [stage for stage in stages if stage[0] == "searching"] == [("searching", 1, 2), ("searching", 2, 2)]
     assert not any("exhaustive" in names for names in found.searches)

@@ -188,16 +188,15 @@ def test_each_error_profile_by_itself(hazy, combine):
     assert found.resamples == pytest.approx(reduce([exact.resamples, rough.resamples], axis=0))
     assert len(np.unique(found.resamples[1])) > 1
     assert found.kbit == pytest.approx(rough.kbit if combine == "worst" else (exact.kbit + rough.kbit) / 2)
-    each = over.at_each(SETS[:2], EVERY)
-    assert list(each) == ["paper", "poor"]
-    assert each["poor"].ap.tolist() == rough.ap.tolist()
-    assert each["poor"].resamples == pytest.approx(rough.resamples)
+    ap, kbit, resamples = over.at_profiles(SETS[:2], EVERY)
+    assert ap.tolist() == [exact.ap.tolist(), rough.ap.tolist()]
+    assert kbit[1].tolist() == rough.kbit.tolist()
+    assert resamples[1] == pytest.approx(rough.resamples)
 
 
 def test_frames_are_counted_once_for_all_profiles(hazy):
     done = []
-    over = CasesEvaluator(hazy, Cases(errors=("paper", "poor")))
-    over.evaluate(SETS[:1], EVERY, done.append)
+    CasesEvaluator(hazy, Cases(errors=("paper", "poor"))).evaluate(SETS[:1], EVERY, done.append)
     assert done == [0, 1, 1, 2, 2, 3, 3, 4, 4, 5, 5, 6, 6, 7, 7, 8]
 
 

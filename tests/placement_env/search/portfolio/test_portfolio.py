@@ -147,6 +147,8 @@ def test_what_sets_cost_counts_and_nothing_may_pay(street):
     barely = Objective(
         Setting(candidates=street.candidates, fidelity=Deceived(), scheme="late", weights=Weights(price=0.01))
     )
+    said = portfolio.search(barely, 1, judging=Judging(evaluators=(Truth(), Truth()))).assessment
+    assert said.expected == pytest.approx(said.ap, abs=0.001)  # an AP, with the price that the race took off
     worse = Truth(shift=-1.0)
     lost = portfolio.search(barely, 1, judging=Judging(evaluators=(worse, worse)))
     assert (lost.best.subset, lost.assessment) == ((), None)

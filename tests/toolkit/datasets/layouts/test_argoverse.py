@@ -9,8 +9,7 @@ from toolkit.datasets.layouts.argoverse import LASERS, argoverse, check_log, swe
 from toolkit.frame import Frame, SensorCloud
 from toolkit.objects import Objects
 
-SHARED = Path(os.environ.get("COVIEW_SHARED", Path(__file__).parents[5] / "shared"))
-LOG = SHARED / "real" / "av2_two_lidars"
+LOG = Path(os.environ.get("COVIEW_SHARED", Path(__file__).parents[5] / "shared")) / "real" / "av2_two_lidars"
 recorded = pytest.mark.skipif(not LOG.is_dir(), reason="the recording is not here")
 
 

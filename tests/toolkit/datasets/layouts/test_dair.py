@@ -100,7 +100,6 @@ def test_pairs_by_hand_with_or_without_an_offset(pair):
     vehicle = transform(sample.map_SE3_world, sample.points()[1:])
     np.testing.assert_allclose(vehicle, [[1000.0, 2030.0, 19.0]], atol=1e-3)
     info = pair / "cooperative-vehicle-infrastructure/cooperative/data_info.json"
-    pairs = json.loads(info.read_text())
-    put(info, [pairs[0] | {"system_error_offset": ""}])
+    put(info, [json.loads(info.read_text())[0] | {"system_error_offset": ""}])
     (sample,) = dair(pair)
     np.testing.assert_allclose(sample.map_SE3_world[:3, 3], [1000.0, 2000.0, 20.0])

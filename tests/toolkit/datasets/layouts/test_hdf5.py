@@ -102,12 +102,8 @@ def equal(a, b):
     np.testing.assert_array_equal(a.time, b.time)
     assert [(c.name, c.frame) for c in a.clouds] == [(c.name, c.frame) for c in b.clouds]
     columns = [
-        (a.objects.boxes, b.objects.boxes),
-        (a.objects.labels, b.objects.labels),
-        (a.objects.ids, b.objects.ids),
-        (a.counts, b.counts),
-        (a.others.boxes, b.others.boxes),
-        (a.others.counts, b.others.counts),
+        *((a.objects.boxes, b.objects.boxes), (a.objects.labels, b.objects.labels), (a.objects.ids, b.objects.ids)),
+        *((a.counts, b.counts), (a.others.boxes, b.others.boxes), (a.others.counts, b.others.counts)),
         (a.map_SE3_world, b.map_SE3_world),
     ]
     for one, two in zip(a.clouds, b.clouds, strict=True):

@@ -82,7 +82,7 @@ def test_labels_are_complete_in_the_image_as_wide_as_it_is(tmp_path):
     [
         ("Car 0 0", CALIB, r"000007.txt .*15 or 16 entries, got 3"),
         (CAR.replace("1.50", "tall"), CALIB, r"000007.txt .*must be a number, got 'tall'"),
-        (CAR, CALIB.replace("P2", "P9"), r"calib.000007.txt .*it has no P2"),
+        (CAR, CALIB.replace("P2", "P9"), r"calib.000007.txt .*it has no entry P2"),
         (CAR, CALIB.replace("R0_rect: 1 0 0 0 1", "R0_rect: 1 0 0 0 5"), "must turn by a rotation"),
     ],
 )

@@ -5,6 +5,7 @@ import pytest
 
 from toolkit.datasets.cloud_files import quaternion_pose
 from toolkit.datasets.layouts.nuscenes import compute_quaternion, nuscenes, write_nuscenes
+from toolkit.datasets.records import STRAY
 from toolkit.frame import Frame, SensorCloud
 from toolkit.geometry import pose
 from toolkit.objects import Objects
@@ -69,6 +70,8 @@ def test_a_sample_by_hand(tmp_path):
         ("sample_annotation", {"size": [1, 2]}, r"sample_annotation.json .*size must be 3 numbers"),
         ("instance", {"category_token": "x"}, r"instance.json .*no entry x"),
         ("sample", {"token": None}, r"sample.json"),
+        ("sample_data", {"filename": "../secret.pcd.bin"}, "sample_data.json .*leads out of"),
+        ("sample_data", {"filename": "/etc/hostname"}, "sample_data.json .*leads out of"),
     ],
 )
 def test_damage_names_the_table(tmp_path, table, change, names):
@@ -103,3 +106,22 @@ def test_numbers_that_stand_for_other_classes_in_other_samples_keep_their_classe
     assert [sample.objects.ids.tolist() for sample in (back[0], back[3])] == [[0, 1], [0, 1]]
     instances = json.loads((tmp_path / "v1.0-coview" / "instance.json").read_text())
     assert sorted(each["token"] for each in instances) == ["0", "0_heavy", "0_pedestrian", "1", "1_vehicle"]
+
+
+def test_each_lidar_stands_where_the_vehicle_was_at_its_own_time(tmp_path):
+    """The vehicle drives north; the second lidar measures 3 m later and is 3 m ahead of the world, the first's."""
+    content = tables()
+    later = {"token": "d3", "ego_pose_token": "f", "filename": "samples/LIDAR_TOP/a.pcd.bin"}
+    content["sample_data"].append(content["sample_data"][0] | later | {"calibrated_sensor_token": "c2"})
+    content["ego_pose"].append({"token": "f", "translation": [600.0, 1603.0, 0.0], "rotation": QUARTER})
+    content["calibrated_sensor"].append(content["calibrated_sensor"][0] | {"token": "c2", "sensor_token": "m"})
+    content["sensor"].append({"token": "m", "channel": "LIDAR_BACK", "modality": "lidar"})
+    (sample,) = nuscenes(root(tmp_path, content))
+    np.testing.assert_allclose(sample.points(), [[3, 0, 0.8], [6, 0, 0.8]], atol=1e-5)
+
+
+def test_labels_of_samples_without_a_cloud_are_counted(tmp_path):
+    content = tables()
+    content["sample_annotation"][1] |= {"sample_token": "dangling"}
+    (sample,) = nuscenes(root(tmp_path, content))
+    assert sample.problems == {STRAY: 1}

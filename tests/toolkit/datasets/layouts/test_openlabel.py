@@ -4,18 +4,18 @@ import numpy as np
 import pytest
 
 from toolkit.datasets.layouts.openlabel import openlabel, openlabel_content
+from toolkit.datasets.records import STRAY
 from toolkit.frame import Frame
 from toolkit.objects import Detections, Objects
 from toolkit.point_files import pcd_bytes
 
 # A quarter turn about z is (0, 0, sin 45°, cos 45°) as x y z w; read as w x y z it would be half a turn about y and z.
-QUARTER = [0.0, 0.0, 0.70710678, 0.70710678]
 
 
 def content(**data):
     cuboid = {
         "name": "shape3D",
-        "val": [10.0, -4.0, -6.0, *QUARTER, 4.2, 1.8, 1.5],
+        "val": [10.0, -4.0, -6.0, 0.0, 0.0, 0.70710678, 0.70710678, 4.2, 1.8, 1.5],
         "attributes": {"num": [{"name": "num_points", "val": 37}]},
     }
     data = {"name": "CAR_1", "type": "CAR", "cuboid": cuboid, **data}
@@ -86,3 +86,18 @@ def test_damage_names_the_file(tmp_path, change, names):
     change(document)
     with pytest.raises(ValueError, match=f"1646667310_044.json .*({names})"):
         list(openlabel(folder(tmp_path, document)))
+
+
+def test_sensors_are_the_streams_in_their_places_else_folders_and_labels_without_a_cloud_are_counted(tmp_path):
+    document = content()
+    properties = document["openlabel"]["frames"]["0"]["frame_properties"]
+    properties["streams"] = {"north": {}, "unused": {}}
+    (sample,) = openlabel(folder(tmp_path, document))
+    assert [cloud.name for cloud in sample.clouds] == ["north"]
+    properties["streams"] = {}
+    (sample,) = openlabel(folder(tmp_path, document))
+    assert [cloud.name for cloud in sample.clouds] == ["s110_lidar_ouster_south"]
+    assert sample.problems == {}
+    properties["point_cloud_file_names"] = ["another.pcd"]
+    (sample,) = openlabel(folder(tmp_path, document))
+    assert sample.problems == {STRAY: 1}

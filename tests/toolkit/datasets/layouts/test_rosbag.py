@@ -92,8 +92,7 @@ def test_a_bag_of_ros2(tmp_path, plugin):
 
 
 def test_the_file_of_a_bag_alone(tmp_path):
-    folder = write_ros2(tmp_path / "bag", recording())
-    (file,) = folder.glob("*.mcap")
+    (file,) = write_ros2(tmp_path / "bag", recording()).glob("*.mcap")
     assert len(list(rosbag(file))) == 2
 
 

@@ -6,16 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from toolkit.calibration.empty_scene import EmptyScene
 from toolkit.detection.codec import RangeImage
-from toolkit.detection.link import differences
-from toolkit.detection.link.foreground import Foreground, decode_foreground, encode_foreground
-from toolkit.detection.link.image_coding import MOST_STEPS, encode_pixels
+from toolkit.detection.link import differences, foreground, image_coding, range_images
+from toolkit.detection.link.image_coding import encode_mask, pack_integers
 from toolkit.detection.link.message import MessageHeader, MessageKind, read_message, write_message
-from toolkit.detection.link.range_images import to_steps
 from toolkit.detection.scheme import Scheme
 from toolkit.detection.view import frame_view
 from toolkit.frame import Frame
@@ -50,7 +47,7 @@ def kinds(messages):
 
 
 def restored_alike(got, k, step=0.02, first=0):
-    whole = decode_foreground(encode_foreground(image(k, first=first), SCENE, step=step), SCENE)
+    whole = foreground.decode_foreground(foreground.encode_foreground(image(k, first=first), SCENE, step=step), SCENE)
     np.testing.assert_array_equal(got.image, whole.image)
     np.testing.assert_array_equal(got.sent, whole.sent)
     assert (got.header.number, got.header.time) == (whole.header.number, whole.header.time)
@@ -65,7 +62,7 @@ def test_what_arrives_is_what_whole_images_bring_in_fewer_bytes(refers_to, step)
     reader = differences.DifferenceReader(SCENE)
     for k, message in enumerate(messages):
         restored_alike(reader.read(message), k, step, first=7)
-    whole = [encode_foreground(image(k, first=7), SCENE, step=step) for k in range(12)]
+    whole = [foreground.encode_foreground(image(k, first=7), SCENE, step=step) for k in range(12)]
     assert [messages[k] == whole[k] for k in (0, 5, 10)] == [True] * 3
     assert sum(map(len, messages)) < 0.8 * sum(map(len, whole))
 
@@ -127,6 +124,8 @@ def test_messages_are_lost_alone_and_new_senders_not_taken_for_old():
     with pytest.raises(differences.MissedReference):
         reader.read(other[1])
     restored_alike(reader.read(first.write(image(1))), 1)
+    for k, message in enumerate(written(differences.DifferenceSender(SCENE), 3)):  # restarted, and counts from 0 again
+        restored_alike(reader.read(message), k)
 
 
 def test_images_are_whole_where_that_is_less_and_pixels_may_be_missing():
@@ -155,8 +154,7 @@ def test_images_are_whole_where_that_is_less_and_pixels_may_be_missing():
 
 
 def test_damaged_and_encoder_less_differences_are_refused():
-    sender = differences.DifferenceSender(SCENE)
-    whole, message = written(sender, 2)
+    whole, message = written(differences.DifferenceSender(SCENE), 2)
     rng, read = np.random.default_rng(0), 0
     reader = differences.DifferenceReader(SCENE)
     reader.read(whole)
@@ -179,7 +177,6 @@ def test_damaged_and_encoder_less_differences_are_refused():
         reader.read(whole)
     assert read < 1000
     restored_alike(reader.read(message), 1)
-    from toolkit.detection.link.image_coding import encode_mask, pack_integers
 
     reference, nobody = reference_of([[5, 6, 7]]), np.zeros((1, 3), bool)
     steps, sent = np.array([[5, 6, 7]]), np.ones((1, 3), bool)
@@ -194,7 +191,7 @@ def test_damaged_and_encoder_less_differences_are_refused():
     for wrong, said in (
         *((b"", "do not fit"), (content([0, 0, 0], squares=b"\x81"), "filled with zeros")),
         *((content([0, 0]), "3 pixels stand still, got 2"), (content([0, 0, 0], [1]), "0 pixels are marked, got 1")),
-        *((content([0, 0, 15]), "out of range"), (content([0, 0, 2 * MOST_STEPS]), "out of range")),
+        *((content([0, 0, 15]), "out of range"), (content([0, 0, 2 * image_coding.MOST_STEPS]), "out of range")),
         (sound[:-1], "inflate to 0 symbols"),
     ):
         with pytest.raises(ValueError, match=said):
@@ -206,7 +203,7 @@ def test_damaged_and_encoder_less_differences_are_refused():
 def test_references_average_few_images_under_a_checksum():
     first, _, third = written(differences.DifferenceSender(SCENE, refers_to="key"), 3)
     one = image(0)
-    steps, sent = to_steps(one.measurement, one.measurement > 0, 0.02), one.measurement > 0
+    steps, sent = range_images.to_steps(one.measurement, one.measurement > 0, 0.02), one.measurement > 0
     reference = differences.Reference.of(0, 20, steps, sent)
     assert read_message(third)[1][:6] == struct.pack("<BBI", 2, 0, reference.checksum)
     second = written(differences.DifferenceSender(SCENE), 2)[1]
@@ -310,7 +307,7 @@ def test_squares_and_pixels_that_stand_still_take_few_bits():
     content = differences.encode_difference(
         images[8], mask, reference, differences.still_squares(reference, images[8], mask)
     )
-    assert 8 * len(content) < 2.1 * mask.sum() < 0.9 * 8 * len(encode_pixels(images[8], mask))
+    assert 8 * len(content) < 2.1 * mask.sum() < 0.9 * 8 * len(image_coding.encode_pixels(images[8], mask))
     whole = reference.whole_steps
     same = differences.encode_difference(whole, mask, reference, differences.still_squares(reference, whole, mask))
     assert len(same) < 50
@@ -341,8 +338,7 @@ def frames(count):
         for number, sensor in enumerate(SENSORS):
             image = ground(sensor)
             image[22:52, 15:65] = ROUGH_GROUND
-            noisy = sensor.model.noisy(image, np.random.default_rng([k, number]))
-            images.append(noisy)
+            images.append(sensor.model.noisy(image, np.random.default_rng([k, number])))
         yield Frame(SENSORS, tuple(images), Objects.empty(), k / 10, k)
 
 
@@ -362,7 +358,7 @@ def test_the_same_points_arrive_in_fewer_bytes(refers_to):
     for frame in frames(6):
         detector, calls = watched()
         view = frame_view(frame, detector, AREA, scene=SCENES.__getitem__, memory=memory)
-        whole, got = Foreground(0.04).fuse(view, [0, 1]), scheme.fuse(view, [0, 1])
+        whole, got = foreground.Foreground(0.04).fuse(view, [0, 1]), scheme.fuse(view, [0, 1])
         np.testing.assert_array_equal(calls[0], calls[1])
         bits.append((whole.bits, got.bits))
         assert scheme.sent_bits(view, [0, 1]) == got.bits.tolist()
@@ -377,17 +373,14 @@ def test_views_that_remember_nothing_and_parameters():
     scheme = differences.ForegroundDifferences()
     for frame in frames(2):
         view = frame_view(frame, watched()[0], AREA, scene=SCENES.__getitem__)
-        assert scheme.fuse(view, [0, 1]).bits.tolist() == Foreground().fuse(view, [0, 1]).bits.tolist()
+        assert scheme.fuse(view, [0, 1]).bits.tolist() == foreground.Foreground().fuse(view, [0, 1]).bits.tolist()
     scheme = differences.ForegroundDifferences()
     assert isinstance(scheme, Scheme)
     assert scheme.digest == (
         "ForegroundDifferences(step=0.02, refers_to='previous', key_every=10, sigmas=4.0, name='differences')"
     )
     assert (scheme.codec.step, scheme.predicted_as, scheme.sends_points, scheme.sends_boxes) == (
-        0.02,
-        "early",
-        True,
-        False,
+        *(0.02, "early", True, False),
     )
     for wrong, said in (({"step": 0.0}, "step must be"), ({"sigmas": 0.0}, "sigmas"), ({"key_every": 0}, "every 1")):
         with pytest.raises(ValueError, match=said):
@@ -397,12 +390,8 @@ def test_views_that_remember_nothing_and_parameters():
 @pytest.mark.parametrize(
     ("refers_to", "number", "needed"),
     [
-        ("previous", 12, [10, 11, 12]),
-        ("previous", 10, [10]),
-        ("previous", 0, [0]),
-        ("key", 13, [10, 13]),
-        ("key", 11, [10, 11]),
-        ("key", 20, [20]),
+        *(("previous", 12, [10, 11, 12]), ("previous", 10, [10]), ("previous", 0, [0]), ("key", 13, [10, 13])),
+        *(("key", 11, [10, 11]), ("key", 20, [20])),
     ],
 )
 def test_which_messages_must_have_arrived(refers_to, number, needed):

@@ -9,16 +9,7 @@ import pytest
 
 from toolkit.calibration.empty_scene import EmptyScene, SceneLearner
 from toolkit.detection.codec import RangeImage
-from toolkit.detection.link.foreground import (
-    Foreground,
-    decode_foreground,
-    decode_missing,
-    draw_scene,
-    encode_foreground,
-    scene_number,
-    standing_out,
-)
-from toolkit.detection.link.image_coding import encode_mask
+from toolkit.detection.link import foreground, image_coding
 from toolkit.detection.link.message import read_message
 from toolkit.detection.scheme import Scheme
 from toolkit.detection.schemes import Early
@@ -75,14 +66,14 @@ def test_what_was_sent_arrives_and_the_scene_is_drawn_beside_it(model, step):
     sensor = stand(model)
     scene, image = learnt(sensor), with_a_car(sensor)
     kept = np.where(scene.shows(image), 0, image).astype(np.float32)
-    message = encode_foreground(RangeImage(sensor, kept, 1.0, 3), scene, step=step)
-    restored = decode_foreground(message, scene)
+    message = foreground.encode_foreground(RangeImage(sensor, kept, 1.0, 3), scene, step=step)
+    restored = foreground.decode_foreground(message, scene)
     np.testing.assert_array_equal(restored.sent, kept > 0)
     assert restored.sent[8:12, 6:11].all()
     assert np.abs(restored.image - image)[restored.sent].max() <= step / 2 + 1e-5
     np.testing.assert_array_equal(restored.image[~restored.sent], scene.first[~restored.sent])
     assert (restored.header.number, restored.header.time, restored.header.step) == (3, 1.0, step)
-    assert restored.header.scene == scene_number(scene) == int(scene.digest[:8], 16)
+    assert restored.header.scene == foreground.scene_number(scene) == int(scene.digest[:8], 16)
     assert len(message) < 100
 
 
@@ -90,25 +81,25 @@ def test_scenes_of_others_and_missing_pixels_that_cannot_be_are_refused():
     sensor = stand(MODELS[0])
     scene, other = learnt(sensor), learnt(sensor, seed=1)
     image = RangeImage(sensor, with_a_car(sensor))
-    message = encode_foreground(image, scene)
+    message = foreground.encode_foreground(image, scene)
     with pytest.raises(ValueError, match="whose scene is"):
-        decode_foreground(message, other)
+        foreground.decode_foreground(message, other)
     with pytest.raises(ValueError, match="whose sensor is"):
-        decode_foreground(message, scene.with_name("t"))
+        foreground.decode_foreground(message, replace(scene, name="t"))
     with pytest.raises(ValueError, match="the empty scene is of 't'"):
-        encode_foreground(image, scene.with_name("t"))
+        foreground.encode_foreground(image, replace(scene, name="t"))
     sensor = stand(MODELS[0])
     scene, image = learnt(sensor), with_a_car(sensor)
     with pytest.raises(ValueError, match="that return nothing"):
-        encode_foreground(RangeImage(sensor, image), scene, image > 0)
+        foreground.encode_foreground(RangeImage(sensor, image), scene, image > 0)
     with pytest.raises(ValueError, match="that return nothing"):
-        encode_foreground(RangeImage(sensor, image), scene, np.zeros((2, 2), bool))
-    sent = image > 0
+        foreground.encode_foreground(RangeImage(sensor, image), scene, np.zeros((2, 2), bool))
+    sent, (header, _) = image > 0, read_message(message)
     for masks in ([~sent, ~sent], [sent], [np.zeros_like(sent)]):
-        content = b"".join(encode_mask(mask) for mask in masks)
+        content = b"".join(image_coding.encode_mask(mask) for mask in masks)
         with pytest.raises(ValueError, match="missing pixels must not be sent"):
-            decode_missing(content, 0, sent)
-    assert not decode_missing(b"", 0, sent).any()
+            foreground.restore(header, content, scene, sent.astype(np.int64), sent, 0)
+    assert not foreground.restore(header, b"", scene, sent.astype(np.int64), sent, 0).missing.any()
 
 
 def test_two_thousand_damaged_messages():
@@ -117,8 +108,8 @@ def test_two_thousand_damaged_messages():
     scene = learnt(sensor, frames=5)
     missing = np.zeros(scene.first.shape, bool)
     missing[:5] = with_a_car(sensor)[:5] == 0
-    message = encode_foreground(RangeImage(sensor, with_a_car(sensor), 1.0, 3), scene, missing)
-    sound, rng, read = decode_foreground(message, scene), np.random.default_rng(0), 0
+    message = foreground.encode_foreground(RangeImage(sensor, with_a_car(sensor), 1.0, 3), scene, missing)
+    sound, rng, read = foreground.decode_foreground(message, scene), np.random.default_rng(0), 0
     for _ in range(2000):
         mutant = bytearray(message)
         for at in rng.integers(0, len(message), rng.integers(1, 5)):
@@ -128,10 +119,10 @@ def test_two_thousand_damaged_messages():
         if mutant == message:
             continue
         with pytest.raises(ValueError, match=r"checksum|cut off"):
-            decode_foreground(bytes(mutant), scene)
+            foreground.decode_foreground(bytes(mutant), scene)
         resealed = bytes(mutant[:-4]) + struct.pack("<I", zlib.crc32(mutant[:-4]))
         try:
-            restored = decode_foreground(resealed, scene)
+            restored = foreground.decode_foreground(resealed, scene)
         except ValueError:
             continue
         read += 1
@@ -162,7 +153,7 @@ def test_the_scheme_detects_in_clouds_like_those_of_early_fusion():
     scenes = [learnt(sensor, seed=k) for k, sensor in enumerate(seen.sensors)]
     detector, calls = watched()
     view = frame_view(seen, detector, AREA, scene=lambda k: scenes[k])
-    raw, got = Early().fuse(view, [0, 1]), Foreground().fuse(view, [0, 1])
+    raw, got = Early().fuse(view, [0, 1]), foreground.Foreground().fuse(view, [0, 1])
     assert len(calls[1]) == pytest.approx(len(calls[0]), abs=3)
     a, b = calls[0][np.lexsort(calls[0].T)], calls[1]
     nearest = np.sqrt(((a[:, None] - b[None]) ** 2).sum(axis=2).min(axis=1))
@@ -171,7 +162,7 @@ def test_the_scheme_detects_in_clouds_like_those_of_early_fusion():
     assert (got.bits < 100 * 8).all()
     assert (got.bits % 8 == 0).all()
     assert got.ms > 0
-    assert Foreground().fuse(view, [0, 1]).bits.tolist() == got.bits.tolist()
+    assert foreground.Foreground().fuse(view, [0, 1]).bits.tolist() == got.bits.tolist()
     assert len(calls) == 3
 
 
@@ -181,24 +172,24 @@ def test_schemes_need_scenes_cropped_as_points_are():
     scenes = [learnt(sensor, seed=k) for k, sensor in enumerate(seen.sensors)]
     view = frame_view(seen, detector, site, scene=lambda k: scenes[k])
     Early().fuse(view, [0, 1])
-    Foreground().fuse(view, [0, 1])
+    foreground.Foreground().fuse(view, [0, 1])
     assert len(calls[1]) == pytest.approx(len(calls[0]), abs=3)
     assert 0 < len(calls[0]) < len(frame_points(seen, area=AREA)[0]) + len(frame_points(seen, area=AREA)[1]) - 20
     sensor = stand(MODELS[0])
     seen = Frame((sensor,), (ground(sensor),), Objects.empty())
     scene, (detector, calls) = learnt(sensor), watched()
-    got = Foreground(sigmas=6.0).fuse(frame_view(seen, detector, AREA, scene=lambda k: scene), [0])
+    got = foreground.Foreground(sigmas=6.0).fuse(frame_view(seen, detector, AREA, scene=lambda k: scene), [0])
     assert got.bits.tolist() == [8 * 43]
     assert len(calls[0]) > 100
     seen, (detector, _) = frame(), watched()
     with pytest.raises(ValueError, match="knows no empty scenes"):
-        Foreground().fuse(frame_view(seen, detector, AREA), [0])
-    assert isinstance(Foreground(), Scheme)
-    assert Foreground().digest == "Foreground(step=0.02, sigmas=4.0, name='foreground')"
+        foreground.Foreground().fuse(frame_view(seen, detector, AREA), [0])
+    assert isinstance(foreground.Foreground(), Scheme)
+    assert foreground.Foreground().digest == "Foreground(step=0.02, sigmas=4.0, name='foreground')"
     with pytest.raises(ValueError, match="step must be"):
-        Foreground(step=-1.0)
+        foreground.Foreground(step=-1.0)
     with pytest.raises(ValueError, match="sigmas must be above 0"):
-        Foreground(sigmas=0.0)
+        foreground.Foreground(sigmas=0.0)
 
 
 @pytest.mark.parametrize("model", MODELS, ids=lambda model: model.kind)
@@ -208,16 +199,16 @@ def test_missing_pixels_arrive_as_nothing(model):
     missing = np.zeros(image.shape, bool)
     missing[-6:, 3:17] = True
     kept = np.where(scene.shows(image) | missing, 0, image).astype(np.float32)
-    message = encode_foreground(RangeImage(sensor, kept), scene, missing)
-    restored = decode_foreground(message, scene)
+    message = foreground.encode_foreground(RangeImage(sensor, kept), scene, missing)
+    restored = foreground.decode_foreground(message, scene)
     np.testing.assert_array_equal(restored.missing, missing)
     np.testing.assert_array_equal(restored.sent, kept > 0)
     assert (restored.image[missing] == 0).all()
     np.testing.assert_array_equal(restored.image[~restored.sent & ~missing], scene.first[~restored.sent & ~missing])
-    without = encode_foreground(RangeImage(sensor, kept), scene)
-    assert encode_foreground(RangeImage(sensor, kept), scene, np.zeros_like(missing)) == without
+    without = foreground.encode_foreground(RangeImage(sensor, kept), scene)
+    assert foreground.encode_foreground(RangeImage(sensor, kept), scene, np.zeros_like(missing)) == without
     assert 0 < len(message) - len(without) < 15
-    assert not decode_foreground(without, scene).missing.any()
+    assert not foreground.decode_foreground(without, scene).missing.any()
 
 
 def test_sensors_blinded_in_part_or_dropping_out():
@@ -230,7 +221,9 @@ def test_sensors_blinded_in_part_or_dropping_out():
         view = frame_view(
             replace(seen, measurements=(blinded, seen.measurements[1])), detector, AREA, scene=lambda k: scenes[k]
         )
-        got = [scheme.fuse(view, sensors) for sensors in ([0, 1], [0]) for scheme in (Early(), Foreground())][1]
+        got = [
+            scheme.fuse(view, sensors) for sensors in ([0, 1], [0]) for scheme in (Early(), foreground.Foreground())
+        ][1]
         assert len(calls[1]) == pytest.approx(len(calls[0]), abs=3)
         assert got.bits[0] < 100 * 8
         assert len(calls[3]) == pytest.approx(len(calls[2]), abs=2)
@@ -258,15 +251,14 @@ def test_sensors_blinded_in_part_or_dropping_out():
         assert not missing or out.missing[21:23, 16:18].all()
 
 
-WIDE = (-30.0, -30.0, 30.0, 30.0)
 CAMERA = Sensor("c", DepthCamera(width=80, height=60), look((0.0, 0.0, 5.0), 0.0, 0.5))
 LIDAR = Sensor("l", SpinningLidar(channels=30, azimuth_step=0.1, fov_up=-0.2, fov_down=-0.8), pose(0.0, 0.0, 5.0))
 
 
 def out_of(image, sensor=CAMERA, scene=None):
-    captured = Captured(Frame((sensor,), (image,), Objects.empty()), 0, WIDE)
+    captured = Captured(Frame((sensor,), (image,), Objects.empty()), 0, (-30.0, -30.0, 30.0, 30.0))
     scene = EmptyScene.of(sensor, wide_ground(sensor)) if scene is None else scene
-    return standing_out(captured, scene), draw_scene(captured, scene).pixels
+    return foreground.standing_out(captured, scene), foreground.draw_scene(captured, scene).pixels
 
 
 def test_empty_scenes_and_open_rays_send_and_miss_nothing():
@@ -297,3 +289,31 @@ def test_empty_scenes_and_open_rays_send_and_miss_nothing():
     assert not missing[20, 15]
     nothing, drawn = out_of(np.zeros_like(image), scene=scene)
     np.testing.assert_array_equal(np.flatnonzero(nothing.missing), drawn)
+
+
+@pytest.mark.parametrize(
+    ("expected", "gone", "kept"),
+    [
+        ("2", "2", True),  # all of two
+        ("22", "2.", False),  # two of four
+        ("33", "3.", True),  # three of six: half
+        ("34", "3.", False),  # three of seven
+        ("1", "1", True),  # all of one
+        ("5", "2", False),
+        ("5", "4", True),
+    ],
+)
+def test_missing_pixels_need_company(expected, gone, kept):
+    """Digits count pixels in a column; beyond the two rows and columns that are searched, some are always there."""
+    masks = [np.zeros((20, 20), bool) for _ in range(2)]
+    for mask, columns in zip(masks, (expected, gone), strict=True):
+        for column, count in enumerate(columns):
+            mask[5 : 5 + (0 if count == "." else int(count)), 5 + column] = True
+    there, missing = masks
+    there[15:, :] = True  # not all of them are missing
+    middle = 5 + min(2, (int(gone[0]) - 1) // 2), 5
+    assert foreground._keep_company(missing, there)[middle] == kept
+    beside = missing.copy()
+    beside[middle[0], 4] = beside[0, 0] = True  # drop-outs that the scene does not expect: in company, and alone
+    assert foreground._keep_company(beside, there)[[middle[0], 0], [4, 0]].tolist() == [kept, False]
+    np.testing.assert_array_equal(foreground._keep_company(beside, missing), beside)  # all are missing

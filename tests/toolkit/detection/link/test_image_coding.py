@@ -1,9 +1,10 @@
 """Whole numbers as bytes and back."""
 
+import zlib
+
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from toolkit.detection.link import image_coding
 
@@ -25,14 +26,12 @@ def test_numbers_are_packed_in_few_bytes():
         image_coding.unpack_integers(image_coding.pack_integers(values), 0, len(values))[0].tolist() == values.tolist()
     )
     # One large number: its symbol 8 + 2 (7 - 4) + 1 in the deflated part, its 5 lower bits, filled with zeros.
-    import zlib
 
     packed = image_coding.pack_integers(np.array([1, 0b1101101]))
     assert packed[0] == 2
     assert zlib.decompress(packed[2 : 2 + packed[1]], -15) == bytes([1, 15])
     assert packed[2 + packed[1] :] == bytes([0b01101000])
-    rng = np.random.default_rng(0)
-    values = np.abs(np.rint(rng.normal(0, 2, 5000))).astype(np.int64)
+    values = np.abs(np.rint(np.random.default_rng(0).normal(0, 2, 5000))).astype(np.int64)
     share = np.bincount(values) / len(values)
     entropy = -(share[share > 0] * np.log2(share[share > 0])).sum()
     assert 8 * len(image_coding.pack_integers(values)) < 1.08 * entropy * len(values)
@@ -71,8 +70,6 @@ def test_damaged_bytes_and_bombs_are_refused():
 
 
 def _deflate(data):
-    import zlib
-
     return zlib.compress(data, wbits=-15)
 
 

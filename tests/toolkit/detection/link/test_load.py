@@ -7,13 +7,12 @@ from toolkit.detection.link.message import CAPACITIES, PACKET, SetLoad, format_l
 
 
 def test_packets_of_sensors_at_ten_hertz():
-    bits = np.array([[8000, 12000], [4000, 16000]])
-    load = link_load(bits, 10.0)
+    load = link_load(np.array([[8000, 12000], [4000, 16000]]), 10.0)
     assert load.mbit_per_s == pytest.approx(0.2)
     assert load.packets == pytest.approx(1.5)
     assert load.one_packet == 0.5
     assert load.shares == pytest.approx({"802.11p": 0.2 / 6, "LTE-V2X": 0.2 / 8, "Ethernet": 0.002})
-    assert load.as_dict()["rate"] == 10.0
+    assert load.rate == 10.0
     assert PACKET == 1400
     assert list(CAPACITIES) == list(load.shares)
     assert link_load(np.array([[0, 1, 8 * 1400, 8 * 1400 + 1, 8 * 14000]]), 10.0).packets == 14 / 5

@@ -2,15 +2,24 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
-from toolkit.detection.codec import PAPER, Codec, ImageCodec, Message, RangeImage, check_codec
+from toolkit.detection.codec import PAPER, Codec, ImageCodec, Message, Origin, RangeImage, check_codec
 from toolkit.detection.link import range_images
 from toolkit.detection.link.message import read_message, sensor_number
 from toolkit.objects import Detections
 from toolkit.sensors.models import DepthCamera, SolidStateLidar, SpinningLidar
 from toolkit.sensors.sensor import Sensor
+
+POLE = Sensor("p", DepthCamera(), np.eye(4))
+
+
+def encode_boxes(detections):
+    return range_images.encode_boxes(detections, POLE)
+
+
+def decode_boxes(content):
+    return range_images.decode_boxes(content, POLE)
 
 
 def some(n, seed=0):
@@ -25,7 +34,7 @@ def some(n, seed=0):
 @given(st.integers(0, 40), st.integers(0, 1000))
 def test_boxes_come_back_to_a_centimetre_and_a_quarter_of_a_degree(n, seed):
     sent = some(n, seed)
-    got = range_images.decode_boxes(range_images.encode_boxes(sent))
+    got = decode_boxes(encode_boxes(sent))
     assert len(got) == n
     assert np.abs(got.boxes[:, :6] - sent.boxes[:, :6]).max(initial=0) <= 0.01 + 1e-9
     turn = (got.boxes[:, 6] - sent.boxes[:, 6] + np.pi) % (2 * np.pi) - np.pi
@@ -35,40 +44,43 @@ def test_boxes_come_back_to_a_centimetre_and_a_quarter_of_a_degree(n, seed):
 
 
 def test_scores_bound_boxes_and_encoders_bound_images():
-    once = range_images.decode_boxes(range_images.encode_boxes(some(20)))
-    assert range_images.encode_boxes(once) == range_images.encode_boxes(
-        range_images.decode_boxes(range_images.encode_boxes(once))
-    )
-    assert 8 * len(range_images.encode_boxes(some(100))) < 100 * 90
-    assert range_images.encode_boxes(Detections.empty()) == b"\x00\x00"
+    once = decode_boxes(encode_boxes(some(20)))
+    assert encode_boxes(once) == encode_boxes(decode_boxes(encode_boxes(once)))
+    assert 8 * len(encode_boxes(some(100))) < 100 * 90
+    assert encode_boxes(Detections.empty()) == b"\x00\x00"
     boxes = np.array([[0, 0, 0, 4, 2, 1, np.deg2rad(359.0)], [0, 0, 0, 4, 2, 1, np.deg2rad(-180)]])
-    got = range_images.decode_boxes(range_images.encode_boxes(Detections(boxes, np.array([1.5, -0.2]))))
+    got = decode_boxes(encode_boxes(Detections(boxes, np.array([1.5, -0.2]))))
     assert got.scores.tolist() == [1.0, 0.0]
     np.testing.assert_allclose(np.rad2deg(got.boxes[:, 6]), [-1, -180])
     sure = Detections(some(4).boxes, np.array([0.9985, 0.9988, 0.9992, 0.9998]))
-    scores = range_images.decode_boxes(range_images.encode_boxes(sure)).scores
+    scores = decode_boxes(encode_boxes(sure)).scores
     assert np.abs(scores - sure.scores).max() < 1e-4
     assert (np.diff(scores) > 0).all()
-    for value, said in ((np.nan, "finite"), (np.inf, "finite"), (1e9, "within 21475 km")):
+    for value, said in (
+        (np.nan, "finite"),
+        (np.inf, "finite"),
+        (1e9, "within 21475 km"),
+        (2001.0, "2000 m of sensor 'p'"),
+    ):
         boxes = np.array([[value, 0, 0, 4, 2, 1, 0.0]])
         with pytest.raises(ValueError, match=said):
-            range_images.encode_boxes(Detections(boxes, np.array([0.5])))
-    content = range_images.encode_boxes(some(3))
+            encode_boxes(Detections(boxes, np.array([0.5])))
+    content = encode_boxes(some(3))
     for length in range(len(content)):
         with pytest.raises(ValueError, match=r"cut off|fit"):
-            range_images.decode_boxes(content[:length])
+            decode_boxes(content[:length])
     with pytest.raises(ValueError, match="got 1 more bytes"):
-        range_images.decode_boxes(content + b"x")
+        decode_boxes(content + b"x")
     with pytest.raises(ValueError, match="got 1 more bytes"):
-        range_images.decode_boxes(b"\x00\x00x")
+        decode_boxes(b"\x00\x00x")
     wide = bytearray(content)
     wide[2] = 32
     with pytest.raises(ValueError, match="up to 31 bits, got 32"):
-        range_images.decode_boxes(bytes(wide))
-    score = bytearray(range_images.encode_boxes(Detections(some(1).boxes, np.array([0.0]))))
+        decode_boxes(bytes(wide))
+    score = bytearray(encode_boxes(Detections(some(1).boxes, np.array([0.0]))))
     score[2 + 7 * 5 + 1 : 2 + 7 * 5 + 3] = b"\x00\x02"
     with pytest.raises(ValueError, match="0 to 511, got 512"):
-        range_images.decode_boxes(bytes(score))
+        decode_boxes(bytes(score))
 
 
 MODELS = [
@@ -115,12 +127,16 @@ def test_codecs_of_images_refuse_points_alone_and_go_by_name():
         with pytest.raises(ValueError, match="it belongs to another"):
             codec.decode_image(message, other)
     with pytest.raises(ValueError, match="of kind boxes, got range_image"):
-        codec.decode_boxes(message)
+        codec.decode_boxes(message, sent.sensor)
     with pytest.raises(ValueError, match="checksum"):
         codec.decode_image(Message(message.content[:-1] + b"x", message.bits), sent.sensor)
     boxes = np.array([[1.0, 2, 3, 4, 2, 1.5, 0.5]])
-    message = range_images.RangeImages().encode_boxes(Detections(boxes, np.array([0.5])))
-    np.testing.assert_allclose(range_images.RangeImages().decode_boxes(message).boxes, boxes, atol=0.01)
+    message = codec.encode_boxes(Detections(boxes, np.array([0.5])), Origin(POLE, 2.5, 11))
+    np.testing.assert_allclose(codec.decode_boxes(message, POLE).boxes, boxes, atol=0.01)
+    header, _ = read_message(message.content)
+    assert (header.sensor, header.number, header.time) == (sensor_number("p"), 11, 2.5)
+    with pytest.raises(ValueError, match="it belongs to another"):
+        codec.decode_boxes(message, sent.sensor)
     assert message.bits == 8 * len(message.content) < 100 * 8
     assert range_images.find_codec("paper") is PAPER
     assert range_images.find_codec("range-images") == range_images.RangeImages(0.02)

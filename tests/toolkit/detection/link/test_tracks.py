@@ -46,6 +46,7 @@ def test_tracks_go_on_by_the_books_filter_or_stay():
     assert tracks._state[0, 2] == pytest.approx(across / (position + p))
     assert tracks._state[0, 0] == pytest.approx(position / (position + p))
     assert tracks._covariance[0, 2, 2] == pytest.approx(v + q * 0.01 - across**2 / (position + p))
+    np.testing.assert_allclose(tracks._covariance[0, 1::2, 1::2], tracks._covariance[0, ::2, ::2])
 
 
 def test_the_nearest_is_joined_once_in_order():
@@ -78,3 +79,40 @@ def test_the_nearest_is_joined_once_in_order():
     tracks = drive(1.0)
     with pytest.raises(ValueError, match=r"got 1\.0 s after 1\.9"):
         tracks.update(cars([[0, 0]]), 1.0)
+
+
+@pytest.mark.parametrize(
+    ("column", "value", "time"),
+    [(0, np.nan, 2.0), (6, np.inf, 2.0), (3, 0.0, 2.0), (5, -1.5, 2.0), (0, 1.0, np.nan), (0, 1.0, np.inf)],
+)
+def test_boxes_and_times_that_are_none_are_refused(column, value, time):
+    tracks = drive(10.0)
+    before, wrong = tracks.at(2.0), cars([[19.0, 0.0]])
+    wrong.boxes[0, column] = value
+    with pytest.raises(ValueError, match=r"finite|positive|order of time"):
+        tracks.update(wrong, time)
+    with pytest.raises(ValueError, match=r"finite|positive|order of time"):
+        Tracks().update(wrong, time)
+    np.testing.assert_array_equal(tracks.at(2.0).boxes, before.boxes)
+
+
+def test_tracks_join_their_label_and_move_at_a_sure_speed():
+    tracks = Tracks()
+    tracks.update(cars([[0, 0], [0.9, 0]], labels=np.array([0, 1])), 0.0)
+    tracks.update(cars([[0.8, 0]], labels=np.array([0])), 0.1)
+    assert tracks._rows.tolist() == [0]
+    assert tracks._state[1, 0] == 0.9
+    tracks._state[0, 2:] = 3.0, 4.0  # a speed of 5 m/s, sure below a deviation of 2.5 m/s
+    for across, along, moved in ((0.1, 6.1, 0.3), (6.1, 0.1, 0.3), (0.1, 6.2, 0.0)):
+        tracks._covariance[0, [2, 3], [2, 3]] = across, along
+        assert tracks.at(0.2).boxes[0, 0] == pytest.approx(0.8 + moved)
+        assert tracks.at(0.2).boxes[0, 1] == pytest.approx(4 / 3 * moved)
+
+
+def test_tracks_and_detections_pair_one_to_one():
+    for before, now, rows in (([[0, 0]], [[0.5, 0], [0.2, 0]], [1, 0]), ([[0.9, 0], [0, 0]], [[0.3, 0]], [1])):
+        tracks = Tracks()
+        tracks.update(cars(before), 0.0)
+        tracks.update(cars(now), 0.1)
+        assert tracks._rows.tolist() == rows
+        assert len(tracks) == 2

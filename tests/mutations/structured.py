@@ -1,0 +1,681 @@
+"""Damage that knows its format: what people, converters and attackers do to a file that still parses.
+
+Units, swapped axes, doubled, misspelt and missing keys, huge counts, aliases, links, deep nesting, times that go back,
+long names, and files of a few kilobytes that unpack to gigabytes. Mutations are those of `mutants`: the content of a
+sound file and a generator in, what was done and the damaged content out.
+"""
+
+import io
+import json
+import re
+import struct
+import zipfile
+from collections.abc import Callable
+from typing import Any
+
+import h5py
+import numpy as np
+from mutants import Mutation
+
+Rng = np.random.Generator
+FACTORS = (1e3, 1e-3, 1e6, 1e9, -1.0, 0.0)
+COUNTS = (10**6, 10**9, 2**31, 2**32 - 1, 2**63, -1)
+NAMES = (
+    "\x1b[2J\x1b]0;owned\x07",
+    "car\u202egpj.exe",
+    "../../../etc/passwd",
+    "/etc/passwd",
+    "=1+1",
+    "x;=1+1",
+    "N" * 10**6,
+)
+TIMES = ("2026-11-23T20:00:00Z", 1.7e18, 1.7e15, 1.7e12, -5, "yesterday")
+
+
+def pick(rng: Rng, some: Any) -> Any:
+    return some[int(rng.integers(len(some)))]
+
+
+# JSON
+
+Place = tuple[Any, Any]  # a list or object, and the index or key within
+
+
+def places(document: Any) -> list[Place]:
+    """Every value in a JSON document."""
+    found, waiting = [], [document]
+    while waiting:
+        holder = waiting.pop()
+        keys = list(holder) if isinstance(holder, dict) else range(len(holder)) if isinstance(holder, list) else ()
+        for key in keys:
+            found.append((holder, key))
+            waiting.append(holder[key])
+    return found
+
+
+def is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def json_change(content: bytes, rng: Rng) -> tuple[str, bytes]:
+    document = json.loads(content)
+    every = places([document])
+    changes: tuple[Callable[[Any, list[Place], Rng], str], ...] = (
+        *(_scale, _scale, _swap, _count, _drop, _misspell, _repeat, _empty, _reverse, _rename, _comma, _time, _deepen),
+        *(_share, _dangle),
+    )
+    what = pick(rng, changes)(document, every, rng)
+    return what, json.dumps(document).encode()
+
+
+def _some(every: list[Place], rng: Rng, kind: Callable[[Any], bool]) -> Place:
+    suitable = [(holder, key) for holder, key in every if kind(holder[key])]
+    return pick(rng, suitable or every)
+
+
+def _alike(every: list[Place], key: Any) -> list[Place]:
+    """The places of that key, or that place in every list of numbers."""
+    return [(holder, k) for holder, k in every if k == key and is_number(holder[k])]
+
+
+def _scale(document: Any, every: list[Place], rng: Rng) -> str:
+    holder, key = _some(every, rng, is_number)
+    factor = pick(rng, FACTORS)
+    chosen = _alike(every, key) if rng.random() < 0.5 else [(holder, key)]
+    for some, k in chosen:
+        some[k] = some[k] * factor if is_number(some[k]) else some[k]
+    return f"{len(chosen)} of {key!r} times {factor:g}"
+
+
+def _swap(document: Any, every: list[Place], rng: Rng) -> str:
+    _, key = _some(every, rng, lambda value: isinstance(value, list) and len(value) > 1 and is_number(value[0]))
+    changed = 0
+    for some, k in every:
+        row = some[k]
+        if k == key and isinstance(row, list) and len(row) > 1:
+            row[0], row[1] = row[1], row[0]
+            changed += 1
+    return f"first two of {changed} {key!r} exchanged"
+
+
+def _count(document: Any, every: list[Place], rng: Rng) -> str:
+    holder, key = _some(every, rng, lambda value: isinstance(value, int) and not isinstance(value, bool))
+    holder[key] = pick(rng, COUNTS)
+    return f"{key!r} is {holder[key]}"
+
+
+def _drop(document: Any, every: list[Place], rng: Rng) -> str:
+    key = pick(rng, [key for holder, key in every if isinstance(holder, dict)] or [0])
+    for holder, k in every:
+        if k == key and isinstance(holder, dict):
+            holder.pop(k, None)
+    return f"every {key!r} is gone"
+
+
+def _misspell(document: Any, every: list[Place], rng: Rng) -> str:
+    holder, key = pick(rng, [each for each in every if isinstance(each[0], dict)] or every)
+    if isinstance(holder, dict):
+        holder[key.swapcase() if rng.random() < 0.5 else f"{key}s"] = holder.pop(key)
+    return f"{key!r} is misspelt"
+
+
+def _repeat(document: Any, every: list[Place], rng: Rng) -> str:
+    holder, key = _some(every, rng, lambda value: isinstance(value, list) and bool(value))
+    times = pick(rng, (2, 1000)) if isinstance(holder[key], list) and len(json.dumps(holder[key])) < 3000 else 2
+    holder[key] = holder[key] * times if isinstance(holder[key], list) else [holder[key]] * times
+    return f"{key!r} is there {times} times"
+
+
+def _empty(document: Any, every: list[Place], rng: Rng) -> str:
+    holder, key = _some(every, rng, lambda value: isinstance(value, list | dict) and bool(value))
+    holder[key] = type(holder[key])()
+    return f"{key!r} is empty"
+
+
+def _reverse(document: Any, every: list[Place], rng: Rng) -> str:
+    holder, key = _some(every, rng, lambda value: isinstance(value, list) and len(value) > 1)
+    holder[key] = holder[key][::-1] if isinstance(holder[key], list) else holder[key]
+    return f"{key!r} runs back"
+
+
+def _rename(document: Any, every: list[Place], rng: Rng) -> str:
+    holder, key = _some(every, rng, lambda value: isinstance(value, str))
+    holder[key] = pick(rng, NAMES)
+    return f"{key!r} is {holder[key][:20]!r}"
+
+
+def _comma(document: Any, every: list[Place], rng: Rng) -> str:
+    _, key = _some(every, rng, is_number)
+    for some, k in _alike(every, key):
+        some[k] = f"{some[k]:.3f}".replace(".", ",")
+    return f"{key!r} with decimal commas"
+
+
+def _time(document: Any, every: list[Place], rng: Rng) -> str:
+    stamps = [(h, k) for h, k in every if isinstance(k, str) and ("time" in k or "stamp" in k)]
+    holder, key = pick(rng, stamps or every)
+    holder[key] = pick(rng, TIMES)
+    return f"{key!r} is {holder[key]!r}"
+
+
+def _deepen(document: Any, every: list[Place], rng: Rng) -> str:
+    holder, key = pick(rng, every)
+    depth, value = pick(rng, (50, 400)), holder[key]
+    for _ in range(depth):
+        value = [value]
+    holder[key] = value
+    return f"{key!r} within {depth} lists"
+
+
+def _share(document: Any, every: list[Place], rng: Rng) -> str:
+    """Two of a list are one and the same, tokens included."""
+    holder, key = _some(every, rng, lambda value: isinstance(value, list) and len(value) > 1)
+    if isinstance(holder[key], list) and len(holder[key]) > 1:
+        holder[key][-1] = holder[key][0]
+    return f"last of {key!r} is the first"
+
+
+def _dangle(document: Any, every: list[Place], rng: Rng) -> str:
+    tokens = [(h, k) for h, k in every if isinstance(k, str) and isinstance(h[k], str) and ("token" in k or "id" in k)]
+    holder, key = pick(rng, tokens or every)
+    holder[key] = "0" * 32
+    return f"{key!r} leads nowhere"
+
+
+def json_doubled(content: bytes, rng: Rng) -> tuple[str, bytes]:
+    """A key of a JSON text is there twice, with two values."""
+    found = list(re.finditer(rb'"(\w+)"\s*:\s*', content))
+    if not found:
+        return "nothing", content
+    key = pick(rng, found)
+    other = pick(rng, (b"null", b"0", b"[]", b'"other"', b"1e9"))
+    where = key.start() if rng.random() < 0.5 else key.end()
+    return f"{key[1]!r} twice", content[: key.start()] + key[0] + other + b"," + content[
+        where if where == key.start() else key.start() :
+    ]
+
+
+STRUCTURED_JSON: tuple[Mutation, ...] = (*[json_change] * 9, json_doubled)
+
+
+# Texts of lines and columns, YAML, XML, TOML
+
+_NUMBER = re.compile(r"-?\d+\.?\d*(?:[eE][-+]?\d+)?")
+
+
+def text_change(content: bytes, rng: Rng) -> tuple[str, bytes]:
+    text = content.decode(errors="replace")
+    lines = text.splitlines()
+    k = int(rng.integers(len(lines))) if lines else 0
+    changes: dict[str, Callable[[], str | bytes]] = {
+        "decimal commas": lambda: re.sub(r"(\d)\.(\d)", r"\1,\2", text),
+        "a word among the numbers": lambda: _on_number(text, rng, lambda number: "hello"),
+        "a number times 1000": lambda: _on_number(text, rng, lambda number: f"{float(number) * 1000:g}"),
+        "a column times 1000": lambda: "\n".join(_scaled_column(line, k % 4) for line in lines),
+        "two columns exchanged": lambda: "\n".join(_swapped_columns(line) for line in lines),
+        "a line of a million characters": lambda: "\n".join([*lines[:k], "#" + "x" * 10**6, *lines[k:]]),
+        "a comment of 2,000 characters": lambda: "\n".join([*lines[:1], "comment " + "x" * 2000, *lines[1:]]),
+        "a million empty lines": lambda: text + "\n" * 10**6,
+        "in UTF-16": lambda: text.encode("utf-16"),
+        "with CR alone": lambda: text.replace("\n", "\r"),
+        "with a zero byte": lambda: text[: len(text) // 2] + "\0" + text[len(text) // 2 :],
+        "backwards": lambda: "\n".join(lines[::-1]),
+        "twice": lambda: f"{text}\n{text}",
+        "with semicolons": lambda: re.sub(r"[ ,\t]+", ";", text),
+        "a row too long": lambda: "\n".join([*lines[:k], f"{lines[k] if lines else ''} 7 7 7", *lines[k + 1 :]]),
+        "a row too short": lambda: "\n".join([*lines[:k], " ".join((lines or [""])[k].split()[:-1]), *lines[k + 1 :]]),
+        "a terminal's escape": lambda: "\n".join([*lines[:k], "\x1b[2J\x1b]0;owned\x07\u202e", *lines[k:]]),
+    }
+    what = pick(rng, list(changes))
+    made = changes[what]()
+    return what, made if isinstance(made, bytes) else made.encode(errors="replace")
+
+
+def _on_number(text: str, rng: Rng, change: Callable[[str], str]) -> str:
+    found = list(_NUMBER.finditer(text))
+    if not found:
+        return text
+    number = pick(rng, found)
+    return text[: number.start()] + change(number[0]) + text[number.end() :]
+
+
+def _scaled_column(line: str, column: int) -> str:
+    words = line.split()
+    if len(words) > column and _NUMBER.fullmatch(words[column]):
+        words[column] = f"{float(words[column]) * 1000:g}"
+    return " ".join(words)
+
+
+def _swapped_columns(line: str) -> str:
+    words = line.split()
+    return " ".join([words[1], words[0], *words[2:]]) if len(words) > 2 else line
+
+
+def yaml_change(content: bytes, rng: Rng) -> tuple[str, bytes]:
+    text = content.decode(errors="replace")
+    bomb = "a0: &a0 [x,x,x,x,x,x,x,x,x]\n" + "".join(
+        f"a{k}: &a{k} [{','.join([f'*a{k - 1}'] * 9)}]\n" for k in range(1, 12)
+    )
+    keys = re.findall(r"^\s*([\w]+):", text, re.M) or ["a"]
+    key = pick(rng, keys)
+    changes = {
+        "aliases that unfold to gigabytes": bomb + text,
+        "aliases in place of values": bomb + re.sub(rf"^(\s*{key}:).*", r"\1 *a11", text, flags=re.M),
+        "merged with itself": f"base: &base\n  <<: *base\n{text}",
+        "nested 5,000 deep": f"{text}\nmore: {'[' * 5000}{']' * 5000}\n",
+        "a Python object": f"{text}\nmore: !!python/object/apply:os.system ['true']\n",
+        f"{key} twice": f"{text}\n{key}: 1\n",
+        f"{key} without value": re.sub(rf"^(\s*{key}:).*", r"\1", text, flags=re.M),
+        f"{key} is a date": re.sub(rf"^(\s*{key}:).*", r"\1 2026-11-23", text, flags=re.M),
+        f"{key} is a name of a megabyte": re.sub(rf"^(\s*{key}:).*", rf"\1 {'N' * 10**6}", text, flags=re.M),
+        "a whole number of 5,000 digits": re.sub(r"\d+", "9" * 5000, text, count=1),
+        "an integer in base 60": re.sub(r"\d+\.?\d*", "1:30:00", text, count=1),
+    }
+    what = pick(rng, list(changes))
+    return what, changes[what].encode()
+
+
+STRUCTURED_TEXT: tuple[Mutation, ...] = (text_change,)
+STRUCTURED_YAML: tuple[Mutation, ...] = (yaml_change, yaml_change, text_change)
+
+
+def xml_change(content: bytes, rng: Rng) -> tuple[str, bytes]:
+    text = content.decode(errors="replace")
+    attributes = list(re.finditer(r'\b([\w:]+)="([^"]*)"', text))
+    chosen = pick(rng, attributes)
+    name, value = chosen[1], chosen[2]
+
+    def put(other: str) -> str:
+        return text[: chosen.start(2)] + other + text[chosen.end(2) :]
+
+    def put_all(change: Callable[[float], float]) -> str:
+        return re.sub(rf'\b{name}="(-?[\d.]+)"', lambda found: f'{name}="{change(_float(found[1]))!r}"', text)
+
+    head, body = text.split("\n", 1) if "\n" in text else ("", text)
+    entities = "".join(f'<!ENTITY e{k} "{f"&e{k - 1};" * 10}">' for k in range(1, 10))
+    changes: dict[str, Callable[[], str]] = {
+        f"every {name} times 1000": lambda: put_all(lambda value: value * 1000),
+        f"every {name} times -1": lambda: put_all(lambda value: -value),
+        f"{name} is -10": lambda: put("-10"),
+        f"{name} is 1e308": lambda: put("1e308"),
+        f"{name} is 1e-9": lambda: put("1e-9"),
+        f"{name} is nan": lambda: put("nan"),
+        f"{name} has 400 digits": lambda: put("9" * 400),
+        f"{name} has a decimal comma": lambda: put(value.replace(".", ",")),
+        f"{name} has a unit": lambda: put(f"{value} ft"),
+        f"{name} escapes": lambda: put("&#x202e;../../etc"),
+        f"{name} of a megabyte": lambda: put("N" * 10**6),
+        f"{name} is another's": lambda: put(pick(rng, attributes)[2]),
+        f"no {name}": lambda: re.sub(rf'\s\b{name}="[^"]*"', "", text),
+        f"{name} twice": lambda: text[: chosen.end()] + " " + chosen[0] + text[chosen.end() :],
+        "entities that unfold to gigabytes": lambda: (
+            f'{head}<!DOCTYPE x [<!ENTITY e0 "lol">{entities}]>\n' + body.replace(chosen[0], f'{name}="&e9;"', 1)
+        ),
+        "an entity of a file": lambda: f'{head}<!DOCTYPE x [<!ENTITY e SYSTEM "file:///etc/passwd">]>\n{body}',
+        "a comment of a megabyte": lambda: f"{head}\n<!--{'- ' * 500000}-->\n{body}",
+        "a comment that does not end": lambda: f"{head}\n<!--{'<' * 10**6}\n{body}",
+        "nested 100,000 deep": lambda: re.sub(r"(</\w+>\s*)$", "<a>" * 10**5 + "</a>" * 10**5 + r"\1", text),
+        "its elements 300 times": lambda: re.sub(
+            r"(<(?:way|object)\b.*?</(?:way|object)>)", lambda m: m[1] * 300, text, count=1, flags=re.S
+        ),
+    }
+    what = pick(rng, list(changes))
+    return what, changes[what]().encode(errors="replace")
+
+
+def _float(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return 0.0
+
+
+STRUCTURED_XML: tuple[Mutation, ...] = (xml_change,)
+
+
+def toml_change(content: bytes, rng: Rng) -> tuple[str, bytes]:
+    text = content.decode()
+    pairs = list(re.finditer(r"^(\w+) = (.*)$", text, re.M))
+    pair = pick(rng, pairs)
+    values = (
+        "1000000",
+        "1e9",
+        "-1",
+        "0",
+        "nan",
+        "inf",
+        '""',
+        '"\\u202e"',
+        "[]",
+        "true",
+        "2026-11-23",
+        "0x7fffffffffffffff",
+        "9" * 400,
+    )
+    value = pick(rng, (*values, '"' + "N" * 10**6 + '"', "[" * 3000 + "]" * 3000))
+    changes = {
+        f"{pair[1]} is {value[:20]}": text[: pair.start(2)] + value + text[pair.end(2) :],
+        f"no {pair[1]}": text[: pair.start()] + text[pair.end() :],
+        f"{pair[1]} twice": text[: pair.end()] + "\n" + pair[0] + text[pair.end() :],
+        f"{pair[1]} is misspelt": text[: pair.end(1)] + "s" + text[pair.end(1) :],
+        "a key of 30,000 dots": f"{'.'.join('a' * 30000)} = 1\n{text}",
+        "a table 30,000 deep": f"{text}\n[{'.'.join('a' * 30000)}]\n",
+        "itself again 300 times": text
+        + "\n".join(text.replace('name = "', f'name = "{k}').split("\n\n", 1)[-1] for k in range(300)),
+        "values of every number times 1000": re.sub(
+            r"= (\d+\.?\d*)$", lambda found: f"= {float(found[1]) * 1000:g}", text, flags=re.M
+        ),
+    }
+    what = pick(rng, list(changes))
+    return what, changes[what].encode()
+
+
+STRUCTURED_TOML: tuple[Mutation, ...] = (toml_change, toml_change, text_change)
+
+
+# Clouds and meshes
+
+
+def ply_change(content: bytes, rng: Rng) -> tuple[str, bytes]:
+    end = content.index(b"end_header")
+    lines, body = content[:end].decode().splitlines(), content[end:]
+    vertex = next(i for i, line in enumerate(lines) if line.startswith("element vertex"))
+    properties = [i for i, line in enumerate(lines) if line.startswith("property")]
+    k = pick(rng, properties)
+    kinds = ("char", "uchar", "short", "ushort", "int", "uint", "float", "double", "list uchar int", "half", "float128")
+    changes: dict[str, list[str]] = {
+        "a comment of 2,000 characters": [*lines[:2], "comment " + "x" * 2000, *lines[2:]],
+        "a name of 2,000 characters": [*lines[:k], f"{lines[k]}{'x' * 2000}", *lines[k + 1 :]],
+        "an element before the points": [*lines[:vertex], "element camera 1", "property float fx", *lines[vertex:]],
+        "an empty element before": [*lines[:vertex], "element camera 0", "property float fx", *lines[vertex:]],
+        "an element of lists before": [
+            *lines[:vertex],
+            "element face 1",
+            "property list uchar int vertex_indices",
+            *lines[vertex:],
+        ],
+        "an element after": [*lines, "element face 3", "property list uchar int vertex_indices"],
+        "a type changed": [*lines[:k], f"property {pick(rng, kinds)} {lines[k].split()[-1]}", *lines[k + 1 :]],
+        "a property twice": [*lines[: k + 1], lines[k], *lines[k + 1 :]],
+        "a property gone": [*lines[:k], *lines[k + 1 :]],
+        "the other order of bytes": [line.replace("little", "big") for line in lines],
+        "the other format": [
+            re.sub(r"^format \w+", "format ascii" if "binary" in line else "format binary_little_endian", line)
+            for line in lines
+        ],
+        **{
+            f"{n} points": [*lines[:vertex], f"element vertex {n}", *lines[vertex + 1 :]]
+            for n in (*COUNTS, 0, 3, "many")
+        },
+        "points twice": [*lines, *lines[vertex : properties[-1] + 1]],
+    }
+    what = pick(rng, list(changes))
+    return what, "\n".join(changes[what]).encode() + b"\n" + body
+
+
+def pcd_change(content: bytes, rng: Rng) -> tuple[str, bytes]:
+    end = content.index(b"DATA")
+    lines, body = content[:end].decode().splitlines(), content[end:]
+    k = pick(
+        rng,
+        [
+            i
+            for i, line in enumerate(lines)
+            if line.split()[0] in ("FIELDS", "SIZE", "TYPE", "COUNT", "WIDTH", "HEIGHT", "POINTS", "VIEWPOINT")
+        ],
+    )
+    words = lines[k].split()
+    j = int(rng.integers(1, len(words)))
+    others = ("0", "-1", "3", "8", "3000000", "4294967295", str(2**62), "x", "F", "U", "I", "nan", "1e9", "N" * 100000)
+    if rng.random() < 0.2 and b"binary_compressed" in body[:30]:
+        at = body.index(b"\n") + 1
+        sizes = struct.pack("<II", int(pick(rng, (0, 10, 2**31, 2**32 - 1))), int(pick(rng, (0, 10, 2**31, 2**32 - 1))))
+        return "sizes of the packed points changed", content[:end] + body[:at] + sizes + body[at + 8 :]
+    what = pick(rng, ("other", "gone", "doubled", "swapped", "row"))
+    if what == "other":
+        words[j] = pick(rng, others)
+    elif what == "gone":
+        del words[j]
+    elif what == "doubled":
+        words.insert(j, words[j])
+    elif what == "swapped":
+        words[j], words[1] = words[1], words[j]
+    lines[k : k + 1] = [] if what == "row" else [" ".join(words)]
+    return f"{words[0]} {j} {what} {words[min(j, len(words) - 1)][:20]}", "\n".join(lines).encode() + b"\n" + body
+
+
+def npy_bytes(array: np.ndarray, **header: Any) -> bytes:
+    """As NumPy writes it, with another header where given."""
+    stream = io.BytesIO()
+    usual = {"descr": array.dtype.str, "fortran_order": False, "shape": array.shape}
+    np.lib.format.write_array_header_1_0(stream, {**usual, **header})
+    return stream.getvalue() + array.tobytes()
+
+
+def _headers(rng: Rng) -> dict[str, Any]:
+    return pick(
+        rng,
+        (
+            *({"shape": (n, 3)} for n in (10**6, 10**9, 10**12, 2**62)),
+            *({"shape": (0, 3)}, {"shape": (3, 200)}, {"shape": (600,)}, {"shape": ()}, {"shape": (1, 200, 3)}),
+            *(
+                {"fortran_order": True},
+                {"descr": ">f4"},
+                {"descr": "<f2"},
+                {"descr": "<f8"},
+                {"descr": "<c8"},
+                {"descr": "|O"},
+            ),
+            *({"descr": "|V4"}, {"descr": "<U1"}, {"descr": "|b1"}, {"descr": "<M8[s]"}, {"descr": [("x", "<f4")]}),
+        ),
+    )
+
+
+def npy_change(content: bytes, rng: Rng) -> tuple[str, bytes]:
+    array, header = np.load(io.BytesIO(content)), _headers(rng)
+    if rng.random() < 0.3:
+        factor = pick(rng, (1e3, 1e6, 1e30, np.nan))
+        return f"times {factor:g}", npy_bytes((array * factor).astype(array.dtype))
+    return f"header {header}", npy_bytes(array, **header)
+
+
+def npz_change(content: bytes, rng: Rng) -> tuple[str, bytes]:
+    """One entry of an archive is something else, unfolds to gigabytes, or is there twice."""
+    with np.load(io.BytesIO(content)) as file:
+        arrays = {name: npy_bytes(file[name]) for name in file.files}
+        name = pick(rng, list(arrays))
+        array = file[name]
+    header, stream, extra = _headers(rng), io.BytesIO(), {}
+    changes: dict[str, Callable[[], bytes]] = {
+        "no array": lambda: b"a text",
+        "a pickle": lambda: b"\x80\x04N.",
+        "nothing": lambda: b"",
+        f"of header {header}": lambda: npy_bytes(array, **header),
+        "six gigabytes of zeros": lambda: b"",
+        "times 1000": lambda: npy_bytes(np.asarray(array * 1000)),
+        "one row less": lambda: npy_bytes(array[:-1] if array.ndim else array),
+        "of texts": lambda: npy_bytes(np.full(array.shape, "x")),
+    }
+    what = pick(rng, list(changes))
+    arrays[name] = changes[what]()
+    if rng.random() < 0.2:
+        extra[pick(rng, ("../up", "/root/x", "N" * 60000, "positions.npy", "\u202e"))] = npy_bytes(np.zeros(3))
+    with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as made:
+        for each, body in {**arrays, **extra}.items():
+            if what.startswith("six") and each == name:
+                _write_zeros(made, f"{each}.npy", array)
+            else:
+                made.writestr(f"{each}.npy", body)
+    return f"{name} is {what}{' beside ' + next(iter(extra))[:10] if extra else ''}", stream.getvalue()
+
+
+def _write_zeros(archive: zipfile.ZipFile, name: str, array: np.ndarray, size: int = 3 << 30) -> None:
+    width = max(1, int(np.prod(array.shape[1:], dtype=int))) * array.dtype.itemsize
+    header = npy_bytes(array[:0] if array.ndim else np.zeros(0), shape=(size // width, *array.shape[1:]))
+    with archive.open(name, "w", force_zip64=True) as file:
+        file.write(header)
+        for _ in range(size // (1 << 24)):
+            file.write(bytes(1 << 24))
+
+
+def feather_change(content: bytes, rng: Rng) -> tuple[str, bytes]:
+    import pyarrow
+    from pyarrow import feather
+
+    table = feather.read_table(io.BytesIO(content))
+    name = pick(rng, table.column_names)
+    index, column = table.column_names.index(name), table[name].combine_chunks()
+    numeric = pyarrow.types.is_floating(column.type) or pyarrow.types.is_integer(column.type)
+    values = column.to_numpy(zero_copy_only=False)
+    others: dict[str, Callable[[], Any]] = {
+        "texts": lambda: pyarrow.array([str(value) for value in values]),
+        "nulls": lambda: pyarrow.nulls(len(values), column.type),
+        "lists": lambda: pyarrow.array([[1.0]] * len(values)),
+        "backwards": lambda: column[::-1] if hasattr(column, "__getitem__") else column,
+        "times 1000": lambda: pyarrow.array(values * 1000 if numeric else values),
+        "nan": lambda: pyarrow.array(np.full(len(values), np.nan)),
+        "huge": lambda: pyarrow.array(np.full(len(values), 2**62)),
+        "a dictionary": lambda: pyarrow.array(["a"] * len(values)).dictionary_encode(),
+        "moments": lambda: pyarrow.array(np.arange(len(values)), pyarrow.timestamp("us")),
+    }
+    what, stream = pick(rng, (*others, "gone", "doubled", "four gigabytes", "empty")), io.BytesIO()
+    if what in others:
+        table = table.set_column(index, name, others[what]())
+    elif what == "gone":
+        table = table.drop_columns([name])
+    elif what == "doubled":
+        table = table.append_column(name, column)
+    elif what == "empty":
+        table = table.slice(0, 0)
+    else:
+        zeros = pyarrow.RecordBatch.from_arrays(
+            [pyarrow.array(np.zeros(1 << 22, np.float32)).cast(pyarrow.float32())] * len(table.column_names),
+            names=table.column_names,
+        )
+        options = pyarrow.ipc.IpcWriteOptions(compression="zstd")
+        with pyarrow.ipc.new_file(stream, zeros.schema, options=options) as writer:
+            for _ in range(max(1, 256 // len(table.column_names))):
+                writer.write_batch(zeros)
+        return f"{what} of {name}", stream.getvalue()
+    feather.write_feather(table, stream, compression="uncompressed")
+    return f"{name}: {what}", stream.getvalue()
+
+
+def bin_change(content: bytes, rng: Rng) -> tuple[str, bytes]:
+    rows = np.frombuffer(content[: len(content) // 16 * 16], "<f4").reshape(-1, 4)
+    changes = {
+        "of doubles": rows.astype("<f8"),
+        "of the other order of bytes": rows.astype(">f4"),
+        "of three columns": rows[:, :3],
+        "of five columns": np.column_stack([rows, rows[:, 0]]),
+        "in millimetres": rows * np.float32(1000),
+        "of whole numbers": rows.astype("<i4"),
+        "of zeros": rows * 0,
+    }
+    what = pick(rng, list(changes))
+    return what, np.ascontiguousarray(changes[what]).tobytes()
+
+
+def glb_change(content: bytes, rng: Rng) -> tuple[str, bytes]:
+    """A binary glTF whose JSON says something else."""
+    (length,) = struct.unpack("<I", content[12:16])
+    what, text = json_change(content[20 : 20 + length], rng)
+    text += b" " * (-len(text) % 4)
+    rest = content[20 + length :]
+    head = b"glTF" + struct.pack("<II", 2, 20 + len(text) + len(rest))
+    return what, head + struct.pack("<I", len(text)) + b"JSON" + text + rest
+
+
+def stl_change(content: bytes, rng: Rng) -> tuple[str, bytes]:
+    count = pick(rng, (0, 1, 10**6, 2**32 - 1))
+    return f"{count} faces", content[:80] + struct.pack("<I", count) + content[84:]
+
+
+# HDF5
+
+
+def hdf5_change(content: bytes, rng: Rng) -> tuple[str, bytes]:
+    """An HDF5 file of other units, axes, times or names, with links out of it or declared far larger than it is."""
+    stream = io.BytesIO(content)
+    with h5py.File(stream, "r+") as file:
+        datasets: list[str] = []
+        file.visititems(lambda name, node: datasets.append(name) if isinstance(node, h5py.Dataset) else None)
+        name = pick(rng, datasets)
+        was, attributes = file[name], dict(file[name].attrs)
+        values, what = was[()], ""
+        if isinstance(values, bytes):
+            what, text = _changed_text(values, rng)
+            del file[name]
+            file[name] = text
+            return f"{name}: {what}", _closed(file, stream)
+        what = pick(
+            rng, ("units", "axes", "back", "doubled", "external", "storage", "virtual", "bomb", "names", "same")
+        )
+        numeric = np.issubdtype(values.dtype, np.number)
+        del file[name]
+        if what == "units" and numeric:
+            factor = pick(rng, FACTORS)
+            with np.errstate(all="ignore"):
+                file[name] = (values * factor).astype(values.dtype)
+            what = f"times {factor:g}"
+        elif what == "axes" and values.ndim and values.shape[-1] > 1:
+            file[name] = values[..., [1, 0, *range(2, values.shape[-1])]]
+        elif what == "back" and values.ndim:
+            file[name] = values[::-1]
+        elif what == "doubled" and values.ndim:
+            file[name] = np.repeat(values, 2, axis=0)
+        elif what == "same" and values.ndim and len(values):
+            file[name] = np.repeat(values[:1], len(values), axis=0)
+        elif what == "external":
+            file[name] = h5py.ExternalLink("/etc/hostname", "/there")
+        elif what == "storage" and numeric:
+            file.create_dataset(name, was.shape, was.dtype, external=[("/etc/passwd", 0, h5py.h5f.UNLIMITED)])
+        elif what == "virtual" and numeric and values.ndim:
+            layout = h5py.VirtualLayout(was.shape, was.dtype)
+            layout[...] = h5py.VirtualSource("/etc/passwd", "x", was.shape)
+            file.create_virtual_dataset(name, layout)
+        elif what == "bomb" and numeric:
+            shape = (10**8 // max(1, int(np.prod(was.shape[1:]))) * 8, *was.shape[1:]) if was.ndim else (10**9,)
+            file.create_dataset(name, shape, was.dtype, chunks=True, compression="gzip")
+        else:
+            file[name] = (
+                np.full(values.shape, pick(rng, NAMES)[:2000].encode(), "S2000") if values.size < 2000 else values[:0]
+            )
+            what = "names"
+        if isinstance(file.get(name, getlink=True), h5py.HardLink):
+            file[name].attrs.update(attributes)
+        return f"{name}: {what}", _closed(file, stream)
+
+
+def _closed(file: h5py.File, stream: io.BytesIO) -> bytes:
+    file.close()
+    return stream.getvalue()
+
+
+def _changed_text(values: bytes, rng: Rng) -> tuple[str, bytes]:
+    try:
+        document = json.loads(values)
+    except ValueError:
+        return "another name", pick(rng, NAMES)[:5000].encode()
+    return json_change(values, rng) if isinstance(document, dict | list) else ("number", b"9" * 400)
+
+
+STRUCTURED_HDF5: tuple[Mutation, ...] = (hdf5_change,)
+
+
+def osm_gz_change(content: bytes, rng: Rng) -> tuple[str, bytes]:
+    """A packed map that unfolds to a comment or a map of gigabytes, or one whose text is changed."""
+    import gzip
+
+    text = gzip.decompress(content)
+    if rng.random() < 0.6:
+        what, changed = xml_change(text, rng)
+        return what, gzip.compress(changed)
+    head, body = text.split(b"\n", 1)
+    stream, filling = io.BytesIO(), pick(rng, (b"-", b"<", b" ", b"\n"))
+    with gzip.GzipFile(fileobj=stream, mode="w") as file:
+        file.write(head + b"\n<!--")
+        for _ in range(pick(rng, (1, 15, 3000))):
+            file.write(filling * (1 << 20))
+        file.write(b"-->\n" + body)
+    return f"a comment of {filling!r}", stream.getvalue()
