@@ -305,6 +305,8 @@ def find_impossible(samples: Sequence[Frame]) -> Iterator[Finding]:
     """Find labels that cannot be, as reading counted them, and times that cannot follow each other."""
     problems = sum((Counter(each.problems) for each in samples), Counter[str]())
     total = sum(len(each.objects) for each in samples)
+    if all(len(each.objects) for each in samples):
+        problems.pop(records.STRAY, None)  # a part of a recording beside the labels of all of it
     for kind, remedy in _REMEDIES.items():
         if problems[kind]:
             yield Finding("error", "labels", kind, f"{problems[kind]}, beside {total} labels that are read", remedy)
