@@ -2,9 +2,10 @@
 
 Point features are poles, and so is every point of a MultiPoint; several in one feature are numbered from 1. Properties,
 all optional: name, height or max_height and min_height (m above the foot), price (in units of one ordinary mount),
-capacity_kbit (of the link, per frame). Polygons and multipolygons with `keep_out: true` or `kind: "keep_out"` are
-keep-out areas. Other geometries are ignored; other properties too, with a warning that names them and what they may
-mean. Sensors and parking bays of files that coview wrote (`layer`) are no poles.
+capacity_kbit (of the link, per frame), origin (surveyed, mapped or drawn; surveyed when left out). Polygons and
+multipolygons with `keep_out: true` or `kind: "keep_out"` are keep-out areas. Other geometries are ignored; other
+properties too, with a warning that names them and what they may mean. Sensors and parking bays of files that coview
+wrote (`layer`) are no poles.
 
 Coordinates are longitude and latitude (RFC 7946, WGS84); altitude is ignored, as poles stand on the ground of the site.
 A collection with the member `coview_site`, such as a saved site, is in the site's metres, z that of the foot.
@@ -45,7 +46,7 @@ UNDERSTOOD = {
     "max_sensors": "max_sensors (that the pole may carry)",
     "keep_out": "keep_out (true or false, of a polygon)",
 }
-SILENT = {"capacity", "kind", "layer", "used"}  # understood, or written by coview itself
+SILENT = {"capacity", "kind", "origin", "layer", "used"}  # understood, or written by coview itself
 WORDS = {
     "min_height": ("min", "minimum", "lowest"),
     "max_height": ("max", "maximum", "highest"),
@@ -196,9 +197,9 @@ def _mount(properties: Json, name: str, foot: Float64[np.ndarray, "3"], where: s
     top = number(8.0, "max_height", "height")
     heights = number(min(3.0, top), "min_height"), top
     price, capacity = number(1.0, "price"), number(2000.0, "capacity_kbit", "capacity")
-    sensors = number(1.0, "max_sensors")
+    sensors, origin = number(1.0, "max_sensors"), properties.get("origin", "surveyed")
     try:
-        return Mount(name, foot, *heights, price, capacity, sensors)  # type: ignore[arg-type]  # checked there
+        return Mount(name, foot, *heights, price, capacity, sensors, origin)  # type: ignore[arg-type]  # checked there
     except ValueError as error:
         raise ValueError(f"{where} (pole {name!r}): {error}") from None
 

@@ -30,6 +30,7 @@ SOLID = {  # by kind, lowest solid first
 }
 OTHER_SOLID = "#9a958c"
 POLE_INK = "#1a1a1a"
+DRAWN_INK, DRAWN_HATCH = "#a05a9c", "//////"  # over solids that coview drew
 BLIND = {"lanes": "#b3001b", "footways": "#e8853a", "elsewhere": "#f6cfa0"}  # darker where blindness matters more
 
 PlotStyle = dict[str, Any]  # keyword arguments of matplotlib

@@ -21,6 +21,8 @@ from toolkit.objects import LABELS, Detections, Objects
 from toolkit.plots.canvas import add_legend, blank_figure, house_style, plain, shorten, write_figure
 from toolkit.plots.palette import (
     CLASS,
+    DRAWN_HATCH,
+    DRAWN_INK,
     GROUND,
     INK,
     OTHER_SOLID,
@@ -119,6 +121,15 @@ def draw_ground(axes: Axes, site: Site) -> None:
         by_kind[solid.kind if solid.kind in SOLID else "other"].append(shapely.Polygon(solid.footprint))
     for rank, (kind, shapes) in enumerate(by_kind.items()):
         fill_polygons(axes, shapes, SOLID.get(kind, OTHER_SOLID), order=1.5 + 0.01 * rank)
+    drawn = shapely.union_all([shapely.Polygon(solid.footprint) for solid in _drawn_solids(site)])
+    for part in shapely.get_parts(drawn):
+        hatched: PlotStyle = {"hatch": DRAWN_HATCH, "facecolor": "none", "edgecolor": DRAWN_INK, "linewidth": 0.0}
+        axes.fill(*shapely.get_coordinates(part.exterior).T, zorder=1.6, **hatched)
+
+
+def _drawn_solids(site: Site) -> list[Solid]:
+    """Solids that maps hatch: drawn ones, unless the whole site is drawn."""
+    return [s for s in site.solids if s.origin == "drawn" and s.kind != "trunk" and site.road_origin != "drawn"]
 
 
 def fill_polygons(
@@ -465,6 +476,9 @@ def ground_entries(site: Site) -> list[Entry]:
     )
     edge: PlotStyle = {"edgecolor": "#b0b0b0", "linewidth": 0.5}
     entries = [(Patch(facecolor=colour, **edge), name) for name, colour, some in there if some]
+    if _drawn_solids(site):
+        hatched = Patch(facecolor="white", hatch=DRAWN_HATCH, edgecolor=DRAWN_INK, linewidth=0.5)
+        entries.append((hatched, "drawn, in no map"))
     return [(Line2D([], [], color=INK, linewidth=1.1, dashes=(8, 2, 2, 2)), "detection area"), *entries]
 
 

@@ -3,6 +3,9 @@
 The file has one Feature per polygon, mount, sensor and bay; everything else is a foreign member of the collection.
 Coordinates are local metres of the site frame, so a GIS tool shows the plan at the right scale but not at its place on
 earth; `map_SE3_site` and `geo_reference` say where that is. Polygons are closed rings without holes; angles degrees.
+
+Solids, mounts and bays have an `origin`, and the road a `road_origin`: mapped, surveyed or drawn. What does not say its
+origin is mapped. Files from before there were origins say none, so what an import drew into them counts as mapped.
 """
 
 from __future__ import annotations
@@ -22,7 +25,7 @@ from toolkit.runtime.files import name_errors, read_json, write_text
 from toolkit.sensors.models import class_names, find_model_class, make_model
 from toolkit.sensors.sensor import Sensor, SensorModel, find_angles
 from toolkit.sites import BUILT_IN
-from toolkit.sites.site import HYBRID_RADIUS, Mount, Relief, Site, Solid, check_polygon
+from toolkit.sites.site import HYBRID_RADIUS, ORIGINS, Mount, Relief, Site, Solid, check_polygon
 
 
 def load_site(name_or_path: str | Path) -> Site:
@@ -58,13 +61,16 @@ def document(site: Site) -> Json:
         _polygon([[xmin, ymin], [xmax, ymin], [xmax, ymax], [xmin, ymax]], layer="area"),
         *(_polygon(lane.tolist(), layer="lane") for lane in site.lanes),
         *(_polygon(footway.tolist(), layer="footway") for footway in site.footways),
-        *(_polygon(s.footprint.tolist(), layer="solid", kind=s.kind, base=s.base, top=s.top) for s in site.solids),
-        *(_point([x, y], layer="parking", heading_deg=_degrees(yaw)) for x, y, yaw in site.parking.tolist()),
+        *(_polygon(s.footprint.tolist(), layer="solid", **_solid(s)) for s in site.solids),
+        *(
+            _point([x, y], layer="parking", heading_deg=_degrees(yaw), **_origin(origin))
+            for (x, y, yaw), origin in zip(site.parking.tolist(), site.bay_origins, strict=True)
+        ),
     ]
     for mount in site.mounts:
-        left_out = ("position",) if mount.max_sensors > 1 else ("position", "max_sensors")
+        left_out = ("position", "origin") if mount.max_sensors > 1 else ("position", "origin", "max_sensors")
         rest = {f.name: getattr(mount, f.name) for f in fields(mount) if f.name not in left_out}
-        features.append(_point(mount.position.tolist(), layer="mount", **rest))
+        features.append(_point(mount.position.tolist(), layer="mount", **rest, **_origin(mount.origin)))
     for s in site.sensors:
         described = {**_attitude(s), "model": {"type": type(s.model).__name__, **_format_model(s.model)}}
         features.append(_point(s.position.tolist(), layer="sensor", name=s.name, **described))
@@ -78,6 +84,8 @@ def document(site: Site) -> Json:
         "relief": relief if site.relief.slope == LEVEL else {**relief, "slope": list(site.relief.slope)},
         "map_SE3_site": site.map_SE3_site.tolist(),
         "geo_reference": site.geo_reference,
+        **({} if site.road_origin == "mapped" else {"road_origin": site.road_origin}),
+        **({} if site.furnished == "none" else {"furnished": site.furnished}),
         "features": features,
         "network": site.network.splitlines() or None,
     }
@@ -175,7 +183,10 @@ def parse(collection: JsonValue) -> Site:
         solids=tuple(layers["solid"]),
         mounts=tuple(layers["mount"]),
         sensors=tuple(layers["sensor"]),
-        parking=np.array(layers["parking"], np.float64).reshape(-1, 3),
+        parking=np.array([bay for bay, _ in layers["parking"]], np.float64).reshape(-1, 3),
+        parking_origins=tuple(origin for _, origin in layers["parking"]),
+        road_origin=root.get("road_origin", str) if "road_origin" in collection else "mapped",
+        furnished=root.get("furnished", str) if "furnished" in collection else "none",
         network="".join(f"{line}\n" for line in lines),
         map_SE3_site=matrix,
         geo_reference=geo_reference,
@@ -221,21 +232,28 @@ def _read_area(geometry: _Node, properties: _Node) -> Float64[np.ndarray, "4"]:
 def _read_solid(geometry: _Node, properties: _Node) -> Solid:
     footprint = _read_ring(geometry, properties)
     base, top = properties.number("base"), properties.number("top")
-    kind = properties.get("kind", str)
+    kind, origin = properties.get("kind", str), _read_origin(properties)
     with name_errors(properties.path):
-        return Solid(footprint, base, top, kind)
+        return Solid(footprint, base, top, kind, origin)
 
 
-def _read_parking(geometry: _Node, properties: _Node) -> tuple[float, float, float]:
+def _read_parking(geometry: _Node, properties: _Node) -> tuple[tuple[float, float, float], str]:
     x, y = geometry.numbers("coordinates", 2)
-    return x, y, float(np.deg2rad(properties.number("heading_deg")))
+    return (x, y, float(np.deg2rad(properties.number("heading_deg")))), _read_origin(properties)
+
+
+def _read_origin(properties: _Node) -> str:
+    origin: str = properties.get("origin", str) if "origin" in properties.value else "mapped"
+    if origin not in ORIGINS:
+        raise ValueError(f"{properties.where('origin')} must be one of {', '.join(ORIGINS)}, got {origin[:60]!r}")
+    return origin
 
 
 def _read_mount(geometry: _Node, properties: _Node) -> Mount:
     position, name = np.array(geometry.numbers("coordinates", 3)), properties.get("name", str)
-    numbers: Json = {key: properties.number(key) for key in properties.value if key not in ("layer", "name")}
+    numbers: Json = {key: properties.number(key) for key in properties.value if key not in ("layer", "name", "origin")}
     with name_errors(properties.path):
-        return Mount(name, position, **numbers)
+        return Mount(name, position, origin=_read_origin(properties), **numbers)
 
 
 def _read_sensor(geometry: _Node, properties: _Node) -> Sensor:
@@ -276,11 +294,19 @@ _READERS: Mapping[str, tuple[str, Callable[[_Node, _Node], JsonValue], tuple[str
     "area": ("Polygon", _read_area, ()),
     "lane": ("Polygon", _read_ring, ()),
     "footway": ("Polygon", _read_ring, ()),
-    "solid": ("Polygon", _read_solid, ("kind", "base", "top")),
-    "parking": ("Point", _read_parking, ("heading_deg",)),
-    "mount": ("Point", _read_mount, ("name", "min_height", "max_height", "price", "capacity", "max_sensors")),
+    "solid": ("Polygon", _read_solid, ("kind", "base", "top", "origin")),
+    "parking": ("Point", _read_parking, ("heading_deg", "origin")),
+    "mount": ("Point", _read_mount, ("name", "min_height", "max_height", "price", "capacity", "max_sensors", "origin")),
     "sensor": ("Point", _read_sensor, ("name", "heading_deg", "tilt_deg", "roll_deg", "model")),
 }
+
+
+def _solid(solid: Solid) -> Json:
+    return {"kind": solid.kind, "base": solid.base, "top": solid.top, **_origin(solid.origin)}
+
+
+def _origin(origin: str) -> Json:
+    return {} if origin == "mapped" else {"origin": origin}
 
 
 def _polygon(corners: list[list[float]], **properties: JsonValue) -> Json:

@@ -225,10 +225,12 @@ FOOT_AIR = 0.2  # m from the top of a mount's own post to the lowest sensor on i
 Draw = Callable[[float, float, float], list[Solid]]  # x, y and the direction along the road (rad)
 
 
-def furnish(road: Road, area: Extent, mounts: Sequence[Mount], rng: np.random.Generator) -> tuple[list[Solid], Bays]:
+def furnish(
+    road: Road, area: Extent, mounts: Sequence[Mount], rng: np.random.Generator, *, light: bool = False
+) -> tuple[list[Solid], Bays]:
     """Draw solids on level ground, and parking bays x, y, yaw, in and around `area`.
 
-    Strips of the road without bays have road works.
+    Strips of the road without bays have road works. light: draw islands, trees along kerbs and street furniture only.
     """
     plot = Plot(road, shapely.box(*area).buffer(25.0, join_style="mitre"), mounts)
     for mount in mounts:
@@ -236,6 +238,11 @@ def furnish(road: Road, area: Extent, mounts: Sequence[Mount], rng: np.random.Ge
         plot.solids.append(f.post(x, y, round(mount.min_height - FOOT_AIR, 2)))
     kerb = along(road.carriageway.buffer(0.8).boundary.intersection(plot.window), 0.5)
     bays = kerb_bays(plot, road.strips, road.angles, rng)
+    if light:
+        plant_islands(plot, rng)
+        avenues(plot, kerb, rng)
+        _furniture(plot, rng)
+        return plot.solids, bays
     lane_works(plot, {edge: strip for edge, strip in road.strips.items() if edge not in road.angles}, rng)
     plant_islands(plot, rng)
     _houses(plot, rng)

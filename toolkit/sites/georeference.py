@@ -185,6 +185,7 @@ def mount_feature(site: Site, mount: Mount, **more: object) -> _Json:
     values = {"name": mount.name, **limits, "price": mount.price, "capacity_kbit": mount.capacity}
     if mount.max_sensors > 1:
         more = {"max_sensors": mount.max_sensors, **more}
+    values |= {"origin": mount.origin}
     return feature(site, shapely.Point(mount.position[:2]), layer="mount", **values, **more)
 
 
@@ -204,14 +205,22 @@ def _layers(site: Site) -> Iterator[_Json]:
     yield feature(site, shapely.box(*site.area), layer="area", name=site.name, height=site.height)
     for layer, outlines in (("lane", site.lanes), ("footway", site.footways)):
         for i, outline in enumerate(outlines):
-            yield feature(site, shapely.Polygon(outline), layer=layer, name=f"{layer}{i:03}")
+            yield feature(site, shapely.Polygon(outline), layer=layer, name=f"{layer}{i:03}", origin=site.road_origin)
     for i, solid in enumerate(site.solids):
         heights = {"base": solid.base, "top": solid.top, "height": round(solid.top - solid.base, 6)}
         name = f"{solid.kind}{i:03}"
-        yield feature(site, shapely.Polygon(solid.footprint), layer="solid", name=name, kind=solid.kind, **heights)
-    for i, (x, y, yaw) in enumerate(site.parking.tolist()):
+        yield feature(
+            site,
+            shapely.Polygon(solid.footprint),
+            layer="solid",
+            name=name,
+            kind=solid.kind,
+            origin=solid.origin,
+            **heights,
+        )
+    for i, ((x, y, yaw), origin) in enumerate(zip(site.parking.tolist(), site.bay_origins, strict=True)):
         bearing = round(bearing_deg(site, yaw), 1) % 360.0
-        yield feature(site, shapely.Point(x, y), layer="parking", name=f"bay{i:03}", bearing_deg=bearing)
+        yield feature(site, shapely.Point(x, y), layer="parking", name=f"bay{i:03}", bearing_deg=bearing, origin=origin)
     yield from (mount_feature(site, mount) for mount in site.mounts)
     for sensor in site.sensors:
         x, y, z = sensor.world_SE3_body[:3, 0]

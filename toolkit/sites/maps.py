@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import tempfile
 import warnings
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -25,7 +24,8 @@ from toolkit.runtime.files import name_errors
 from toolkit.sites import furniture as f, network as nets, opendrive, osm, osm_parking
 from toolkit.sites.furnishing import furnish
 from toolkit.sites.georeference import projection
-from toolkit.sites.site import Mount, Relief, Site, Solid
+from toolkit.sites.origins import count_things, describe_things, mark_drawn
+from toolkit.sites.site import Furnishing, Mount, Relief, Site, Solid
 from toolkit.sites.surroundings import POLE, Bay, Road, outline, place_along, place_mounts
 
 CRACK = 0.3  # m, half the width of cracks between polygons of a map that are closed
@@ -141,7 +141,9 @@ def legs(network: str) -> tuple[list[Float64[np.ndarray, "_ 2"]], list[tuple[flo
     return paths, widths
 
 
-def furnish_site(site: Site, mounts: Sequence[Mount], solids: Sequence[Solid], seed: int) -> tuple[Site, str]:
+def furnish_site(
+    site: Site, mounts: Sequence[Mount], solids: Sequence[Solid], seed: int, density: Furnishing = "dense"
+) -> tuple[Site, str]:
     """Furnish a site around the map's own `solids`; return a note of what was drawn too.
 
     Mounts stand on posts of their own, except for those on the map's lamp posts. Raises ValueError for a negative seed.
@@ -150,18 +152,44 @@ def furnish_site(site: Site, mounts: Sequence[Mount], solids: Sequence[Solid], s
         raise ValueError(f"seed must be a whole number from 0 up, got {seed}")
     rng = np.random.default_rng(seed)
     relief = replace(site.relief, amplitude=round(float(rng.uniform(0.0, ROUGHEST)), 3), seed=int(rng.integers(2**31)))
-    drawn, bays = furnish(Road(*legs(site.network), site.lanes, site.footways), site.area, mounts, rng)
-    ours = [shapely.Point(m.position[:2]).buffer(0.5) for m in mounts if m.name.startswith("lamp")]
+    site = replace(site, relief=relief, furnished=density)
+    site = _furnish(replace(site, solids=f.settle(solids, relief), mounts=f.on_ground(mounts, site)), rng)
+    counted = {kind: n for kind, n in count_things(site)["drawn"].items() if kind != "pole"}
+    said = f"drawn from seed {seed}, in no map: {describe_things(counted)}"
+    return site, f"{said}, ground within {relief.amplitude} m"
+
+
+def redraw(site: Site, seed: int) -> Site:
+    """Draw again, from another seed, what an import drew; the map's things, the ground and all mounts stay.
+
+    Raises ValueError for a site that no import furnished.
+    """
+    if site.furnished == "none":
+        raise ValueError(f"site {site.name!r} has no furnishing to draw again: coview site import draws one")
+    kept = tuple(solid for solid in site.solids if solid.origin != "drawn")
+    mapped = np.array([origin != "drawn" for origin in site.bay_origins], bool)
+    origins = tuple(origin for origin in site.bay_origins if origin != "drawn")
+    bare = replace(site, solids=kept, parking=site.parking[mapped], parking_origins=origins)
+    return _furnish(bare, np.random.default_rng(seed))
+
+
+def _furnish(site: Site, rng: np.random.Generator) -> Site:
+    """Add drawn solids and bays to a site with its mounts and the map's solids."""
+    mounts, solids, road = site.mounts, site.solids, Road(*legs(site.network), site.lanes, site.footways)
+    drawn, bays = furnish(road, site.area, mounts, rng, light=site.furnished == "light")
+    ours = [shapely.Point(m.position[:2]).buffer(0.5) for m in mounts if m.origin != "drawn"]
     ours += [shapely.Polygon(s.footprint) for s in solids if s.kind not in ("kerb", "island")]
     ours += [outline(bay, MAP_BAY) for bay in site.parking]
     kept = _keep_apart([s for s in drawn if s.kind != "kerb"], shapely.union_all(ours).buffer(0.2))
     taken = shapely.union_all([*ours, *(shapely.Polygon(s.footprint) for s in solids if s.kind == "kerb")])
     free = [bay for bay in bays if not taken.intersects(outline(bay, MAP_BAY))]
-    site = replace(site, relief=relief, parking=np.concatenate([site.parking, np.reshape(free, (-1, 3))]))
-    said = Counter(s.kind for s in kept if s.kind not in ("trunk", "post"))
-    counted = ", ".join(f"{n} {kind}" for kind, n in sorted(said.items()))
-    note = f"drawn from seed {seed}, in no map: {counted} solids, {len(free)} bays, ground within {relief.amplitude} m"
-    return replace(site, mounts=f.on_ground(mounts, site), solids=f.settle([*solids, *kept], relief)), note
+    origins = (*site.bay_origins, *(("drawn",) * len(free)))
+    return replace(
+        site,
+        solids=(*solids, *f.settle(mark_drawn(kept), site.relief)),
+        parking=np.concatenate([site.parking, np.reshape(free, (-1, 3))]),
+        parking_origins=origins,
+    )
 
 
 def free_bays(
@@ -242,7 +270,7 @@ class MapPiece:
 
     centre: in the map's coordinates (m), or longitude and latitude of OpenStreetMap; size: along x and y (m); heading:
     of x (rad counter-clockwise from the map's east); seed: draws what the map is silent of, which a warning lists, None
-    leaves it bare.
+    leaves it bare; density: how much is drawn.
 
     Raises FileNotFoundError for a missing file, ValueError for an empty one and for an impossible place.
     """
@@ -252,6 +280,7 @@ class MapPiece:
     size: tuple[float | int, float | int]
     heading: float = 0.0
     seed: int | None = None
+    density: Furnishing = "dense"
 
     def __post_init__(self) -> None:
         path, centre, size = self.path, self.centre, self.size
@@ -425,14 +454,16 @@ def _finish(site: Site, piece: MapPiece, solids: Sequence[Solid], *, lamps: np.n
     if len(mounts) < 6:
         drawn = place_mounts(road, site.area, np.random.default_rng(0), spacing=12.0, avoid=walls)
         near = shapely.MultiPoint(lamps).buffer(2.0)
-        mounts += [replace(m, price=1.0) for m in drawn if not near.intersects(shapely.Point(m.position[:2]))]
+        mounts += [
+            replace(m, price=1.0, origin="drawn") for m in drawn if not near.intersects(shapely.Point(m.position[:2]))
+        ]
     stones = kerbstones(site.lanes, site.footways, find_turns(site.network))
     if piece.seed is None:
-        feet = [m.position.tolist() for m in mounts if m.name.startswith("pole")]
-        poles = [f.post(x, y, POLE) for x, y, _ in feet]
+        feet = [m.position.tolist() for m in mounts if m.origin == "drawn"]
+        poles = mark_drawn([f.post(x, y, POLE) for x, y, _ in feet])
         made = replace(site, solids=f.settle([*solids, *poles, *stones], site.relief), mounts=f.on_ground(mounts, site))
     else:
-        made, note = furnish_site(site, mounts, [*solids, *stones], piece.seed)
+        made, note = furnish_site(site, mounts, [*solids, *stones], piece.seed, piece.density)
         notes = [*notes, note]
     for note in notes:
         warnings.warn(f"{piece.path.name}: {note}", stacklevel=3)

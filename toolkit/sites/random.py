@@ -14,6 +14,7 @@ from toolkit.sensors.sensor import Sensor
 from toolkit.sites.furnishing import CLOSED_LANE, furnish
 from toolkit.sites.furniture import on_ground, settle
 from toolkit.sites.network import XmlAttributes, build_network, line, road_polygons, shoulders, street
+from toolkit.sites.origins import draw_everything
 from toolkit.sites.site import Mount, Relief, Site
 from toolkit.sites.surroundings import ANGLES, Road, place_mounts
 
@@ -80,7 +81,7 @@ def random_site(rng: np.random.Generator | int) -> Site:
     mounts = tuple(replace(m, min_height=LOWEST) if is_low else m for m, is_low in zip(mounts, low, strict=True))
     solids, bays = furnish(road, area, mounts, rng)
     site = Site(name, area, lanes=lanes, footways=footways, parking=bays, network=network, relief=relief)
-    site = replace(site, solids=settle(solids, relief), mounts=on_ground(mounts, site))
+    site = draw_everything(replace(site, solids=settle(solids, relief), mounts=on_ground(mounts, site)))
     return replace(site, sensors=random_sensors(site, rng))
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, is_dataclass
-from typing import Any
+from typing import Any, Literal, get_args
 from xml.etree import ElementTree
 
 import numpy as np
@@ -24,7 +24,9 @@ KINDS = (
     *("container", "cabinet", "planter", "barrier", "cone", "heap", "machine"),
     *("kerb", "island", "pond"),
 )
+ORIGINS = ("mapped", "surveyed", "drawn")  # of a map, measured on site, or made up by coview
 EQUAL = 1e-9  # m, rad: numbers of equal sites differ by no more, which is what angles lose as degrees in a file
+Furnishing = Literal["none", "light", "dense"]
 HYBRID_RADIUS = 20.0  # m, unless the paper gives another for a site (its section IV-B)
 
 
@@ -32,19 +34,22 @@ HYBRID_RADIUS = 20.0  # m, unless the paper gives another for a site (its sectio
 class Solid:
     """Prism that stands still, from `base` up to `top` (m, site frame).
 
-    footprint: (k, 2) polygon; kind: one of `KINDS`. A tree is two solids, a `trunk` and a crown (`tree`). A `pond` is a
-    hole: there is no ground inside its footprint, but a surface at `top`, below the street.
+    footprint: (k, 2) polygon; kind: one of `KINDS`; origin: one of `ORIGINS`. A tree is two solids, a `trunk` and a
+    crown (`tree`). A `pond` is a hole: there is no ground inside its footprint, but a surface at `top`, below the
+    street.
     """
 
     footprint: Float64[np.ndarray, "k 2"]
     base: float
     top: float
     kind: str = "building"
+    origin: str = "mapped"
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "footprint", check_polygon(self.footprint, "solid.footprint"))
         if self.kind not in KINDS:
             raise ValueError(f"solid.kind must be one of {', '.join(KINDS)}, got {self.kind!r}")
+        _check_origin(self.origin, "solid.origin")
         if not (np.isfinite([self.base, self.top]).all() and self.base < self.top):
             raise ValueError(f"solid.top must lie above its base, got base {self.base} and top {self.top}")
 
@@ -60,6 +65,7 @@ class Mount:
     price: float = 1.0  # of building there, in units of one ordinary mount
     capacity: float = 2000.0  # of the link to the fusion centre (kbit per frame), shared by all its sensors
     max_sensors: int = 1
+    origin: str = "mapped"  # one of `ORIGINS`; places along the kerb that an import suggests are drawn
 
     def __post_init__(self) -> None:
         position = np.asarray(self.position, np.float64)
@@ -70,6 +76,7 @@ class Mount:
             raise ValueError(f"mount.min_height must lie in 0..max_height {self.max_height}, got {self.min_height}")
         if not 0 <= self.price < np.inf or not self.capacity > 0:
             raise ValueError(f"mount needs price >= 0 and capacity > 0, got {self.price} and {self.capacity}")
+        _check_origin(self.origin, "mount.origin")
         if self.max_sensors != int(self.max_sensors) or self.max_sensors < 1:
             raise ValueError(f"mount.max_sensors must be a whole number from 1 up, got {self.max_sensors}")
         object.__setattr__(self, "max_sensors", int(self.max_sensors))
@@ -108,6 +115,9 @@ class Site:
     mounts: tuple[Mount, ...] = ()  # possible places of sensors
     sensors: tuple[Sensor, ...] = ()  # present ones
     parking: Float64[np.ndarray, "n 3"] = field(default_factory=lambda: np.zeros((0, 3)))  # bays x, y, yaw
+    parking_origins: tuple[str, ...] = ()  # of each bay, () for all mapped
+    road_origin: str = "mapped"  # of lanes, footways and network
+    furnished: Furnishing = "none"  # how densely coview drew what the map is silent of
     network: str = ""  # SUMO net.xml text in site coordinates, "" for a site without traffic
     map_SE3_site: Float64[np.ndarray, "4 4"] = field(default_factory=lambda: np.eye(4))
     geo_reference: str | None = None  # PROJ string of the map frame, None if unknown
@@ -130,6 +140,15 @@ class Site:
         checked["parking"] = bays = bays.reshape(-1, 3) if bays.size == 0 else bays
         if bays.ndim != 2 or bays.shape[1] != 3 or not np.isfinite(bays).all():
             raise ValueError(f"parking must be finite rows x, y, yaw, got shape {bays.shape}")
+        checked["parking_origins"] = origins = tuple(self.parking_origins)
+        if len(origins) not in (0, len(bays)):
+            raise ValueError(f"parking_origins needs one for each of {len(bays)} bays, got {len(origins)}")
+        for origin in {*origins, self.road_origin}:
+            _check_origin(origin, "parking_origins" if origin in origins else "road_origin")
+        if set(origins) == {"mapped"}:
+            checked["parking_origins"] = ()
+        if self.furnished not in get_args(Furnishing):
+            raise ValueError(f"furnished must be one of {', '.join(get_args(Furnishing))}, got {self.furnished!r}")
         _check_network(self.network)
         checked["map_SE3_site"] = check_pose(self.map_SE3_site, "map_SE3_site")
         for name, value in checked.items():
@@ -147,6 +166,11 @@ class Site:
             f"{len(self.solids)} solids, {len(self.mounts)} mounts, {len(self.parking)} parking bays, sensors "
             + (", ".join(f"{sensor.name} ({type(sensor.model).__name__})" for sensor in self.sensors) or "none")
         )
+
+    @property
+    def bay_origins(self) -> tuple[str, ...]:
+        """Origin of each bay."""
+        return self.parking_origins or ("mapped",) * len(self.parking)
 
     def ground(self, xy: Float[np.ndarray, "*n 2"]) -> Float64[np.ndarray, "*n"]:
         """Height of the ground (m) at places (..., 2) of the site.
@@ -214,6 +238,11 @@ def check_polygon(vertices: object, where: str) -> Float64[np.ndarray, "k 2"]:
     if shape.area < 1e-6:
         raise ValueError(f"{where}: polygon has no area, its corners lie on one line near {polygon[0].tolist()}")
     return polygon
+
+
+def _check_origin(origin: object, where: str) -> None:
+    if origin not in ORIGINS:
+        raise ValueError(f"{where} must be one of {', '.join(ORIGINS)}, got {origin!r:.60}")
 
 
 def _check_unique(names: Sequence[str], where: str) -> None:

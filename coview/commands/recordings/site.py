@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import radians
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import Positional, subcommand
 
@@ -20,8 +20,9 @@ if TYPE_CHECKING:
 class ImportMap:
     """Make a site from a real map: roads and footways, buildings, trees, furniture, signals and parking that it holds.
 
-    What stands beside the road and is in no map is drawn at random and said, unless --no-furnish. The site has no
-    sensors, unless --sensors says how many: coview plan and coview search say which to build.
+    What stands beside the road and is in no map is drawn at random, marked as drawn in the site file, and said, unless
+    --furnish none. The site has no sensors, unless --sensors says how many: coview plan and coview search say which to
+    build.
 
     Example: coview site import --opendrive Town01.xodr --centre 104 -196 --size 80 40 --out my-junction.json
 
@@ -33,7 +34,8 @@ class ImportMap:
         osm: OpenStreetMap file (.osm, .osm.gz).
         heading_deg: Direction of the area's x axis, counter-clockwise from the map's east.
         lefthand: Let traffic keep left (OpenStreetMap only).
-        furnish: Draw houses, trees, furniture, parked cars and uneven ground where the map is silent.
+        furnish: Draw nothing, or where the map is silent uneven ground, trees along kerbs and street furniture
+            (light), also houses, gardens, works and parked cars (dense).
         seed: Seed of the surroundings.
         sensors: Number of cameras to place by greedy coverage, to try the site with.
         overwrite: Replace existing files.
@@ -46,7 +48,7 @@ class ImportMap:
     osm: Path | None = None
     heading_deg: float = 0.0
     lefthand: bool = False
-    furnish: bool = True
+    furnish: Literal["none", "light", "dense"] = "dense"
     seed: int = 0
     sensors: int | None = None
     overwrite: bool = False
@@ -63,8 +65,8 @@ class ImportMap:
         maps = [each for each in (self.opendrive, self.osm) if each is not None]
         check_least("--sensors", self.sensors, 1, "leave it out for a site without sensors")
         check_file(self.out, inputs=maps, overwrite=self.overwrite)
-        seed = self.seed if self.furnish else None
-        piece = MapPiece(maps[0], self.centre, self.size, radians(self.heading_deg), seed)
+        seed = None if self.furnish == "none" else self.seed
+        piece = MapPiece(maps[0], self.centre, self.size, radians(self.heading_deg), seed, self.furnish)
         imported = import_osm(piece, lefthand=self.lefthand) if self.osm else import_opendrive(piece)
         if self.sensors is None:
             code = _save(imported, self.out)
@@ -154,10 +156,14 @@ class ShowSite:
         """Load (and so validate), say what is there, draw."""
         from toolkit.plots.plan_view import draw_site
         from toolkit.sites.files import load_site
+        from toolkit.sites.origins import count_things, describe_things
 
         check_file(self.out, inputs=site_file(self.site), overwrite=self.overwrite)
         shown = load_site(self.site)
         say(shown)
+        for origin, counts in count_things(shown).items():
+            if counts:
+                say(f"{origin}: {describe_things(counts)}")
         if self.out is not None:
             draw_site(shown, self.out)
         return OK

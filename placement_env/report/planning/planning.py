@@ -50,6 +50,7 @@ from toolkit.runtime.files import replace_infinite, write_text, writing_together
 from toolkit.runtime.run import Run
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.files import format_site
+from toolkit.sites.origins import count_things
 from toolkit.sites.site import Site
 
 RANGE_ENDS = (10.0, 20.0, 30.0, 40.0)  # m from the nearest sensor, where groups end
@@ -306,6 +307,7 @@ def build_plan(findings: Findings, final: judging.Judge, ground: Ground) -> cont
         order=chosen.order(),
         ground=ground_shares(ground, [sensor.name for sensor in sensors]),
         poles_unused=tuple(mount.name for mount in unused_mounts(candidates, members)),
+        origins=count_origins(site, candidates),
         assumptions=sentences.list_assumptions(question, objective.fidelity, detector, sampled=not chosen.small),
         unknown=sentences.list_unknowns(option.counted or judged.judged),
         provenance=trace_plan(findings, candidates, final.detected.detector),
@@ -488,6 +490,11 @@ def plan(question: Question) -> content.Planned:
     answer = build_plan(findings, final, ground)
     moments = pick_moments(final.detected, choice.members, seed=question.run.seed)
     return content.Planned(answer, mounted_site(question.site, candidates, choice.members), candidates, ground, moments)
+
+
+def count_origins(site: Site, candidates: Candidates) -> dict[str, dict[str, int]]:
+    """Count the things of a site by origin and kind, its poles those of the candidates."""
+    return count_things(replace(site, mounts=candidates.mounts))
 
 
 def find_buildable(objective: Objective, max_kbit: float | None) -> Int64[np.ndarray, " n"]:

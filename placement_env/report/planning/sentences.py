@@ -15,6 +15,8 @@ from placement_env.search.order import describe_money
 from toolkit.detection.codec import PAPER
 from toolkit.detection.scheme import scheme_codec
 from toolkit.objects import LABELS
+from toolkit.sites.origins import count_things, describe_things
+from toolkit.sites.site import Site
 
 
 def refuse_question(question: Question) -> tuple[str, ...]:
@@ -148,6 +150,7 @@ def list_assumptions(question: Question, fidelity: str, detector: str, *, sample
     lines = [
         "Traffic is simulated (SUMO) and measurements are ray-cast with the noise of the sensors' models; nothing was "
         "measured at the place itself.",
+        describe_origins(question.site),
         f"AP is {objects} centred in the detection area, by the detector {detector} at IoU "
         f"{iou_text(cases.threshold)} in {setting.fusion.name} fusion.",
         f"Searches, comparison and judgement each have their own traffic (seeds {seed}, {seed + 1} and {seed + 2}): no "
@@ -178,6 +181,20 @@ def list_assumptions(question: Question, fidelity: str, detector: str, *, sample
         go = "the worth of each sensor and the order of building go by the fidelity of the searches"
         lines.append(f"For a set this large, {go}.")
     return tuple(lines)
+
+
+def describe_origins(site: Site) -> str:
+    """Say what of a site is in no map."""
+    if site.road_origin == "drawn":
+        return "Everything at the site is drawn at random, the road too: there is no such place."
+    drawn = {kind: n for kind, n in count_things(site)["drawn"].items() if kind != "pole"}
+    if not drawn:
+        return "Nothing at the site is marked as drawn; files from before there were marks have none."
+    ground = f", and ground uneven within {site.relief.amplitude:g} m" if site.relief.amplitude else ""
+    return (
+        f"In no map, but drawn at random: {describe_things(drawn)}{ground}. They hide road "
+        "users as real ones would, and other things stand there in truth."
+    )
 
 
 def _describe_codec(question: Question) -> str:

@@ -153,6 +153,7 @@ def test_every_layer_is_there_with_its_properties(site):
         "base": -0.3,
         "top": 6.25,
         "height": 6.55,
+        "origin": "mapped",
     }
     assert by_name["pond001"]["kind"] == "pond"
     assert by_name["b"] == {
@@ -162,6 +163,7 @@ def test_every_layer_is_there_with_its_properties(site):
         "max_height": 9.0,
         "price": 0.5,
         "capacity_kbit": 800.0,
+        "origin": "drawn",
     }
     assert by_name["bay000"]["bearing_deg"] == pytest.approx(360 - 28.6)  # 0.5 rad counter-clockwise from north
     assert by_name["d0"]["bearing_deg"] == pytest.approx(360 - 17.2)

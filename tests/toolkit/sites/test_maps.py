@@ -13,6 +13,8 @@ from toolkit.geometry import transform
 from toolkit.objects import VEHICLE
 from toolkit.points import has_centre_inside
 from toolkit.sites import furniture, georeference, maps
+from toolkit.sites.files import document, parse
+from toolkit.sites.origins import count_things
 from toolkit.sites.site import Mount, Solid
 from toolkit.traffic.snapshots import simulate
 
@@ -332,11 +334,34 @@ def test_what_is_drawn_keeps_off_what_the_map_has(bare):
     assert {"building", "tree"} <= {s.kind for s in made.solids}
     assert 0 < made.relief.amplitude <= 0.12
     assert said.startswith("drawn from seed 3, in no map: ")
-    assert said.endswith(f"{len(made.parking)} bays, ground within {made.relief.amplitude} m")
+    counts = count_things(made)
+    assert counts["drawn"]["tree"] == sum(s.kind == "trunk" for s in made.solids)
+    assert (counts["mapped"]["building"], counts["mapped"]["pole"]) == (1, len(made.mounts))
+    assert [s.origin for s in made.solids[:1]] == ["mapped"]
+    assert {s.origin for s in made.solids[1:]} == {"drawn"}
+    assert said.endswith(f", ground within {made.relief.amplitude} m")
     feet = np.array([m.position for m in made.mounts])
     np.testing.assert_allclose(feet[:, 2], made.ground(feet[:, :2]), atol=1e-3)
     with pytest.raises(ValueError, match="seed must be a whole number from 0 up, got -1"):
         maps.furnish_site(bare, bare.mounts, [], -1)
+
+
+def test_another_drawing_keeps_what_is_mapped(bare):
+    house = Solid(furniture.rectangle(10.0, 10.0, 30.0, 30.0), 0.0, 7.0)
+    made, _ = maps.furnish_site(bare, bare.mounts, [house], 3)
+    assert maps.redraw(made, 3).mounts == made.mounts
+    others = [maps.redraw(made, seed) for seed in (5, 5, 6)]
+    assert others[0] == others[1] != others[2]
+    for other in others:
+        assert other.relief == made.relief
+        assert [s for s in other.solids if s.origin == "mapped"] == [s for s in made.solids if s.origin == "mapped"]
+        assert count_things(other)["mapped"] == count_things(made)["mapped"]
+        assert parse(document(other)) == other
+    light, _ = maps.furnish_site(bare, bare.mounts, [house], 3, "light")
+    assert not {"building", "fence", "container", "wall"} & set(count_things(light)["drawn"])
+    assert "tree" in count_things(light)["drawn"]
+    with pytest.raises(ValueError, match="no furnishing to draw again"):
+        maps.redraw(bare, 3)
 
 
 def touched(site, frames, interval) -> np.ndarray:

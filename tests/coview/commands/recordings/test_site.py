@@ -65,7 +65,7 @@ def test_what_is_drawn_is_said_and_can_be_left_out(run, tmp_path):
     drawn = load_site(tmp_path / "own.json")
     assert "drawn from seed 7" in run("site", "import", *place, "--seed", 7)[2]
     assert load_site(tmp_path / "own.json") != drawn
-    assert "drawn" not in run("site", "import", *place, "--no-furnish")[2]
+    assert "drawn" not in run("site", "import", *place, "--furnish", "none")[2]
     bare = load_site(tmp_path / "own.json")
     assert len(bare.solids) < len(drawn.solids)
     assert bare.relief.amplitude == 0 < drawn.relief.amplitude
