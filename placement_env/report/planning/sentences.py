@@ -184,7 +184,7 @@ def list_assumptions(question: Question, fidelity: str, detector: str, *, sample
 
 
 def describe_origins(site: Site) -> str:
-    """Say what of a site is in no map."""
+    """Sentence that lists drawn things of a site."""
     if site.road_origin == "drawn":
         return "Everything at the site is drawn at random, the road too: there is no such place."
     drawn = {kind: n for kind, n in count_things(site)["drawn"].items() if kind != "pole"}
