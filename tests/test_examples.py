@@ -9,7 +9,14 @@ import pytest
 EXAMPLES = sorted(Path(__file__).parents[1].glob("examples/*.py"))
 
 
-@pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
+SLOW = ("02", "10")  # what they show is tested elsewhere; the others take what README and pages take
+
+
+@pytest.mark.parametrize(
+    "example",
+    [pytest.param(path, marks=[pytest.mark.slow] * path.name.startswith(SLOW)) for path in EXAMPLES],
+    ids=lambda path: path.stem,
+)
 def test_example(example, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     runpy.run_path(str(example), run_name="__main__")

@@ -33,8 +33,12 @@ def stop_after(steps):
 @pytest.mark.parametrize(
     ("preset", "changes"),
     [
-        *(("fast", {}), ("general", {})),
-        ("paper", {"vfe_widths": (4,), "voxel_width": 8, "head3x3": 8, "point_features": "published"}),
+        ("fast", {}),
+        pytest.param("general", {}, marks=pytest.mark.slow),
+        pytest.param(
+            *("paper", {"vfe_widths": (4,), "voxel_width": 8, "head3x3": 8, "point_features": "published"}),
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_stopped_anywhere_and_gone_on_with_gives_the_same_weights(packed_file, tmp_path, preset, changes, same_weights):
