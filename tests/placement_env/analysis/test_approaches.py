@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import shapely
 
 from placement_env.analysis.approaches import compass, find_approaches
 from toolkit.geometry import pose
@@ -17,11 +18,14 @@ def at(places, x, y):
 def test_approaches_of_junctions_with_or_without_a_network():
     places = find_approaches(load_site("tjunction"))
     assert places.names == ("from the east", "from the north", "from the south", "leaving", "junction", "parked")
-    # +y of the site lies west on its map: the lane along -x at y = 7.3 comes from the north, as -x does there
+    # +y of the site lies west on its map, and -x south. Footways lie at y = 7.3 and 19.9.
+    for name, x, y in (
+        *(("from the south", -30.0, 11.6), ("from the north", 30.0, 15.6)),
+        *(("from the east", 1.2, -15.0), ("leaving", -30.0, 15.6)),
+    ):
+        assert at(places, x, y) == name
+        assert places.lanes[places.names.index(name)].distance(shapely.Point(x, y)) < 0.5
     assert at(places, -30.0, 7.3) == "from the south"
-    assert at(places, 30.0, 19.9) == "from the north"
-    assert at(places, 5.5, -15.0) == "from the east"
-    assert at(places, -30.0, 19.9) == "leaving"
     assert at(places, 0.0, 13.0) == "junction"
     x, y, _ = load_site("tjunction").parking[0]
     assert at(places, x + 0.5, y) == "parked"

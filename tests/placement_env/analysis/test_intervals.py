@@ -73,6 +73,7 @@ def test_blocks_ratios_and_percentiles_of_what_is_defined():
     assert np.isnan([low, high]).all()
     low, high = ap_interval([[0.5], []], [[True], []], [1, 0], draws=block_draws(2, block=1))
     assert (low, high) == (1.0, 1.0)
+    assert ap_interval([[0.5]], [[True]], [1]) == Interval(1.0, 1.0)
     found, there = np.array([1, 0, 2, 3, 1.0]), np.array([1, 2, 2, 3, 4.0])
     draws = block_draws(5, block=2, resamples=1000, seed=3)
     figures = np.array([row @ found / (row @ there) for row in draws])

@@ -34,19 +34,20 @@ def test_noise_counts_for_nothing_and_it_picks_better():
     assert np.mean(chosen, axis=0)[2] < 0.85 * np.mean(chosen, axis=0)[:2].min()
 
 
-def test_weights_are_those_of_the_formula():
-    noise = np.random.default_rng(3).standard_normal((4, 2000)) * np.array([0.01, 0.02, 0.03, 0.04])[:, None]
+@pytest.mark.parametrize(("sets", "blocks"), [(4, 5.0), (3, 2.0)])
+def test_weights_are_those_of_the_formula(sets, blocks):
+    noise = np.random.default_rng(3).standard_normal((sets, 2000)) * np.array([[0.01], [0.02], [0.03], [0.04]])[:sets]
     noise -= noise.mean(axis=0)
     noise -= noise.mean(axis=1, keepdims=True)
-    off = np.array([0.06, -0.02, 0.05, -0.01])
-    own = noise.var(axis=1) * 5 / 4
-    variance = np.maximum(own, own.mean())
-    assert own.mean() > 0.05**2 / 5
-    assert (own < own.mean()).tolist() == [True, True, False, False]
+    off, predicted = np.array([0.06, -0.02, 0.05, -0.01])[:sets], PREDICTED[:sets]
+    own = noise.var(axis=1) * blocks / (blocks - 1)
+    least = max(own.mean(), 0.05**2 / blocks)
+    assert (own.mean() == least) == (sets == 4)
+    variance = np.maximum(own, least)
     spread = off.var(ddof=1) - variance.mean()
     weight = spread / (spread + variance)
-    found = shrink(PREDICTED + off, (PREDICTED + off)[:, None] + noise, PREDICTED, blocks=5.0)
-    assert found.figure == pytest.approx(PREDICTED + 0.02 + weight * (off - 0.02))
+    found = shrink(predicted + off, (predicted + off)[:, None] + noise, predicted, blocks=blocks)
+    assert found.figure == pytest.approx(predicted + off.mean() + weight * (off - off.mean()))
     assert found.resamples.mean(axis=1) == pytest.approx(found.figure)
     spreads = np.sqrt(weight * (noise.var(axis=1) + variance - own))
     assert found.resamples.std(axis=1) == pytest.approx(spreads, rel=0.05)
