@@ -8,8 +8,15 @@ import pytest
 from placement_env.cases import Cases
 from placement_env.objective import Objective
 from placement_env.protocol import Estimate
+from placement_env.racing import RaceRules
 from placement_env.search.portfolio import portfolio
-from placement_env.search.portfolio.evaluators import CasesEvaluator, DetectorEvaluator, Evaluated
+from placement_env.search.portfolio.evaluators import (
+    CasesEvaluator,
+    DetectorEvaluator,
+    Evaluated,
+    Schedule,
+    race_order,
+)
 from placement_env.search.portfolio.portfolio import Judging
 from placement_env.setting import Setting, Weights
 from toolkit.runtime.run import Run
@@ -135,8 +142,8 @@ def test_what_sets_cost_counts_and_nothing_may_pay(street):
     linked = Objective(
         Setting(candidates=street.candidates, fidelity=Deceived(), scheme="late", weights=Weights(comm=0.001))
     )
-    sets = np.array([[0, 1, 1, 0]], bool)
-    assert portfolio.weigh_costs(linked, sets, np.array([400.0])) == pytest.approx([0.2])
+    sets = np.array([[0, 1, 1, 0], [0, 0, 0, 0]], bool)
+    assert portfolio.weigh_costs(linked, sets, np.array([400.0, 0.0])) == pytest.approx([0.2, 0.0])
     costly = Objective(
         Setting(candidates=street.candidates, fidelity=Deceived(), scheme="late", weights=Weights(price=1.0))
     )
@@ -153,6 +160,29 @@ def test_what_sets_cost_counts_and_nothing_may_pay(street):
     lost = portfolio.search(barely, 1, judging=Judging(evaluators=(worse, worse)))
     assert (lost.best.subset, lost.assessment) == ((), None)
     assert "none of the" in lost.certificate.note
+
+
+def test_sets_race_by_ap_less_costs_in_the_order_of_a_seed(street, monkeypatch):
+    given = {}
+
+    def noted(rewards, sets, order, rules, *, predicted):
+        given.update(rewards=rewards, sets=sets, order=order, rules=rules, predicted=predicted)
+
+    monkeypatch.setattr(portfolio, "race_until", noted)
+    weights = Weights(comm=0.001, price=0.01)
+    both = Objective(Setting(candidates=street.candidates, fidelity=Deceived(), scheme="late", weights=weights))
+    sets, frames = np.array([[0, 1, 1, 0], [1, 0, 0, 0]], bool), np.array([9, 3, 0, 11, 8])
+    portfolio.contest(both, sets, Truth(frames=20), confidence=0.9, seed=3, most=700.0)
+    assert given["order"].tolist() == race_order(20, seed=3).tolist() != race_order(20).tolist()
+    assert given["rules"] == RaceRules(0.9, 0.01, 12, 2, least=24, most=700.0)
+    cost = [0.1 + 0.01 * 21.5, 0.1 + 0.01 * 11.0]  # of 100 kbit per sensor, and of the sensors
+    assert given["predicted"] == pytest.approx([0.35 - cost[0], 0.5 - cost[1]])
+    found = given["rewards"](sets, frames)
+    assert found.figure == pytest.approx([0.55 - cost[0], 0.1 - cost[1]])
+    assert found.resamples.mean(axis=1) == pytest.approx(found.figure, abs=1e-3)
+    assert (found.frames, found.blocks) == (None, 2.0)
+    portfolio.contest(both, sets, Truth(frames=7))
+    assert given["rules"].first == 7
 
 
 def test_seconds_bound_race_and_judgement_on_the_same_frames(deceived):
@@ -175,7 +205,13 @@ def test_seconds_bound_race_and_judgement_on_the_same_frames(deceived):
 
 
 def test_a_race_with_a_time_may_take_all_of_it(deceived, monkeypatch):
-    most, contest = [], portfolio.contest
+    most, contest, shares, limit = [], portfolio.contest, [], Schedule.limit
+
+    def limited(schedule, evaluator, share=1.0, *least):
+        shares.append(share)
+        return limit(schedule, evaluator, share, *least)
+
+    monkeypatch.setattr(Schedule, "limit", limited)
 
     def asked(*given, **settings):
         most.append(settings["most"])
@@ -185,6 +221,7 @@ def test_a_race_with_a_time_may_take_all_of_it(deceived, monkeypatch):
     for seconds in (None, 60.0):
         portfolio.search(deceived, 2, judging=Judging(evaluators=(Truth(), Truth())), seconds=seconds)
     assert most == [1600.0, np.inf]
+    assert shares == [0.5, 0.5, *[1.0] * (len(shares) - 2)]  # races take half of the time
 
 
 def test_it_detects_on_a_real_evaluator(street):
