@@ -94,6 +94,14 @@ def test_sensors_are_the_streams_in_their_places_else_folders_and_labels_without
     properties["streams"] = {"north": {}, "unused": {}}
     (sample,) = openlabel(folder(tmp_path, document))
     assert [cloud.name for cloud in sample.clouds] == ["north"]
+    own = tmp_path / "point_clouds/s110_lidar_ouster_south"
+    (own.parent / "east").mkdir()
+    for name in ("south/b.pcd", "east/c.pcd"):
+        (own.parent / name.replace("south", own.name)).write_bytes((own / "1646667310_044.pcd").read_bytes())
+    properties["point_cloud_file_names"] = ["1646667310_044.pcd", "b.pcd", "c.pcd"]
+    (sample,) = openlabel(folder(tmp_path, document))
+    assert [cloud.name for cloud in sample.clouds] == ["north", "unused", "east"]
+    del properties["point_cloud_file_names"]
     properties["streams"] = {}
     (sample,) = openlabel(folder(tmp_path, document))
     assert [cloud.name for cloud in sample.clouds] == ["s110_lidar_ouster_south"]

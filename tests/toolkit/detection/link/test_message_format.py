@@ -151,7 +151,10 @@ def test_images_read_as_the_page_says(refers_to, step):
     assert read_packed(b"xx" + image_coding.pack_integers(values), 2)[0] == values.tolist()
     stored = zlib.compressobj(0, zlib.DEFLATED, -15)  # other encoders deflate otherwise
     symbols = stored.compress(bytes([1, 15])) + stored.flush()
-    for deflated, said in ((symbols, None), (symbols[:-1], "got"), (symbols + b"\0", "got"), (b"", "got")):
+    fixed = zlib.compressobj(9, zlib.DEFLATED, -15, 9, zlib.Z_FIXED)
+    endless = (fixed.compress(bytes([1, 15])) + fixed.flush())[:-1]  # both symbols, and half of the code for the end
+    cut = [(symbols[:-1], "got 1"), (b"", "got 0"), (symbols + b"\0", "got 2"), (endless, "got 2")]
+    for deflated, said in ((symbols, None), *cut):
         data = bytes([2, len(deflated)]) + deflated + bytes([0b01101000])
         if said is None:
             assert image_coding.unpack_integers(data, 0, 2)[0].tolist() == [1, 0b1101101]
