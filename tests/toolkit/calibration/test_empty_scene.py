@@ -109,6 +109,15 @@ def test_leaves_drop_outs_and_feet_of_cars_are_modes_or_none():
     alone = learnt(parked_beside)
     np.testing.assert_allclose(alone.first[4:7, 6:8], 20, atol=0.03)
     assert np.isnan(alone.second).all()
+    # Half of the time in one run: of n images random draws come n / 4 times, and a quarter of that is once in 16.
+    for images, flickers in ((14, True), (18, False)):
+        for begins in (True, False):
+
+            def once(k, image, rng):
+                image[4:7, 3:6] = 10.0
+                image[4:7, 6:8] = 10.0 if (k < images / 2) == begins else 20.0  # noqa: B023
+
+            assert (np.isfinite(learnt(once, times=images).second[4:7, 6:8]) == flickers).all()
     both = still()
     both[4:7, 3:6], both[4:7, 6:8] = 10, [10, 20]
     assert scene.shows(both).all()
