@@ -10,13 +10,7 @@ from placement_env.objective import Objective
 from placement_env.protocol import Estimate
 from placement_env.racing import RaceRules
 from placement_env.search.portfolio import portfolio
-from placement_env.search.portfolio.evaluators import (
-    CasesEvaluator,
-    DetectorEvaluator,
-    Evaluated,
-    Schedule,
-    race_order,
-)
+from placement_env.search.portfolio.evaluators import CasesEvaluator, DetectorEvaluator, Evaluated, Schedule, race_order
 from placement_env.search.portfolio.portfolio import Judging
 from placement_env.setting import Setting, Weights
 from toolkit.runtime.run import Run

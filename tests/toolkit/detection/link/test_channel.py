@@ -1,6 +1,7 @@
 """Delays, losses and bursts as often as they are said to be."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ import pytest
 from toolkit.detection.link.channel import Line, LinkChannel, delay_frames
 from toolkit.detection.link.differences import ForegroundDifferences
 from toolkit.frame import Frame
+from toolkit.geometry import pose
 from toolkit.objects import Objects
 from toolkit.sensors.models import DepthCamera
 from toolkit.sensors.sensor import Sensor
@@ -35,6 +37,7 @@ def test_channels_have_delays_rates_and_sensors_that_freeze():
     assert [[int(image[0, 0]) - 1 for image in each.sent.images] for each in lagged] == [[k, 0] for k in range(12)]
     far = recording(apart=5.0)
     assert shown(LinkChannel(), far)[0] == [[k, k] for k in range(12)]
+    assert len(shown(LinkChannel(delay=0.1), recording(apart=0.5))[0]) == 12
     with pytest.raises(ValueError, match="to show late or lost messages, got 5 s"):
         shown(LinkChannel(delay=0.1), far)
     assert len(shown(LinkChannel(), frames=recording(), seed=1)[0]) == 12
@@ -59,9 +62,11 @@ def test_losses_are_as_many_and_as_long_as_said(burst):
         *(({"delay": -0.1}, "delay must be"), ({"jitter": math.nan}, "jitter must be")),
         *(({"loss": 1.0}, "loss must be"), ({"loss": -0.1}, "loss must be")),
         *(({"loss": 0.5, "burst": 1.5}, "burst must be at least 2"), ({"every": 0}, "every must be")),
+        *(({name: math.inf}, f"{name} must be") for name in ("delay", "jitter", "burst")),
     ],
 )
 def test_nonsense_is_refused(wrong, said):
+    assert LinkChannel(loss=0.5, burst=2.0).mean_burst == LinkChannel(loss=0.5).mean_burst == 2.0
     with pytest.raises(ValueError, match=said):
         LinkChannel(**wrong)
 
@@ -70,19 +75,26 @@ SENSORS = tuple(Sensor(name, DepthCamera(width=4, height=4), np.eye(4)) for name
 
 
 def recording(frames=12, apart=0.1, anew=()):
-    """Every image holds 1 + the number of its frame; track 7 goes on but where traffic begins anew."""
+    """Every image holds 1 + the number k of its frame, in which its sensor stands k m along x.
+
+    Track 7 goes on but where traffic begins anew.
+    """
     made, track = [], 7
     for k in range(frames):
         track += k in anew
         images = tuple(np.full((2, 2), 1.0 + k, np.float32) for _ in SENSORS)
         objects = Objects(np.array([[k, 0, 1, 4, 2, 1.5, 0.0]]), np.array([0]), np.array([track]))
-        made.append(Frame(SENSORS, images, objects, apart * k, k))
+        sensors = tuple(replace(sensor, pose=pose(float(k))) for sensor in SENSORS)
+        made.append(Frame(sensors, images, objects, apart * k, k))
     return made
 
 
 def shown(channels, frames=None, **options):
     """The frame that each sensor's measurement is of, instant after instant; -1 for none."""
     lagged = list(delay_frames(frames or recording(), channels, noise_seed=None, **options))
+    for number, each in enumerate(lagged):
+        for sensor, image in zip(each.frame.sensors, each.frame.images, strict=True):
+            assert sensor.position[0] == (image[0, 0] - 1 if image[0, 0] else number)
     return [[int(image[0, 0]) - 1 for image in each.frame.images] for each in lagged], lagged
 
 

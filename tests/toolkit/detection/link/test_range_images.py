@@ -56,6 +56,8 @@ def test_scores_bound_boxes_and_encoders_bound_images():
     scores = decode_boxes(encode_boxes(sure)).scores
     assert np.abs(scores - sure.scores).max() < 1e-4
     assert (np.diff(scores) > 0).all()
+    most = Detections(np.array([[2000.0, 0, 0, 4, 2, 1, 0.0]] * range_images.MOST_BOXES), np.full(1000, 0.5))
+    np.testing.assert_allclose(decode_boxes(encode_boxes(most)).boxes, most.boxes)
     for value, said in (
         (np.nan, "finite"),
         (np.inf, "finite"),
@@ -156,4 +158,5 @@ def test_codecs_of_images_refuse_points_alone_and_go_by_name():
         codec.decode_points(Message(b"", 0))
     with pytest.raises(ValueError, match="step must be"):
         range_images.RangeImages(0.0)
+    assert codec.bits(boxes=1) == codec.bits(boxes=1, messages=1) == 272 + 75
     assert codec.bits(points=np.array([0, 100]), boxes=2, messages=3).tolist() == [816 + 150, 816 + 650]

@@ -18,6 +18,7 @@ def drive(speed, noise=0.05, frames=20, seed=0):
     rng, tracks = np.random.default_rng(seed), Tracks()
     for k in range(frames):
         tracks.update(cars(np.array([[speed * 0.1 * k, 0.0]]) + rng.normal(0, noise, (1, 2))), 0.1 * k)
+        assert len(tracks) == 1
     return tracks
 
 
