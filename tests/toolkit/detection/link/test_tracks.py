@@ -111,7 +111,10 @@ def test_tracks_join_their_label_and_move_at_a_sure_speed():
 
 
 def test_tracks_and_detections_pair_one_to_one():
-    for before, now, rows in (([[0, 0]], [[0.5, 0], [0.2, 0]], [1, 0]), ([[0.9, 0], [0, 0]], [[0.3, 0]], [1])):
+    for before, now, rows in (
+        ([[0, 0]], [[0.5, 0], [0.2, 0]], [1, 0]),
+        *(([[0.9, 0], [0, 0]], [[0.3, 0]], [1]), ([[0, 0], [0.9, 0]], [[0.3, 0]], [0])),
+    ):
         tracks = Tracks()
         tracks.update(cars(before), 0.0)
         tracks.update(cars(now), 0.1)
