@@ -138,7 +138,8 @@ def _call(arguments: Sequence[str]) -> int:
         refusal = _find_refusal(stopped)
         if refusal is not None:
             raise refusal from None
-        print(said.getvalue(), end="", file=sys.stderr)
+        if said.getvalue():
+            say(said.getvalue().rstrip("\n"), error=True)
         return stopped.code if isinstance(stopped.code, int) else 0
     return call()
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import sys
 import traceback
 from collections.abc import Callable, Iterable, Iterator
@@ -17,6 +16,7 @@ from toolkit.runtime import files
 from toolkit.runtime.files import UNFINISHED, check_output, replace_infinite
 from toolkit.runtime.parallel import WorkLost
 from toolkit.runtime.resumable import ShardFolder
+from toolkit.runtime.text_tables import escape
 
 OK, SUSPECTED, BAD_INPUT, MISSING, LOST, INTERNAL, INTERRUPTED, PIPE_CLOSED = 0, 1, 2, 3, 4, 70, 130, 141
 NOT_MET = SUSPECTED  # a plan's requirement cannot be met; "no", like a suspicion of the doctor
@@ -34,20 +34,9 @@ class Writing:
     """Print the results as JSON."""
 
 
-_UNPRINTABLE = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
-
-
 def say(text: object, *, error: bool = False) -> None:
-    r"""Print text, on stderr for an error: all that commands print goes through here.
-
-    Names come out of files of others. What steers a terminal, turns the direction of writing or is no character is
-    printed as its escape sequence.
-
-    >>> say("pole \x1b[2J\u202etxt.exe")
-    pole \x1b[2J\u202etxt.exe
-    """
-    shown = _UNPRINTABLE.sub(lambda found: found[0].encode("unicode_escape").decode(), str(text))
-    print(shown, file=sys.stderr if error else sys.stdout, flush=error)
+    """Print text, on stderr for an error: all that commands print goes through here or through `escape`."""
+    print(escape(text), file=sys.stderr if error else sys.stdout, flush=error)
 
 
 def print_result(result: object, text: str, *, as_json: bool) -> None:

@@ -11,6 +11,7 @@ from threading import Event, Thread
 from tqdm import tqdm
 
 from coview.outputs import say
+from toolkit.runtime.text_tables import escape
 
 EVERY_S = 10.0  # between two lines where there is no terminal
 
@@ -40,7 +41,7 @@ class Bar:
         if name != self._stage:
             self._stage, self._done, self._first, self._began = name, 0, 0, time.monotonic()
             self._bar.reset(total)
-            self._bar.set_description(name, refresh=False)
+            self._bar.set_description(escape(name), refresh=False)
         self._bar.total = total
         self.to(done)
 
@@ -51,7 +52,7 @@ class Bar:
     def line(self, text: str) -> None:
         """Print a line above the bar."""
         if not self._hidden:
-            self._bar.write(text, file=sys.stderr)
+            self._bar.write(escape(text), file=sys.stderr)
 
     def describe(self) -> str:
         """Describe the stage, its progress, and the time left."""

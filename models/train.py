@@ -24,6 +24,7 @@ from models.training.second_stage import average_precision, fit_calibration, tra
 from models.weight_files import Header, load_weights, save_weights
 from toolkit.runtime.files import check_output
 from toolkit.runtime.resumable import ShardFolder
+from toolkit.runtime.text_tables import escape
 from toolkit.sites.files import load_site
 
 WEIGHTS = "weights.safetensors"
@@ -122,8 +123,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     try:
         weights, _ = run(site, options, progress=report)
     except (ValueError, OSError) as error:
-        sys.exit(f"models.train: {error}")
-    print(f"written to {weights}")
+        sys.exit(f"models.train: {escape(' '.join(str(error).split()))}")
+    print(f"written to {escape(weights)}")
 
 
 if __name__ == "__main__":

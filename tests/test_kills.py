@@ -3,6 +3,7 @@ files of a run that nobody disturbed, and leaves no other."""
 
 import os
 import random
+import re
 import signal
 import subprocess
 import sys
@@ -24,11 +25,11 @@ COMMANDS = {
     "calibrate": "calibrate clouds --layout folder --reference tjunction --out OUT/x --poses OUT/poses.json",
     "detect": "detect clouds --format openlabel --level map --out OUT/x",
     "evaluate": "evaluate rec.hdf5 --frames 8 --schemes early late --out OUT/x",
-    "stress": "stress rec.hdf5 --frames 6 --schemes early --kinds pose fail --cache OUT/c --out OUT/x",
+    "stress": "stress rec.hdf5 --frames 6 --schemes early --kinds pose silent --cache OUT/c --out OUT/x",
     "table": "table rec.hdf5 --frames 2 --out OUT/x.npz",
     "pack": "pack rec.hdf5 --out OUT/x.packed",
     "pack random": f"pack --random-sites 3 {SMALL} --out OUT/x.packed",
-    "train": "train --data x.packed --epochs 2 --batch 2 --device cpu --checkpoint-s 0 --out OUT/x",
+    "train": "train --data x.packed --epochs 2 --batch 2 --device cpu --checkpoint-s 0.01 --out OUT/x",
     "search": f"search tjunction {PLACED} --judge surrogate --cache OUT/c --out OUT/x",
     "plan": f"plan tjunction {PLACED} --cache OUT/c --workers 1 --out OUT/x",
     "surrogate": "surrogate tjunction --frames 6 --poses 2 --sets 4 --schemes early --cache OUT/c --out OUT/x.json",
@@ -103,3 +104,15 @@ def test_a_command_killed_at_any_moment_is_resumed_by_the_same_line(place, tmp_p
         assert files(tmp_path / str(number)) == expected, (number, found)
     assert alive, "no run was killed: it ended before"
     print(f"{name}: {KILLS} kills, {alive} of a living process, all resumed")
+
+
+@pytest.mark.parametrize("name", [name for name in COMMANDS if name not in ("view", "site")])
+def test_of_two_runs_at_once_one_is_refused_in_one_line(place, tmp_path, name):
+    both = [start(COMMANDS[name].replace("OUT", str(tmp_path)), place) for _ in range(2)]
+    said = {process: process.communicate()[1] for process in both}
+    done, refused = sorted(both, key=lambda process: process.returncode)
+    assert done.returncode in (0, 1), said[done]
+    assert refused.returncode == 2, said[refused]
+    assert re.search("another run is writing|exists: write", said[refused]), said[refused]
+    assert "Traceback" not in said[refused] + said[done]
+    assert not [each for each in files(tmp_path) if "unfinished" in each or "lock" in each]

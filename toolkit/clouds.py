@@ -23,7 +23,7 @@ from toolkit.boxes import count_points
 from toolkit.frame import unproject
 from toolkit.point_files import read_pcd, read_ply
 from toolkit.points import Area, Crop
-from toolkit.runtime.files import load_arrays, reserve, writing
+from toolkit.runtime.files import MOST_CLOUD, load_arrays, reserve, writing
 from toolkit.sensors.sensor import Sensor
 
 PointCloud = o3d.t.geometry.PointCloud
@@ -189,7 +189,9 @@ def load(path: str | Path) -> PointCloud:
     kind = path.suffix.lower()
     if kind not in (".ply", ".pcd", ".npz"):
         raise ValueError(f"a cloud is read from .ply, .pcd or .npz, got {path.name}: see toolkit.datasets.cloud_files")
-    columns = read_ply(path) if kind == ".ply" else read_pcd(path) if kind == ".pcd" else load_arrays(path)
+    columns = (
+        read_ply(path) if kind == ".ply" else read_pcd(path) if kind == ".pcd" else load_arrays(path, most=MOST_CLOUD)
+    )
     points = columns.get("positions")
     if points is None or points.ndim != 2 or points.shape[1] != 3 or points.dtype not in (np.float32, np.float64):
         raise ValueError(f"{path} has no points: its array positions must be (n, 3) of float32 or float64")
@@ -201,7 +203,13 @@ def load(path: str | Path) -> PointCloud:
         and column.ndim in (1, 2)
         and len(column) == len(points)
     }
-    if "sensor" in sound and (sound["sensor"].size != len(points) or sound["sensor"].dtype.kind not in "iu"):
+    if lost := [name for name in columns if name not in sound]:
+        warnings.warn(
+            f"{path.name}: {', '.join(lost)} left out: no number for each of {len(points)} points", stacklevel=2
+        )
+    if "sensor" in columns and (
+        "sensor" not in sound or sound["sensor"].size != len(points) or sound["sensor"].dtype.kind not in "iu"
+    ):
         raise ValueError(f"{path}: sensor must be a whole number for each of {len(points)} points: write it again")
     return from_attributes(sound)
 

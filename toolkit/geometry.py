@@ -109,6 +109,9 @@ def tilt_rows(rows: Float[np.ndarray, "n c"], slope: Slope) -> Float[np.ndarray,
     return level_rows(rows, (-slope[0], -slope[1]))
 
 
+MOST_DISTANT = 1e8  # m; coordinates of maps reach 1e7
+
+
 def check_pose(candidate: Float[np.ndarray, "..."], name: str = "pose") -> Float64[np.ndarray, "4 4"]:
     """Return a pose as float64; ValueError for no rigid motion."""
     matrix = np.asarray(candidate, np.float64)
@@ -117,10 +120,14 @@ def check_pose(candidate: Float[np.ndarray, "..."], name: str = "pose") -> Float
     if not np.isfinite(matrix).all():
         raise ValueError(f"{name} holds NaN or infinite numbers: {matrix.tolist()}")
     rotation = matrix[:3, :3]
-    determinant = float(np.linalg.det(rotation))
-    if not np.allclose(matrix[3], [0, 0, 0, 1], atol=1e-6):
+    if np.abs(matrix[3] - (0, 0, 0, 1)).max() > 1e-5:
         raise ValueError(f"{name} must end with the row 0 0 0 1, got {matrix[3].tolist()}: pass the transpose?")
-    if not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-3) or determinant < 0:
+    if np.abs(matrix[:3, 3]).max() > MOST_DISTANT:
+        raise ValueError(
+            f"{name} lies farther than {MOST_DISTANT:g} m from the origin: give metres, got {matrix[:3, 3]}"
+        )
+    determinant = float(np.linalg.det(rotation))
+    if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-3 or determinant < 0:
         raise ValueError(
             f"{name} must be a rotation and a translation, but its 3×3 part has determinant {determinant:.3g}"
             f"{': it mirrors, flip one axis' if determinant < -0.5 else ''}"

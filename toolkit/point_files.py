@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from toolkit.arrays import Shaped
-from toolkit.runtime.files import check_unpacked, plain_file
+from toolkit.runtime.files import MOST_CLOUD, check_unpacked, plain_file
 
 Attributes = dict[str, np.ndarray]  # each (n, columns)
 
@@ -164,6 +164,8 @@ def _header(content: bytes) -> tuple[_Header, bytes]:
         said.append(math.prod(_whole([*entries["WIDTH"], *entries.get("HEIGHT", ["1"])])))
     if not said or len(set(said)) > 1:
         raise ValueError(f"POINTS and WIDTH x HEIGHT of its header must say one number of points, got {said}"[:200])
+    if "VIEWPOINT" in entries and [word.strip("-0.") for word in entries["VIEWPOINT"]] != ["", "", "", "1", "", "", ""]:
+        warnings.warn("the VIEWPOINT of a PCD file is not applied, its points stay as they are", stacklevel=2)
     points = said[0]
     data = " ".join(entries["DATA"])
     if data not in ("ascii", "binary", "binary_compressed") or points < 0:
@@ -233,7 +235,7 @@ def _read_compressed(header: _Header, body: bytes) -> list[np.ndarray]:
     needed = header.points * header.row.itemsize
     if len(body) - 8 < packed and header.points:
         raise ValueError(f"it is cut off, {len(body) - 8} of {packed} compressed bytes are there")
-    check_unpacked(size)
+    check_unpacked(size, MOST_CLOUD)
     if size != needed or size > MOST_LZF * max(1, packed):
         raise ValueError(f"its points take {needed} bytes, but {size} are compressed in {packed}")
     plain = decompress_lzf(body[8 : 8 + packed], size)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any, Literal
@@ -208,14 +209,30 @@ def _build_result(content: _Row) -> Result:
             "contenders": tuple(Contender(**each | tuples) for each, tuples in contenders),
             "by_errors": tuple(ProfileAP(**each) for each in assessment.get("by_errors", ())),
         }
-        rows["assessment"] = Assessment(**assessment | judged)
-    return Result(**content | rows)
+        rows["assessment"] = known = Assessment(**assessment | judged)
+        figures = [
+            each for some in (known, *known.contenders, *known.by_errors) for each in (some.ap, some.low, some.high)
+        ]
+        _check_figures((*figures, known.confidence), (known.kbit, known.objects, known.frames))
+    result = Result(**content | rows)
+    _check_figures((), (result.evaluations, result.seconds, *result.history.evaluations, *result.history.seconds))
+    return result
 
 
 def load_score(row: _Row) -> Score:
     """Score from the values of a file."""
     by_class = {name: _number(ap, math.nan) for name, ap in row["class_ap"].items()}
-    return Score(**row | {"subset": tuple(map(int, row["subset"])), "class_ap": by_class})
+    score = Score(**row | {"subset": tuple(map(int, row["subset"])), "class_ap": by_class})
+    _check_figures((score.ap, score.recall, *by_class.values()), (score.kbit, score.kbit_per_sensor, score.price))
+    return score
+
+
+def _check_figures(shares: Iterable[float], amounts: Iterable[float]) -> None:
+    """Raise ValueError for a share outside 0..1, such as an AP, or an amount below 0."""
+    if wrong := [each for each in shares if not 0 <= each <= 1 and each == each]:
+        raise ValueError(f"AP, recall and confidence must lie in 0..1, got {wrong[0]}")
+    if wrong := [each for each in amounts if not each >= 0]:
+        raise ValueError(f"kbit, prices, counts and times must be at least 0, got {wrong[0]}")
 
 
 def _number(value: float | None, absent: float) -> float:

@@ -492,7 +492,7 @@ def npz_change(content: bytes, rng: Rng) -> tuple[str, bytes]:
         "nothing": lambda: b"",
         f"of header {header}": lambda: npy_bytes(array, **header),
         "six gigabytes of zeros": lambda: b"",
-        "times 1000": lambda: npy_bytes(np.asarray(array * 1000)),
+        "times 1000": lambda: npy_bytes(np.asarray(array * 1000.0)),
         "one row less": lambda: npy_bytes(array[:-1] if array.ndim else array),
         "of texts": lambda: npy_bytes(np.full(array.shape, "x")),
     }
@@ -532,7 +532,7 @@ def feather_change(content: bytes, rng: Rng) -> tuple[str, bytes]:
         "nulls": lambda: pyarrow.nulls(len(values), column.type),
         "lists": lambda: pyarrow.array([[1.0]] * len(values)),
         "backwards": lambda: column[::-1] if hasattr(column, "__getitem__") else column,
-        "times 1000": lambda: pyarrow.array(values * 1000 if numeric else values),
+        "times 1000": lambda: pyarrow.array(values * 1000.0 if numeric else values),
         "nan": lambda: pyarrow.array(np.full(len(values), np.nan)),
         "huge": lambda: pyarrow.array(np.full(len(values), 2**62)),
         "a dictionary": lambda: pyarrow.array(["a"] * len(values)).dictionary_encode(),

@@ -1,3 +1,5 @@
+import warnings
+
 import numpy as np
 import open3d as o3d
 import pytest
@@ -104,6 +106,16 @@ def test_damage_is_one_line(tmp_path, content, says):
     with pytest.raises(ValueError, match=says) as error:
         read_pcd(tmp_path / "a.pcd")
     assert "\n" not in str(error.value)
+
+
+def test_a_viewpoint_is_not_applied_and_that_is_said(tmp_path):
+    content = header(XYZ, 1, "binary") + bytes(12)
+    for said, warned in (("0 0 0 1 0 0 0", 0), ("0.0 -0 0 1.00 0 0 0", 0), ("1 2 3 1 0 0 0", 1), ("0 0 0 0 1 0 0", 1)):
+        (tmp_path / "a.pcd").write_bytes(content.replace(b"DATA", f"VIEWPOINT {said}\nDATA".encode()))
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            read_pcd(tmp_path / "a.pcd")
+        assert len(caught) == warned, said
 
 
 AXES = {axis: np.arange(4.0) for axis in "xyz"}

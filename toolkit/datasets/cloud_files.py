@@ -24,13 +24,22 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from toolkit.arrays import Float64
-from toolkit.geometry import Pose, check_pose, invert, transform
+from toolkit.geometry import MOST_DISTANT, Pose, check_pose, invert, transform
 from toolkit.point_files import Attributes, missing_axes, name_attributes
-from toolkit.runtime.files import check_unpacked, load_arrays, name_errors, parse_json, plain_file, read_text
+from toolkit.runtime.files import (
+    MOST_CLOUD,
+    check_unpacked,
+    load_arrays,
+    name_errors,
+    parse_json,
+    plain_file,
+    read_text,
+)
 
 if TYPE_CHECKING:  # Open3D takes long to load, and simulated recordings do without
     from toolkit.clouds import PointCloud
 
+_LEAST = 1e-30  # m; what is nearer to 0 are whole numbers, or parts of others, read as floats
 _MOST_SPREAD = 5000.0  # m from their middle that half of a sensor's points may lie: they would be millimetres
 
 
@@ -101,9 +110,17 @@ def _check_extent(path: Path, points: Float64[np.ndarray, "n 3"]) -> None:
     if len(some) and not np.isfinite(points).all(axis=1).any():
         raise ValueError(f"{path}: none of its {len(points)} points has three finite coordinates: record it again")
     away = np.linalg.norm(finite - np.median(finite, axis=0), axis=1) if len(finite) else np.zeros(1)
+    if len(finite) and np.median(np.abs(finite).max(axis=1)) > MOST_DISTANT:
+        raise ValueError(f"{path}: half of its points are beyond {MOST_DISTANT:g} m: give metres, or repair the file")
     if np.median(away) > _MOST_SPREAD:
         wide = f"half of its points are more than {np.median(away) / 1000:.3g} km from their middle"
         raise ValueError(f"{path}: {wide}: give metres, or repair the file")
+    tiny = (finite != 0) & (np.abs(finite) < _LEAST)
+    odd = np.unique(finite[(away > _MOST_SPREAD) | tiny.any(axis=1)] if len(finite) else finite, axis=0)
+    if len(odd) > max(5, 0.1 * len(finite)):  # a driver's value of no return is always the same
+        raise ValueError(
+            f"{path}: {len(odd)} of {len(finite)} points, such as {odd[0]}, are no places: repair the file"
+        )
 
 
 def read_poses(path: str | Path, *, inverted: bool = False) -> dict[str, Pose]:
@@ -194,7 +211,7 @@ def read_table(path: str | Path) -> dict[str, np.ndarray]:
         for message in pyarrow.ipc.MessageReader.open_stream(stream):
             batches += message.type == "record batch"
             unpacked += _batch_size(message.metadata.to_pybytes(), message.body or b"")
-            check_unpacked(unpacked)
+            check_unpacked(unpacked, MOST_CLOUD)
         if batches != pyarrow.ipc.open_file(content).num_record_batches:
             raise ValueError("it lacks some of its rows: copy it again")
         table = pyarrow.ipc.open_stream(stream).read_all()
@@ -256,13 +273,19 @@ def _read(path: Path) -> Attributes:
             raise ValueError(f"{path} must hold rows of x y z, got an array of shape {table.shape}")
         if table.dtype.kind not in "fiu":
             raise ValueError(f"{path} must hold numbers, got an array of {table.dtype}")
+        if len(table) in (3, 4) and table.shape[1] > 20:
+            raise ValueError(f"{path} must hold rows of x y z, got an array of shape {table.shape}: transpose it")
         return {"positions": table[:, :3]}
     if ending == ".bin":
         names = ("x", "y", "z", "intensity", "ring")[: 5 if path.name.lower().endswith(".pcd.bin") else 4]
         size, count = path.stat().st_size, len(names)
         if size % (4 * count):
             raise ValueError(f"{path} must hold rows of {count} float32, but {size} bytes are no whole number of them")
-        return name_attributes(dict(zip(names, np.fromfile(path, "<f4").reshape(-1, count).T, strict=True)))
+        rows = np.fromfile(path, "<f4").reshape(-1, count)
+        if len(rows) and np.mean(rows[:, 3] < 0) > 0.01:
+            held = f"{path} must hold rows of float32 {' '.join(names)}, but its intensities are below 0"
+            raise ValueError(f"{held}: save other types or columns as .npy or .csv")
+        return name_attributes(dict(zip(names, rows.T, strict=True)))
     if ending == ".feather":
         columns = read_table(path)
         if missing_axes(tuple(columns)):

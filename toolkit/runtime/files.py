@@ -90,10 +90,12 @@ def writing_together(folder: str | Path) -> Iterator[Path]:
 @contextmanager
 def writing_folder(folder: str | Path) -> Iterator[Path]:
     """Give the block a folder that becomes `folder` at the end, in place of all that is there: see `check_new_folder`.
-    If the block raises, `folder` stays as it was. Raises OSError as `writing`."""
+    If the block raises, `folder` stays as it was. Raises OSError as `writing`, and while another process writes it."""
     target = Path(os.path.realpath(folder))
     try:
         with _aside(target, inside=target.exists()) as (_, unfinished):
+            if not unfinished.name.endswith(f".0{UNFINISHED}"):
+                raise FileExistsError(f"another run is writing to {folder}: wait for it, or stop it")
             yield unfinished
             (unfinished / WRITTEN).touch()
             if unfinished.parent == target:  # it stays, as it may be mounted, or be where somebody works
@@ -235,7 +237,8 @@ def check_new_folder(out: str | Path, *, inputs: Iterable[str | Path] = (), over
             if place in Path(os.path.realpath(each)).parents:
                 raise ValueError(f"{out} holds {each}, which is read: write to another folder, it would be lost")
         if not note.is_file():
-            raise ValueError(f"{out} holds files that coview did not write there: write to another folder")
+            remedy = "write to another folder, or empty it if an earlier coview wrote them"
+            raise ValueError(f"{out} holds files that coview did not write there: {remedy}")
 
 
 def _mask() -> int:
@@ -429,7 +432,10 @@ _CHECKSUM = 32  # bytes of SHA-256 over all that comes before, at the end of the
 
 
 def write_arrays(path: str | Path, arrays: Mapping[str, np.ndarray]) -> None:
-    """Write a .npz file with a checksum, replacing an old one. A process killed while writing leaves the old one."""
+    """Write a .npz file with a checksum, replacing an old one. A process killed while writing leaves the old one.
+    Raises ValueError for arrays that `read_arrays` would refuse."""
+    with name_errors(path):
+        check_unpacked(sum(array.nbytes for array in arrays.values()))
     content = BytesIO()
     np.savez_compressed(content, **arrays)  # type: ignore[arg-type]  # its other keyword is not among them
     write_bytes(path, content.getvalue() + sha256(content.getvalue()).digest())
@@ -451,17 +457,20 @@ _DAMAGE = (  # what np.load was seen to raise on damaged files: from the zip arc
 
 
 MOST_UNPACKED = 1 << 30  # bytes of memory that one file may ask for
+MOST_CLOUD = 1 << 28  # bytes of a cloud that is packed: float64 copies of it take several times as much
 
 
-def check_unpacked(size: int) -> None:
-    """Check how much memory a file asks for before it gets it. Raises ValueError for more than 1 GiB."""
-    if size > MOST_UNPACKED:
-        raise ValueError(f"it unpacks to {size / 2**30:.1f} GiB, more than the 1 GiB that is read: split it")
+def check_unpacked(size: int, most: int | None = None) -> None:
+    """Check how much memory a file asks for before it gets it. Raises ValueError for more than `most`, by default
+    `MOST_UNPACKED`."""
+    most = most or MOST_UNPACKED
+    if size > most:
+        raise ValueError(f"it unpacks to {size / 2**30:.1f} GiB, more than the {most / 2**30:g} GiB allowed: split it")
 
 
-def load_arrays(path: str | Path, content: BytesIO | None = None) -> dict[str, np.ndarray]:
+def load_arrays(path: str | Path, content: BytesIO | None = None, *, most: int | None = None) -> dict[str, np.ndarray]:
     """Load the arrays of a .npz file by name, that of a .npy file as "". Raises ValueError, in one line, also where
-    they would take more than 1 GiB of memory. content: of the file, if it was read before."""
+    those of a .npz would take more memory than `check_unpacked` allows. content: of the file, if it was read before."""
     try:
         with content or plain_file(path).open("rb") as file:
             if file.read(2) != b"PK":
@@ -470,7 +479,7 @@ def load_arrays(path: str | Path, content: BytesIO | None = None) -> dict[str, n
                 file.seek(0)
                 return {"": np.load(file, allow_pickle=False)}
             with zipfile.ZipFile(file) as archive:
-                check_unpacked(sum(entry.file_size for entry in archive.infolist()))
+                check_unpacked(sum(entry.file_size for entry in archive.infolist()), most)
                 for entry in archive.infolist():
                     with archive.open(entry) as stream:
                         _check_array(stream, entry.file_size)

@@ -50,6 +50,8 @@ def save_site(site: Site, path: str | Path) -> None:
 
 
 VERSION = 1
+_MOST_SENSORS = 10_000
+_MOST_TURN = 3600.0  # degrees; drawn sites hold some beyond a full turn
 JsonValue = Any  # of a JSON document, not yet checked
 Json = dict[str, JsonValue]
 
@@ -129,6 +131,13 @@ class _Node:
     def number(self, key: str) -> float:
         return _number(self.value.get(key), self.where(key))
 
+    def angle(self, key: str) -> float:
+        """Member in degrees, as radians."""
+        value = self.number(key)
+        if abs(value) > _MOST_TURN:
+            raise ValueError(f"{self.where(key)} must lie within {_MOST_TURN:g} degrees of 0, got {value:g}")
+        return float(np.deg2rad(value))
+
     def numbers(self, key: str, count: int | None = None) -> list[float]:
         """Member that is a list of `count` finite numbers."""
         row = self.get(key, list)
@@ -158,6 +167,8 @@ def parse(collection: JsonValue) -> Site:
     for i, feature in enumerate(root.get("features", list)):
         layer, value = _read_feature(_Node(feature, f"features[{i}]"))
         layers[layer].append(value)
+        if len(layers["sensor"]) > _MOST_SENSORS:
+            raise ValueError(f"features must hold at most {_MOST_SENSORS} sensors: leave some out")
     if len(layers["area"]) != 1:
         raise ValueError(f"features must hold exactly one of layer 'area', got {len(layers['area'])}")
     relief = root.node("relief")
@@ -239,7 +250,7 @@ def _read_solid(geometry: _Node, properties: _Node) -> Solid:
 
 def _read_parking(geometry: _Node, properties: _Node) -> tuple[tuple[float, float, float], str]:
     x, y = geometry.numbers("coordinates", 2)
-    return (x, y, float(np.deg2rad(properties.number("heading_deg")))), _read_origin(properties)
+    return (x, y, properties.angle("heading_deg")), _read_origin(properties)
 
 
 def _read_origin(properties: _Node) -> str:
@@ -258,7 +269,7 @@ def _read_mount(geometry: _Node, properties: _Node) -> Mount:
 
 def _read_sensor(geometry: _Node, properties: _Node) -> Sensor:
     x, y, z = geometry.numbers("coordinates", 3)
-    heading, tilt, roll = (np.deg2rad(properties.number(f"{key}_deg")) for key in ("heading", "tilt", "roll"))
+    heading, tilt, roll = (properties.angle(f"{key}_deg") for key in ("heading", "tilt", "roll"))
     model = _read_model(properties.node("model"))
     world_SE3_body = pose(x, y, z, yaw=heading, pitch=tilt, roll=roll)
     return Sensor(properties.get("name", str), model, world_SE3_body @ model.body_SE3_sensor)

@@ -25,6 +25,7 @@ KINDS = (
     *("kerb", "island", "pond"),
 )
 ORIGINS = ("mapped", "surveyed", "drawn")  # of a map, measured on site, or made up by coview
+MOST_HEIGHT = 1000.0  # m of solids and mounts
 EQUAL = 1e-9  # m, rad: numbers of equal sites differ by no more, which is what angles lose as degrees in a file
 Furnishing = Literal["none", "light", "dense"]
 HYBRID_RADIUS = 20.0  # m, unless the paper gives another for a site (its section IV-B)
@@ -52,6 +53,8 @@ class Solid:
         _check_origin(self.origin, "solid.origin")
         if not (np.isfinite([self.base, self.top]).all() and self.base < self.top):
             raise ValueError(f"solid.top must lie above its base, got base {self.base} and top {self.top}")
+        if self.top - self.base > MOST_HEIGHT:
+            raise ValueError(f"a solid is at most {MOST_HEIGHT:g} m high, got {self.top - self.base:g}: give metres")
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,8 +75,9 @@ class Mount:
         if position.shape != (3,) or not np.isfinite(position).all():
             raise ValueError(f"mount.position must be three finite numbers x, y, z, got {self.position}")
         object.__setattr__(self, "position", position)
-        if not 0 <= self.min_height <= self.max_height < np.inf:
-            raise ValueError(f"mount.min_height must lie in 0..max_height {self.max_height}, got {self.min_height}")
+        if not 0 <= self.min_height <= self.max_height <= MOST_HEIGHT:
+            got = f"{self.min_height:g} and {self.max_height:g}"
+            raise ValueError(f"mount.min_height <= max_height must lie in 0..{MOST_HEIGHT:g} m, got {got}")
         if not 0 <= self.price < np.inf or not self.capacity > 0:
             raise ValueError(f"mount needs price >= 0 and capacity > 0, got {self.price} and {self.capacity}")
         _check_origin(self.origin, "mount.origin")

@@ -84,6 +84,8 @@ def test_results_are_read_as_written_also_old_ones(whole, tmp_path):
         *(lambda c: {name: value for name, value in c.items() if name != "history"}, lambda c: c | {"extra": 1}),
         lambda c: c | {"sensors": [{"name": "a", "model": "Telepathy", "values": {}, "pose": []}]},
         *(lambda c: c | {"certificate": None}, lambda c: [c]),
+        *(lambda c: c | {"best": c["best"] | {"ap": 2.0}}, lambda c: c | {"front": [c["best"] | {"kbit": -5.0}]}),
+        *(lambda c: c | {"seconds": -1.0}, lambda c: c | {"assessment": c["assessment"] | {"high": 1.5}}),
     ],
 )
 def test_a_damaged_result_is_one_line(whole, tmp_path, change):

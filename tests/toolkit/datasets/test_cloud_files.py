@@ -176,6 +176,19 @@ def test_bad_cloud_files_say_what_is_wrong_and_need_a_pose_each(tmp_path):
         (tmp_path / name).write_bytes(content)
         with pytest.raises(ValueError, match=message):
             cloud_files.read_points(tmp_path / name)
+    rows = np.random.default_rng(0).normal(0, 20, (400, 4)).astype("<f4")
+    rows[:, 3] = 0.5
+    for name, array, message in (
+        *(("doubles.bin", rows.astype("<f8"), "below 0"), ("three.bin", rows[:, :3], "below 0")),
+        *(("five.bin", np.column_stack([rows, rows[:, 0]]), "below 0"), ("whole.bin", rows.astype("<i4"), "no places")),
+        ("swapped.bin", np.abs(rows).astype(">f4"), "no places|half of its points|below 0"),
+    ):
+        (tmp_path / name).write_bytes(np.ascontiguousarray(array).tobytes())
+        with pytest.raises(ValueError, match=message):
+            cloud_files.read_points(tmp_path / name)
+    np.save(tmp_path / "b.npy", rows[:, :3].T)
+    with pytest.raises(ValueError, match="transpose"):
+        cloud_files.read_points(tmp_path / "b.npy")
     np.save(tmp_path / "b.npy", np.zeros(7))
     with pytest.raises(ValueError, match="rows of x y z"):
         cloud_files.read_points(tmp_path / "b.npy")
@@ -244,7 +257,7 @@ def test_a_table_that_unpacks_to_gigabytes_is_refused(tmp_path):
         feather.write_feather(pyarrow.table(dict(columns)), tmp_path / "a.feather", compression=compression)
         assert len(cloud_files.read_table(tmp_path / "a.feather")["x"]) == 1 << 20
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr("toolkit.runtime.files.MOST_UNPACKED", 20 << 20)
+            patch.setattr("toolkit.datasets.cloud_files.MOST_CLOUD", 20 << 20)
             with pytest.raises(ValueError, match=r"a\.feather .* unpacks to"):
                 cloud_files.read_table(tmp_path / "a.feather")
     nothing = pyarrow.nulls(1 << 30)

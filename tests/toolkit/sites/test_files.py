@@ -126,6 +126,10 @@ DAMAGE = [
     (put(relief={"amplitude": -1, "seed": 0}), r"relief\.amplitude must be finite"),
     *((put(coview_site=99), r"coview_site is version 99"), (drop("coview_site"), r"coview_site is missing")),
     *((put(type="Feature"), r"type must be 'FeatureCollection'"), (put(features={}), r"features must be a list")),
+    (says("sensor", heading_deg=1.7e12), r"properties\.heading_deg must lie within 3600 degrees of 0, got 1\.7e\+12"),
+    (says("mount", max_height=1.7e18), r"must lie in 0\.\.1000 m, got"),
+    (says("solid", top=1e6), r"at most 1000 m high"),
+    (lambda d: d["features"].extend([first(d, "sensor")] * 10_001), r"at most 10000 sensors"),
     (lambda d: d["features"].insert(0, 3), r"features\[0\] must be an object"),
 ]
 

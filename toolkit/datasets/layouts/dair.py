@@ -99,12 +99,15 @@ def read_transform(path: str | Path, offset: tuple[float, float] | None = None) 
     return matrix
 
 
+_MOST_OFFSET = 1000.0  # m of a correction to where the infrastructure stands
+
+
 def _offset(value: records.Unchecked) -> tuple[float, float] | None:
     if not value or (isinstance(value, dict) and value.get("delta_x") in ("", None)):
         return None
     delta = (as_number(entry(value, "delta_x"), "delta_x"), as_number(entry(value, "delta_y"), "delta_y"))
-    if not np.isfinite(delta).all():
-        raise ValueError(f"delta_x and delta_y must be finite numbers, got {delta}")
+    if not np.abs(delta).max() <= _MOST_OFFSET:
+        raise ValueError(f"delta_x and delta_y must be numbers within {_MOST_OFFSET:g} m of 0, got {delta}")
     return delta
 
 

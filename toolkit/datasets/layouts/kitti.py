@@ -53,7 +53,7 @@ def _sample(folder: Path, name: str) -> Frame:
     with records.named_damage(calib, "calibration"):
         camera_SE3_lidar, projection = _parse_calibration(read_bytes(calib).decode("utf-8-sig"))
     with records.named_damage(labels, "list of labels"):
-        rows = [line.split() for line in labels.read_text(encoding="utf-8-sig").splitlines() if line.strip()]
+        rows = [line.split() for line in read_bytes(labels).decode("utf-8-sig").splitlines() if line.strip()]
         for row in rows:
             if len(row) not in (15, 16):
                 raise ValueError(f"a line must have 15 or 16 entries, got {len(row)}")

@@ -26,7 +26,7 @@ from toolkit.datasets import records
 from toolkit.datasets.records import entry, named_damage, numbers
 from toolkit.frame import Frame, SensorCloud
 from toolkit.geometry import invert, pose
-from toolkit.runtime.files import parse_yaml, write_text
+from toolkit.runtime.files import parse_yaml, read_text, write_text
 
 MIRROR = np.diag([1.0, -1.0, 1.0, 1.0])
 
@@ -91,7 +91,7 @@ def _sample(name: str, files: list[Path], mirror: np.ndarray) -> Frame:
 
 
 def _yaml(file: Path) -> records.Unchecked:
-    content = parse_yaml(file.read_text(encoding="utf-8-sig"))
+    content = parse_yaml(read_text(file))
     if not isinstance(content, dict):
         raise ValueError(f"it must hold names and values, got {str(content)[:40]!r}")
     return content

@@ -29,7 +29,7 @@ from toolkit.datasets.records import Problems, add_problem, build_cloud, get_int
 from toolkit.frame import Frame, SensorCloud
 from toolkit.objects import Objects
 from toolkit.point_files import name_attributes
-from toolkit.runtime.files import plain_file
+from toolkit.runtime.files import parse_yaml, plain_file, read_text, resolve_below
 from toolkit.sites.site import Site
 
 CLOUD = "sensor_msgs/msg/PointCloud2"
@@ -206,6 +206,9 @@ def _messages(path: Path, *kinds: str, parse: bool = True) -> Iterator[tuple[str
     except ImportError:
         raise ImportError("reading bags needs rosbags: pip install rosbags") from None
     with _damage(path):
+        if (described := path / "metadata.yaml").is_file():
+            for name in parse_yaml(read_text(described))["rosbag2_bagfile_information"]["relative_file_paths"]:
+                plain_file(resolve_below(path, str(name)))
         reader = AnyReader([plain_file(path)], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
         reader.open()
     try:

@@ -91,6 +91,23 @@ def test_a_bag_of_ros2(tmp_path, plugin):
     assert second.problems == {"points with NaN or infinite numbers": 1}
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("- bag.mcap", "- ../bag/bag.mcap", "leads out of"),
+        ("- bag.mcap", "- /dev/zero", "leads out of"),
+        ("version:", f"deep: {'[' * 5000}{']' * 5000}\n  version:", "nested too deep"),
+        ("version:", "version: 5\n  version:", "twice"),
+    ],
+)
+def test_a_description_that_leads_elsewhere_or_is_a_bomb_is_refused(tmp_path, old, new, says):
+    description = write_ros2(tmp_path / "bag", recording()) / "metadata.yaml"
+    description.write_text(description.read_text().replace(old, new, 1))
+    with pytest.raises(ValueError, match=says) as refused:
+        rosbag(tmp_path / "bag")
+    assert "\n" not in str(refused.value)
+
+
 def test_the_file_of_a_bag_alone(tmp_path):
     (file,) = write_ros2(tmp_path / "bag", recording()).glob("*.mcap")
     assert len(list(rosbag(file))) == 2
