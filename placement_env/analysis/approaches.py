@@ -2,7 +2,8 @@
 
 A junction is a node from which roads go to three neighbours or more; the nodes of a roundabout count as one. An
 approach is an edge that ends in a junction, with the edges before it back to the previous junction; one that leaves a
-junction without reaching another is an exit. Edges within a roundabout or a node belong to the junction.
+junction without reaching another is an exit. Edges within a roundabout or a node belong to the junction. Streets have
+the names that the network gives them.
 """
 
 from __future__ import annotations
@@ -57,13 +58,15 @@ def find_approaches(site: Site) -> Approaches:
         neighbours[begin].add(end)
         neighbours[end].add(begin)
     junctions = {node for node, near in neighbours.items() if len(near) >= 3 or node.startswith("roundabout ")}
+    places = {node: f"junction {k}" for k, node in enumerate(_inner_first(site, root, merged, junctions), 1)}
     groups: dict[str, list[shapely.Geometry]] = {}
     for name, (_, end) in ends.items():
         if end in junctions:
             chain = _chain(name, ends, junctions)
             start, stop = _lines(roads[chain[-1]])[-1].coords[0], _lines(roads[name])[-1].coords[-1]
-            label = f"from the {compass(site, np.subtract(start[:2], stop[:2]))}"
-            label = f"{label} to {end}" if len(junctions) > 1 else label
+            street, heading = roads[name].get("name", ""), compass(site, np.subtract(start[:2], stop[:2]))
+            label = f"{street}, from the {heading}" if street else f"from the {heading}"
+            label = f"{label} to {places[end]}" if len(junctions) > 1 else label
             groups.setdefault(label, []).extend(line for each in chain for line in _lines(roads[each]))
     used = {line.wkb for lines in groups.values() for line in lines}
     leaving = [line for edge in roads.values() for line in _lines(edge) if line.wkb not in used]
@@ -73,6 +76,28 @@ def find_approaches(site: Site) -> Approaches:
     if not kept:
         kept = {JUNCTION: shapely.box(*site.area)}
     return Approaches((*kept, PARKED), tuple(kept.values()), site.parking)
+
+
+def find_streets(site: Site) -> Approaches:
+    """Find the streets in the area, each side of the area's middle by itself; unnamed ones by their compass point."""
+    area, groups = shapely.box(*site.area), defaultdict[str, list[shapely.Geometry]](list)
+    for edge in ElementTree.fromstring(site.network or "<net/>").findall("edge"):
+        inside = shapely.intersection(shapely.union_all(_lines(edge)), area)
+        if not inside.is_empty:
+            middle = np.array([*inside.centroid.coords[0]]) - [*area.centroid.coords[0]]
+            name = f"{edge.get('name') or 'the road'} in the {compass(site, middle)}"
+            groups[f"the {JUNCTION}" if edge.get("function") else name].append(inside)
+    kept = {name: shapely.union_all(lines) for name, lines in sorted(groups.items())} or {f"the {JUNCTION}": area}
+    return Approaches((*kept, PARKED), tuple(kept.values()), np.zeros((0, 3)))
+
+
+def _inner_first(site: Site, root: ElementTree.Element, merged: dict[str, str], junctions: set[str]) -> list[str]:
+    """Junctions by their distance from the middle of the area."""
+    middle, away = (site.area[:2] + site.area[2:]) / 2, defaultdict[str, list[float]](list)
+    for each in root.findall("junction"):
+        place = np.array([float(each.get("x", 0)), float(each.get("y", 0))])
+        away[merged.get(each.get("id", ""), each.get("id", ""))].append(float(np.hypot(*(place - middle))))
+    return sorted(junctions, key=lambda node: (float(np.mean(away[node] or [np.inf])), node))
 
 
 def compass(site: Site, offset: Float64[np.ndarray, "2"]) -> str:

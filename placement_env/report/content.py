@@ -49,10 +49,11 @@ def overlap(one: Judgement, other: Judgement) -> bool:
 class PlanOption:
     """A sensor set that was considered.
 
-    sensors: names of candidates; predicted: AP by the fidelity of the searches; judged: intact, None if not judged;
-    searches: those that found it; mean_ap: over IoU 0.7, 0.8 and 0.9. Three results are None unless the plan asks for
-    them: left: with failed sensors, over the levels of traffic if there are several; over_levels: intact, over the
-    levels; over_errors: over the error profiles, with failures and levels. All other figures are at the first profile.
+    sensors: names of candidates; poles: their mounts; predicted: AP by the fidelity of the searches; judged: intact,
+    None if not judged; searches: those that found it; mean_ap: over IoU 0.7, 0.8 and 0.9. Three results are None unless
+    the plan asks for them: left: with failed sensors, over the levels of traffic if there are several; over_levels:
+    intact, over the levels; over_errors: over the error profiles, with failures and levels. All other figures are at
+    the first profile.
     """
 
     sensors: tuple[str, ...]
@@ -66,6 +67,7 @@ class PlanOption:
     left: Judgement | None = None
     over_levels: Judgement | None = None
     over_errors: Judgement | None = None
+    poles: tuple[str, ...] = ()
 
     @property
     def counted(self) -> Judgement | None:
@@ -171,8 +173,8 @@ class Plan:
     once, by price; running: costs of `years` years beside the price; poles_unused: names; origins: number of things at
     the site by origin ("mapped", "surveyed", "drawn") and kind; drawings: the race on each drawing of the furnishing,
     none unless several were asked for; poles_in_all: poles of the plan that win on all of them; head: title, client,
-    date, author and logo (a file's name), those that the catalogue gives; assumptions, unknown: sentences; provenance:
-    digests of all inputs, seeds, versions.
+    date, author and logo (a file's name), those that the catalogue gives; blind_streets: lanes that no sensor sees (m²),
+    by street; assumptions, unknown: sentences; provenance: digests of all inputs, seeds, versions.
     """
 
     question: dict[str, object]
@@ -204,6 +206,7 @@ class Plan:
     years: float = 0.0
     order: tuple[BuildStep, ...] = ()
     ground: GroundShares | None = None
+    blind_streets: dict[str, float] = field(default_factory=dict)
     poles_unused: tuple[str, ...] = ()
     origins: dict[str, dict[str, int]] = field(default_factory=dict)
     drawings: tuple[DrawingRace, ...] = ()

@@ -260,7 +260,8 @@ _UNUSED_LANES = ("none", "parking", "shoulder", "border", "curb", "median", "res
 _OPENDRIVE_OPTIONS = ("--opendrive.import-all-lanes", "--opendrive.curve-resolution=1", "--junctions.endpoint-shape")
 _OSM_OPTIONS = (
     *("--osm.sidewalks", "--crossings.guess", "--geometry.remove", "--roundabouts.guess", "--junctions.join"),
-    *("--tls.guess-signals", "--tls.discard-simple", "--tls.join", "--no-warnings"),
+    *("--tls.guess-signals", "--tls.discard-simple", "--tls.join", "--output.street-names"),
+    "--no-warnings",
 )
 
 
@@ -402,7 +403,8 @@ def import_osm(piece: MapPiece, *, lefthand: bool = False) -> Site:
         options += [f"--plain-output-prefix={Path(folder, 'plain')}"]
         network = _in_site_frame(_convert(options, piece), map_SE3_site)
         if parking and (strips := osm_parking.find_parking_strips(network, parking)):
-            options = [*osm_parking.widen_network(Path(folder), strips), "--no-warnings", *driving]
+            options = [*osm_parking.widen_network(Path(folder), strips), "--output.street-names", "--no-warnings"]
+            options += driving
             try:
                 network = _in_site_frame(nets.convert(options), map_SE3_site)
             except ValueError as error:

@@ -329,7 +329,8 @@ def _road_tags(tags: Tags, lefthand: bool) -> dict[str, str]:
         passed["oneway"] = "yes"
     usual = ("left" if lefthand else "right") if ring else "both"
     side = _sidewalk(tags) or (usual if ROADS[kind][3] else "no")
-    return {"highway": kind, **passed, "sidewalk": side}
+    street = {"name": " ".join(tags["name"].split())[:60]} if tags.get("name", "").strip() else {}
+    return {"highway": kind, **passed, "sidewalk": side, **street}
 
 
 def _sidewalk(tags: Tags) -> str | None:

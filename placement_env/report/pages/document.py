@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import tempfile
 from base64 import b64encode
 from collections.abc import Sequence
@@ -87,6 +88,23 @@ class Bullets:
 
 
 @dataclass(frozen=True)
+class Fact:
+    """One line of a summary. alarm: True for what the reader must not overlook."""
+
+    label: str
+    text: str
+    alarm: bool = False
+
+
+@dataclass(frozen=True)
+class Facts:
+    """A summary, line by line."""
+
+    items: tuple[Fact, ...]
+    kind: ClassVar[str] = "facts"
+
+
+@dataclass(frozen=True)
 class TableBlock:
     """A table with the sentence above it."""
 
@@ -115,7 +133,7 @@ class SceneView:
     kind: ClassVar[str] = "scene"
 
 
-ReportBlock = Paragraph | Bullets | TableBlock | Drawing | SceneView
+ReportBlock = Paragraph | Bullets | Facts | TableBlock | Drawing | SceneView
 Content = tuple[str, tuple[ReportBlock, ...]]  # of a section: its conclusion and blocks
 
 
@@ -184,7 +202,7 @@ def to_pdf(document: Document) -> bytes:
             for block, values in zip(section.blocks, of_section["blocks"], strict=True):
                 values["kind"] = block.kind
                 if isinstance(block, TableBlock):
-                    values["columns"] = [{"heading": c.heading, "number": c.number} for c in block.columns]
+                    values |= _lay_out(block)
                 if isinstance(block, Drawing):
                     values["file"] = f"drawing{drawings}.svg"
                     Path(folder, values["file"]).write_text(values.pop("svg"), encoding="utf-8")
@@ -197,6 +215,32 @@ def to_pdf(document: Document) -> bytes:
             raise ValueError(f"the PDF cannot be set: {error.message}: the drawings must be SVG") from error
     assert isinstance(pages, bytes)
     return pages
+
+
+LINE, LETTER, INSET = 487.0, 0.5, 6.0  # points: width of a page's text, of a letter at 1 pt, beside a cell's text
+LEAST_SIZE, USUAL_SIZE = 6.0, 9.0  # points, of a table's text
+LONGEST_WORD, PIECE = 24, 12  # letters of words that stay whole; of the pieces of longer ones
+
+
+def _lay_out(block: TableBlock) -> dict[str, object]:
+    """Size of a table's text on paper and the width of each column, so that no word reaches into the next one."""
+    lines = [[column.heading for column in block.columns], *([cell.text for cell in row] for row in block.rows)]
+    texts = [[re.sub(rf"\S{{{LONGEST_WORD},}}", _break_up, text) for text in line] for line in lines]
+    needs = []
+    for column in zip(*texts, strict=True):
+        word = max(len(word) for text in column for word in re.split(r"[\s\u200b]", text))
+        needs.append(max(word, min(max(map(len, column)), max(LONGEST_WORD, 110 // len(block.columns)))))
+    size = (LINE - INSET * len(needs)) / (LETTER * sum(needs))
+    size = min(max(size, LEAST_SIZE), USUAL_SIZE)
+    columns = [
+        {"heading": heading, "number": column.number, "width": need * LETTER * size + INSET}
+        for heading, column, need in zip(texts[0], block.columns, needs, strict=True)
+    ]
+    return {"size": size, "columns": columns, "rows": texts[1:]}
+
+
+def _break_up(word: re.Match[str]) -> str:
+    return "\u200b".join(word[0][i : i + PIECE] for i in range(0, len(word[0]), PIECE))
 
 
 def count_text(count: int, noun: str) -> str:

@@ -23,5 +23,15 @@
     });
   });
 
+  // Tables wider than the page become cards.
+  function fit() {
+    document.querySelectorAll("table").forEach(function (table) {
+      table.classList.remove("cards");
+      table.classList.toggle("cards", table.offsetWidth > table.parentElement.clientWidth);
+    });
+  }
+  window.addEventListener("resize", fit);
+  fit();
+
   if (window.matchMedia("(max-width: 60rem)").matches) document.querySelector("nav details").open = false;
 })();

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +12,9 @@ from placement_env.cases import IoUs, iou_text
 from placement_env.handover.ground import Ground
 from placement_env.handover.mounted import RATE
 from placement_env.report import charts, content
-from placement_env.report.maps import blind_map, coverage_map, density_map, plan_view
+from placement_env.report.maps import blind_map, coverage_map, density_map
+from placement_env.report.pages.decision import decision_section
 from placement_env.report.pages.document import (
-    NONE,
     Bullets,
     Cell,
     Column,
@@ -34,9 +34,23 @@ from placement_env.report.pages.document import (
     to_pdf,
 )
 from placement_env.report.pages.scene import build_scene
+from placement_env.report.pages.wording import (
+    ap_figure,
+    ap_text,
+    interval_text,
+    join_names,
+    list_aps,
+    percent,
+    price_text,
+    use_pole_names,
+)
+from toolkit.arrays import Float64
 from toolkit.runtime.files import writing_together
+from toolkit.sites.georeference import bearing_deg
 from toolkit.sites.site import Site
 
+ALIGNED = 0.5  # degrees up to which an axis of the site counts as east
+MOST_SETS = 8  # of each kind in the table of other sets
 JUDGED_COLUMNS = (
     Column("AP", digits=3),
     Column(f"{content.CONFIDENCE:.0%} interval"),
@@ -69,83 +83,6 @@ def iou_value(iou: IoUs) -> float | str:
     return iou if isinstance(iou, float) else iou_text(iou)
 
 
-def percent(share: float | None) -> str:
-    """Format a share in percent, never rounded to 0 or 100 %.
-
-    >>> percent(0.934), percent(0.0004), percent(1.0)
-    ('93%', 'under 1%', '100%')
-    """
-    if share is None or not math.isfinite(share):
-        return NONE
-    if 0 < share < 0.01:
-        return "under 1%"
-    return "over 99%" if 0.99 < share < 1 else f"{100 * share:.0f}%"
-
-
-def price_text(price: float, currency: str) -> str:
-    """Format a price. Without a currency it is in units of one ordinary pole.
-
-    >>> price_text(1250.0, "EUR"), price_text(1.0, ""), price_text(2.5, "")
-    ('1,250 EUR', '1 unit', '2.5 units')
-    """
-    text = f"{price:,.{0 if price == round(price) else 2}f}"
-    if currency:
-        return f"{text} {currency}"
-    return f"{text.rstrip('0').rstrip('.') if '.' in text else text} unit{'s' * (price != 1)}"
-
-
-def join_names(names: Sequence[str]) -> str:
-    """Names in a row.
-
-    >>> join_names(["a", "b", "c"]), join_names(["a"]), join_names([])
-    ('a, b and c', 'a', 'none')
-    """
-    if len(names) < 2:
-        return names[0] if names else "none"
-    return f"{', '.join(names[:-1])} and {names[-1]}"
-
-
-def ap_text(judged: content.Judgement) -> str:
-    """AP with interval and number of vehicles.
-
-    >>> ap_text(content.Judgement(0.95, 0.91, 0.98, 0.96, 0.97, 40, 20))
-    'AP 0.950 (0.910–0.980, 40 vehicles)'
-    """
-    return f"AP {ap_figure(judged)}"
-
-
-def ap_figure(judged: content.Judgement) -> str:
-    """AP with interval and number of vehicles, without the word AP."""
-    return f"{number(judged.ap)} ({interval_text(judged)}, {count_text(judged.vehicles, judged.kind)})"
-
-
-def list_aps(judged: Iterable[tuple[str, content.Judgement]]) -> str:
-    """AP of each name, for screen readers."""
-    return "; ".join(f"{name}: {ap_text(each)}" for name, each in judged)
-
-
-def interval_text(judged: content.Judgement) -> str:
-    """Both ends of the interval."""
-    return f"{number(judged.low)}–{number(judged.high)}"
-
-
-def requirement_section(plan: content.Plan) -> Content:
-    """Answer to the question, with obstacles and reading help."""
-    obstacles = (Paragraph("What stands in the way:"), Bullets(plan.verdict.reasons)) if plan.verdict.reasons else ()
-    help_text = (
-        "AP (average precision) rates from 0 to 1 how well the detector finds vehicles: 1 means that it finds "
-        "every vehicle and reports none that is not there. A vehicle counts as found if the intersection of the "
-        f"reported box and the true box is at least {iou_text(plan.iou)} of their union (IoU). Every AP comes with "
-        f"an interval, which contains it with {content.CONFIDENCE:.0%} confidence, and with the number of vehicles it "
-        "was measured on: few vehicles make a wide interval. Every AP was measured on traffic that the search for the "
-        "best set never saw. A kbit is a thousand bits; data are stated per sensor and frame, at ten frames a "
-        "second."
-    )
-    asked = [(str(key).replace("_", " "), value_text(value)) for key, value in plan.question.items()]
-    question = table("The question that this plan answers", text_columns("Asked", "Value"), asked)
-    return say(plan.verdict.sentence, *obstacles, Paragraph(help_text), *question)
-
-
 def value_text(value: object) -> str:
     """Value of the question or provenance, as readers write."""
     if value is None or value == "" or value == [] or value == () or value == {}:
@@ -157,71 +94,34 @@ def value_text(value: object) -> str:
     return ", ".join(map(value_text, value)) if isinstance(value, list | tuple) else str(value)
 
 
-def chosen_section(plan: content.Plan, chosen: content.PlanOption, site: Site, ground: Ground | None) -> Content:
-    """The set to build, and why."""
-    judged = f"the detector reaches {ap_text(chosen.judged)}" if chosen.judged else "the detector did not judge it"
-    if chosen.counted is not None and chosen.counted is not chosen.judged:
-        judged += f", and {ap_text(chosen.counted)} {_cases_text(chosen)}, as the question asks"
+def others_section(plan: content.Plan, chosen: content.PlanOption) -> Content:
+    """Sets that are as good as the chosen one, cheaper, better, or send less."""
+    mine, close = _when_compared(plan, chosen), plan.near_optimal
+    fronts = [each for each in plan.front if each not in close and each.sensors != chosen.sensors]
+    if not (close or fronts):
+        return say("No other judged set comes near the chosen one, costs less or sends less.")
+    cheaper = sum(each.price < chosen.price for each in close)
     conclusion = (
-        f"Build {count_text(len(chosen.sensors), 'sensor')}, {join_names(chosen.sensors)}, for "
-        f"{price_text(chosen.price, plan.currency)}: {judged}; each sensor sends {number(chosen.kbit_per_sensor, 0)} "
-        f"kbit per frame with {plan.scheme} fusion."
+        f"The judged traffic cannot tell {count_text(len(close), 'other set')} from the chosen one; "
+        f"{cheaper or 'none'} of them {'is' if cheaper < 2 else 'are'} cheaper."
+        if close
+        else "The judged traffic tells every other set from the chosen one."
     )
-    mounts = {mount.name for mount in site.mounts}
-    unused = [name for name in plan.poles_unused if name in mounts]
-    poles = [sensor.pole for sensor in plan.sensors if sensor.pole in mounts]
-    view = Drawing(
-        plan_view(site, site.sensors, poles, unused, ground),
-        f"{count_text(len(plan.sensors), 'sensor')} on {count_text(len({s.pole for s in plan.sensors}), 'pole')}; "
-        f"{count_text(len(plan.poles_unused), 'pole')} that could carry one "
-        f"{'stays' if len(plan.poles_unused) == 1 else 'stay'} free.",
-        f"The site from above with the sensors {join_names(chosen.sensors)}, their poles, and the ground each sees",
-    )
-    scene = SceneView(
-        "Drag to turn the junction, scroll to zoom; hide sensors and boxes with the switches.",
-        "The junction in 3D, with points, vehicles and detections of some frames, is in report.html beside this file.",
-    )
-    return say(conclusion, *((Bullets(plan.why),) if plan.why else ()), view, scene)
-
-
-def front_section(plan: content.Plan, chosen: content.PlanOption) -> Content:
-    """Gain from more money or a faster link."""
-    if len(plan.front) < 2:
-        return say("No other set beats the chosen one in AP, data sent or price.")
-    judged = [(option, option.counted) for option in plan.front if option.counted is not None]
-    cheapest = price_text(min(each.price for each in plan.front), plan.currency)
-    prices = f"the cheapest costs {cheapest}"
-    if judged:
-        best, ap = max(judged, key=lambda each: each[1].ap)
-        highest = f"the highest AP, {ap_figure(ap)}, costs {price_text(best.price, plan.currency)}"
-        prices = f"prices start at {cheapest}, and {highest}"
+    best = max((each for each in (mine, *fronts) if each.counted), key=lambda each: each.counted.ap, default=None)
+    if best is not None and best.counted is not None and best is not mine:
+        highest = f"{ap_figure(best.counted)}, costs {price_text(best.price, plan.currency)}"
+        conclusion += f" The highest AP, {highest}."
     drawing = Drawing(
-        charts.front_chart(plan.front, _when_compared(plan, chosen), plan.currency),
+        charts.front_chart(plan.front, mine, plan.currency),
         f"The chosen set costs {price_text(chosen.price, plan.currency)} and sends "
         f"{number(chosen.kbit_per_sensor, 0)} kbit per sensor and frame.",
         "AP over kbit per sensor and over price for every set that no other beats in all three",
     )
-    return say(
-        f"No set beats these {len(plan.front)} in AP, data sent and price at once: {prices}.",
-        *_explain_traffic(plan, chosen),
-        drawing,
-        *_option_table("Sets that no other beats in AP, kbit and price at once", plan, chosen, plan.front),
-    )
-
-
-def alternatives_section(plan: content.Plan, chosen: content.PlanOption) -> Content:
-    """Sets that the measurements cannot tell from the chosen one."""
-    close = plan.near_optimal
-    if not close:
-        return say("No other judged set has an interval that overlaps that of the chosen set.")
-    cheaper = sum(each.price < chosen.price for each in close)
-    conclusion = (
-        f"The judged traffic cannot tell {count_text(len(close), 'other set')} from the chosen one, because the "
-        f"intervals overlap; {cheaper or 'none'} of them {'is' if cheaper < 2 else 'are'} cheaper."
-    )
-    caption = "The chosen set and the sets whose interval overlaps its own"
-    sets = _option_table(caption, plan, chosen, (_when_compared(plan, chosen), *close))
-    return say(conclusion, *_explain_traffic(plan, chosen), *sets)
+    shown = sorted((mine, *close, *fronts), key=lambda each: (each.price, -(each.counted.ap if each.counted else 0.0)))
+    kept = {id(each) for each in (mine, *close[:MOST_SETS], *fronts[:MOST_SETS])}
+    caption = "The chosen set, sets that cannot be told from it, and sets that no other beats in AP, kbit and price"
+    sets = _option_table(caption, plan, chosen, [each for each in shown if id(each) in kept])
+    return say(conclusion, *_explain_traffic(plan, chosen), drawing, *sets)
 
 
 def _when_compared(plan: content.Plan, chosen: content.PlanOption) -> content.PlanOption:
@@ -258,7 +158,9 @@ def _cases_text(chosen: content.PlanOption) -> str:
 def _option_table(
     caption: str, plan: content.Plan, chosen: content.PlanOption, options: Sequence[content.PlanOption]
 ) -> tuple[TableBlock, ...]:
-    predicted, costs = Column("predicted AP", digits=3), price_column("price", plan.currency)
+    by_coverage = plan.provenance.get("search_fidelity") == "coverage"
+    predicted = Column("coverage" if by_coverage else "predicted AP", digits=3)
+    costs = price_column("price", plan.currency)
     columns = (*text_columns("Sensors"), predicted, *JUDGED_COLUMNS, Column("per sensor", "kbit"), costs)
     rows = [
         (
@@ -316,7 +218,7 @@ def materials_section(plan: content.Plan) -> Content:
     )
 
 
-def schedule_section(plan: content.Plan) -> Content:
+def schedule_section(plan: content.Plan, site: Site) -> Content:
     """Place and aim of each sensor."""
     if not plan.sensors:
         return say("There is nothing to mount.")
@@ -324,22 +226,29 @@ def schedule_section(plan: content.Plan) -> Content:
     heights = f"{low:.1f} to {high:.1f}" if high - low >= 0.05 else f"{plan.sensors[0].height:.1f}"
     poles = count_text(len({sensor.pole for sensor in plan.sensors}), "pole")
     on_earth = all(s.longitude is not None and s.latitude is not None for s in plan.sensors)
+    along_x, along_y = (bearing_deg(site, heading) for heading in (0.0, np.pi / 2))
+    x, y = ("east x", "north y") if abs(along_x - 90.0) < ALIGNED else ("x", "y")
+    named = any(s.name != s.pole for s in plan.sensors)
     columns = (
-        *text_columns("Sensor", "Pole", "Model"),
-        *(Column(name, "m", 2) for name in ("east x", "north y", "height")),
+        *text_columns(*(("Sensor", "Pole", "Model") if named else ("Pole", "Model"))),
+        *(Column(name, "m", 2) for name in (x, y, "height")),
         *(Column(name, "°", 6) for name in (("longitude", "latitude") if on_earth else ())),
         *(Column(name, "°") for name in ("bearing", "tilt down")),
     )
     rows = [
         (
-            *(s.name, s.pole, s.model, s.x, s.y, s.height),
+            *((s.name, s.pole, s.model) if named else (s.pole, s.model)),
+            *(s.x, s.y, s.height),
             *((s.longitude, s.latitude) if on_earth else ()),
             *(s.bearing_deg, s.tilt_deg),
         )
         for s in plan.sensors
     ]
-    note = "Bearings are compass bearings of the optical axis, clockwise from north; tilt is below the horizon; "
-    note += "height is above the foot of the pole. x and y are metres in the frame of the site."
+    note = (
+        "Bearings are compass bearings of the optical axis, clockwise from north; tilt is below the horizon; height is "
+        f"above the foot of the pole. x and y are metres from the site's origin: x runs towards {along_x:.0f}°, y "
+        f"towards {along_y:.0f}°."
+    )
     if not on_earth:
         note += " The site has no geographic reference, so there are no longitudes and latitudes."
     return say(
@@ -359,7 +268,8 @@ def method_section(plan: content.Plan) -> Content:
         if plan.detector
         else "No detector judged anything, because no set of sensors may be built."
     )
-    blocks: list[ReportBlock] = []
+    why = (Paragraph(plan.verdict.sentence), Bullets(plan.why)) if plan.why else ()
+    blocks: list[ReportBlock] = [*why]
     if plan.considered:
         judged_sets = sum(each.judged is not None for each in plan.considered)
         found = {name for option in plan.considered for name in option.searches}
@@ -369,9 +279,11 @@ def method_section(plan: content.Plan) -> Content:
     for heading, sentences in (("What it assumes:", plan.assumptions), ("What it does not know:", plan.unknown)):
         if sentences:
             blocks += [Paragraph(heading), Bullets(sentences)]
+    asked = [(str(key).replace("_", " "), value_text(value)) for key, value in plan.question.items()]
+    settings = table("The question that this plan answers", text_columns("Asked", "Value"), asked)
     caption = "Origin of the figures: the same inputs, seeds and versions give the same plan"
     origin = table(caption, text_columns("Input, seed or version", "Value"), [*_flatten(plan.provenance)])
-    return say(conclusion, *blocks, *origin)
+    return say(conclusion, *blocks, *settings, *origin)
 
 
 def _flatten(provenance: Mapping[str, object], before: str = "") -> Iterator[tuple[str, str]]:
@@ -411,16 +323,14 @@ def ground_section(plan: content.Plan, site: Site, ground: Ground | None) -> Con
         f"Where two or more sensors look, on {twice} of the open ground, one may fail and the place is still seen.",
         f"Map of how many of the sensors {join_names([s.name for s in plan.sensors])} see each place of the ground",
     )
-    caption, lanes = (
-        "No lane lies in the area; the density is that of all open ground.",
-        ground.lanes & ground.open_ground,
-    )
+    lanes = ground.lanes & ground.open_ground
+    caption = "No lane lies in the area; the density is that of all open ground."
     if lanes.any():
         density = ground.density.sum(0, dtype=np.float64)[lanes]
         caption = (
-            f"Half of the lanes' ground gets {number(float(np.median(density)), 1)} points per m² or more in a frame; "
-            f"{percent(float((density < SPARSE).mean()))} of it gets fewer than {SPARSE:g}, too few to tell what is "
-            "there."
+            f"{percent(float((density < SPARSE).mean()))} of the lanes' ground gets fewer than {SPARSE:g} point per m² "
+            f"in a frame, too few to tell what is there; the other lanes get {number(_typical(density), 0)} per m² in "
+            "the middle case."
         )
     alt = "Map of the points per square metre that all sensors together put on the ground in a frame"
     dense = Drawing(density_map(site, ground, site.sensors), caption, alt)
@@ -433,7 +343,17 @@ def ground_section(plan: content.Plan, site: Site, ground: Ground | None) -> Con
     rows = [(name, area, area / shares.open_m2 if shares.open_m2 else None) for name, area in shares.sensor_m2.items()]
     columns = (*text_columns("Sensor"), Column("sees", "m²", 0), Column("of the open ground", "%"))
     caption = "Ground that each sensor sees; ground that two sensors see counts for both"
-    return say(conclusion, covered, dense, blind, *table(caption, columns, rows))
+    scene = SceneView(
+        "Drag to turn the junction, scroll to zoom; hide sensors and boxes with the switches.",
+        "The junction in 3D, with points, vehicles and detections of some frames, is in report.html beside this file.",
+    )
+    return say(conclusion, covered, dense, blind, *table(caption, columns, rows), scene)
+
+
+def _typical(density: Float64[np.ndarray, " n"]) -> float | None:
+    """Median density of the places that are not sparse."""
+    enough = density[density >= SPARSE]
+    return float(np.median(enough)) if len(enough) else None
 
 
 def detection_section(plan: content.Plan) -> Content:
@@ -486,8 +406,7 @@ def _coverage(plan: content.Plan) -> tuple[ReportBlock, ...]:
         low, share = min(seen, key=lambda each: each[1])
         text = (
             f"The class covered least is {low.label}: {percent(share)} of {count_text(low.objects, 'road user')} had "
-            f"at least {count_text(low.least_points, 'point')} on them. These are shares of coverage, not AP"
-            + (": the detector knows vehicles only." if len(plan.class_ap) < 2 else ".")
+            f"at least {count_text(low.least_points, 'point')} on them. These are shares of coverage, not AP."
         )
     counts = Column("road users", digits=0), Column("points required", digits=0)
     rows = [(row.label, row.objects, row.least_points, row.share) for row in plan.by_class]
@@ -634,20 +553,18 @@ def order_section(plan: content.Plan) -> Content:
 
 REPORT_FILES = ("report.html", "report.pdf")
 TITLES = {
-    "requirement": "Is the requirement met?",
-    "chosen": "The chosen set, and why",
+    "decision": "The decision",
+    "schedule": "Mounting schedule",
+    "materials": "Bill of materials",
     "ground": "What the sensors see of the ground",
-    "detection": "How well vehicles are detected, and where",
-    "schemes": "Sending points or sending detections",
-    "front": "What more money or faster links buy",
-    "worth": "What each sensor is worth",
+    "detection": "How well road users are detected, and where",
     "failures": "What is left when sensors fail",
     "links": "What the links carry",
-    "materials": "Bill of materials",
-    "schedule": "Mounting schedule",
     "order": "Which sensor to build first",
-    "alternatives": "Sets that are nearly as good",
-    "method": "How this was worked out",
+    "others": "Other sets of sensors",
+    "schemes": "Sending points or sending detections",
+    "worth": "What each sensor is worth",
+    "method": "Settings, methods and origin of the figures",
 }
 NOTHING_CHOSEN = "No set of sensors may be built, so there is nothing to show here."
 
@@ -655,25 +572,22 @@ NOTHING_CHOSEN = "No set of sensors may be built, so there is nothing to show he
 def build_document(plan: content.Plan, site: Site, ground: Ground | None) -> Document:
     """Build the document. site: with the chosen sensors mounted; ground: that they see, None if unknown."""
     contents = dict.fromkeys(TITLES, say(NOTHING_CHOSEN))
-    contents["requirement"] = requirement_section(plan)
+    contents["decision"] = decision_section(plan, site, ground)
     contents["ground"] = ground_section(plan, site, ground)
     contents["method"] = method_section(plan)
     if plan.chosen is not None:
         contents |= {
-            "chosen": chosen_section(plan, plan.chosen, site, ground),
+            "schedule": schedule_section(plan, site),
+            "materials": materials_section(plan),
             "detection": detection_section(plan),
-            "schemes": schemes_section(plan),
-            "front": front_section(plan, plan.chosen),
-            "worth": worth_section(plan),
             "failures": failures_section(plan, plan.chosen),
             "links": links_section(plan),
-            "materials": materials_section(plan),
-            "schedule": schedule_section(plan),
             "order": order_section(plan),
-            "alternatives": alternatives_section(plan, plan.chosen),
+            "others": others_section(plan, plan.chosen),
+            "schemes": schemes_section(plan),
+            "worth": worth_section(plan),
         }
-    titles = TITLES | ({"requirement": "The answer"} if plan.verdict.met is None else {})
-    sections = tuple(Section(key, title, *contents[key]) for key, title in titles.items())
+    sections = tuple(Section(key, title, *contents[key]) for key, title in TITLES.items())
     judged = f"{plan.detector}; AP at IoU {iou_text(plan.iou)}; {plan.scheme} fusion"
     return Document(f"Deployment plan for {plan.site}", judged if plan.detector else "No set was judged", sections)
 
@@ -683,7 +597,9 @@ def write_report(planned: content.Planned, out: Path) -> None:
 
     Raises ImportError without the packages of `coview[report]`, OSError if the folder cannot be written.
     """
-    plan, site, ground = planned.plan, planned.site, planned.ground
+    offered = planned.candidates.mounts if planned.candidates else planned.site.mounts
+    plan, site = use_pole_names(planned.plan, replace(planned.site, mounts=offered))
+    ground = planned.ground
     document = build_document(plan, site, ground)
     scene = None if plan.chosen is None else build_scene(plan, site, ground, planned.moments)
     with writing_together(out) as folder:

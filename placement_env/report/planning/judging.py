@@ -276,7 +276,8 @@ def choose_set(
         names = tuple(objective.names[c].replace("/", "-") for c in score.subset)  # as files name sensors
         predicted = round(float(found.predicted[i]), 6)  # as found: scored beside other sets it may round differently
         figures = score.price, score.kbit_per_sensor, score.kbit, predicted
-        options.append(PlanOption(names, *figures, judged=None, searches=found.searches[i]))
+        poles = tuple(objective.candidates.mounts[m].name for m in objective.candidates.mount[list(score.subset)])
+        options.append(PlanOption(names, *figures, judged=None, searches=found.searches[i], poles=poles))
     sizes, evaluator = found.sets.sum(axis=1), judge.evaluator
     report = run.stage("judging", len(np.unique(sizes)))
     for done, size in enumerate(np.unique(sizes), 1):

@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from placement_env.analysis.approaches import compass, find_approaches
+from placement_env.analysis.approaches import compass, find_approaches, find_streets
 from placement_env.analysis.intervals import BLOCK_FRAMES, RESAMPLES, Tally
 from placement_env.analysis.worth import estimate_worth, exact_worth
 from placement_env.candidates.candidates import Candidates
@@ -181,6 +181,15 @@ def by_approach(scored: Scored, site: Site, seed: int) -> tuple[content.Breakdow
     return tuple(row for row in rows if row.judged is not None)
 
 
+def measure_blind_streets(site: Site, ground: Ground) -> dict[str, float]:
+    """Measure the lanes that no sensor sees (m²), by street, the largest first."""
+    rows, columns = np.nonzero(ground.open_ground & ground.lanes & (ground.views == 0))
+    boxes = np.zeros((len(rows), 7))
+    boxes[:, 0], boxes[:, 1], streets = ground.x[columns], ground.y[rows], find_streets(site)
+    areas = np.bincount(streets.locate(boxes), minlength=len(streets.names)) * ground.cell**2
+    return {streets.names[k]: float(areas[k]) for k in np.argsort(-areas, kind="stable") if areas[k]}
+
+
 def by_level(scored: Scored, judge: judging.Judge, chosen: tuple[int, ...]) -> tuple[content.BreakdownRow, ...]:
     """Judge each level of traffic; empty if undivided."""
     each = zip(LEVEL_NAMES[judge.cases.levels], judge.by_level(chosen), judge.levels, strict=False)
@@ -306,6 +315,7 @@ def build_plan(findings: Findings, final: judging.Judge, ground: Ground) -> cont
         materials=bill_of_materials(sensors),
         order=chosen.order(),
         ground=ground_shares(ground, [sensor.name for sensor in sensors]),
+        blind_streets=measure_blind_streets(site, ground),
         poles_unused=tuple(mount.name for mount in unused_mounts(candidates, members)),
         origins=count_origins(site, candidates),
         assumptions=sentences.list_assumptions(question, objective.fidelity, detector, sampled=not chosen.small),

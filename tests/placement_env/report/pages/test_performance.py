@@ -48,7 +48,7 @@ def test_the_weakest_part_is_named_where_intervals_tell_it(example):
     *_, said, table = read(report.detection_section, replace(example.plan, by_class=seen)).blocks
     assert said.text == (
         "The class covered least is cyclist: 50% of 1 road user had at least 1 point on them. These are shares "
-        "of coverage, not AP: the detector knows vehicles only."
+        "of coverage, not AP."
     )
     assert "AP" not in [column.title for column in table.columns]
     assert [cell.text for cell in table.rows[2]] == ["heavy", "0", "10", "–"]
@@ -103,7 +103,8 @@ def test_shares_and_density_are_those_of_lanes(example):
         "At least one sensor sees 80% of the open ground, and two or more see 50%; no sensor sees 400 m², or 5% of the "
         "lanes."
     )
-    *maps, areas = section.blocks
+    *maps, areas, scene = section.blocks
+    assert scene.kind == "scene"
     assert [block.kind for block in maps] == ["drawing"] * 3
     assert "50% of the open ground" in maps[0].caption
     assert maps[2].caption.startswith("400 m², 20% of the open ground,")
@@ -116,8 +117,10 @@ def test_shares_and_density_are_those_of_lanes(example):
     section = read(
         report.ground_section, replace(example.plan, ground=SHARES), example.site, replace(ground, density=density)
     )
-    assert section.blocks[1].caption.startswith("Half of the lanes' ground gets 2.5 points per m² or more")
-    assert "25% of it gets fewer than 1" in section.blocks[1].caption
+    assert section.blocks[1].caption == (
+        "25% of the lanes' ground gets fewer than 1 point per m² in a frame, too few to tell what is there; the other "
+        "lanes get 2 per m² in the middle case."
+    )
     bare = replace(example.ground, lanes=np.zeros_like(example.ground.lanes))
     section = read(report.ground_section, example.plan, example.site, bare)
     assert section.blocks[1].caption.startswith("No lane lies in the area")

@@ -3,10 +3,16 @@
 from dataclasses import replace
 from inspect import signature
 
+import numpy as np
+
 from placement_env.handover.mounted import MaterialItem
-from placement_env.report.content import Judgement, Verdict
+from placement_env.report.content import ClassAP, Judgement, Verdict
 from placement_env.report.pages import document, report
-from placement_env.report.pages.report import build_document, value_text
+from placement_env.report.pages.decision import decision_section
+from placement_env.report.pages.report import value_text
+from placement_env.report.pages.wording import use_pole_names
+
+CHOSEN = ("d0", "d1", "d3", "d5")
 
 
 def read(section, plan, *others):
@@ -15,21 +21,70 @@ def read(section, plan, *others):
     return document.Section("key", "Title", *section(plan, *chosen, *others))
 
 
-def test_the_answer_comes_first_and_explains_its_ap(example):
-    plan = replace(example.plan, verdict=Verdict(False, "No.", ("Links are too small.",)))
-    section = read(report.requirement_section, plan)
-    assert section.conclusion == "No."
-    assert section.blocks[1].items == ("Links are too small.",)
-    asked = section.blocks[-1]
-    assert [tuple(cell.text for cell in row) for row in asked.rows][1:4] == [
-        *(("budget", "6.0"), ("min ap", "0.95"), ("max kbit", "not given"))
-    ]
-    (said,) = [each.text for each in read(report.requirement_section, example.plan).blocks if each.kind == "paragraph"]
-    assert "AP (average precision)" in said
-    assert "at least 0.7 of their union" in said
-    assert "95% confidence" in said
-    plan = replace(example.plan, verdict=Verdict(None, "The best."))
-    assert build_document(plan, example.site, None).sections[0].title == "The answer"
+def facts(plan, example):
+    """First page of a plan: its lines by their labels, red ones in capitals."""
+    section = read(decision_section, plan, example.site, example.ground)
+    (lines,) = [block.items for block in section.blocks if block.kind == "facts"]
+    return section, {each.label.upper() if each.alarm else each.label: each.text for each in lines}
+
+
+def test_the_decision_comes_first_in_the_words_of_an_operator(example):
+    section, said = facts(example.plan, example)
+    assert section.conclusion == (
+        "Build 4 depth cameras on poles post00, post01, post02 and post03. The price is 6 EUR."
+    )
+    assert said["Asked for"] == example.plan.verdict.sentence
+    assert said["One failure"] == "At worst, if d3 fails, 325 of 412 are still found."
+    assert said["LINKS"] == "Too narrow at post00; post00 needs 4.02 of 4.00 Mbit/s at 10 frames a second."
+    assert said["How sure"].startswith("AP 0.962, 95% interval 0.932–0.992, from 60 frames")
+    assert "d3 first" in said["Next"]
+    view, explained = section.blocks[1:]
+    assert view.caption == "4 sensors on 4 poles; 2 poles that could carry one stay free."
+    assert [word in explained.text for word in ("AP (average precision)", "a find needs 0.7", "kbit")] == [True] * 3
+    question = {"money": 9.0, "sensors": 4}
+    asked = replace(example.plan, question=question, verdict=Verdict(False, "No.", ("Links are too small.",)))
+    section, said = facts(replace(asked, poles_unused=("no such pole",), links=example.plan.links[1:]), example)
+    assert section.conclusion.endswith("Allowed were at most 9 EUR and at most 4 sensors.")
+    assert section.blocks[1].caption.endswith("; 1 pole that could carry one stays free.")
+    assert said["ASKED FOR"] == "No. Links are too small."
+    assert said["Links"].startswith("Every link carries its load. The fullest, post01, needs 4.02 of 20.00 Mbit/s")
+
+
+def test_what_is_found_missed_unseen_and_lost_is_said_in_road_users(example):
+    class_ap = (ClassAP("vehicle", 1.0, 0.7, replace(example.plan.chosen.judged, recall=0.9, precision=0.95)),)
+    streets = {"Elm Street in the west": 60.0, "the junction": 12.4, "A": 5.0, "B": 3.0, "C": 1.0}
+    _, said = facts(replace(example.plan, class_ap=class_ap, blind_streets=streets, failures=()), example)
+    assert said["Finds"].startswith("371 of 412 vehicles; 41 are missed, and 20 reports are false.")
+    assert said["NOT LOOKED AT"].startswith("61 cyclists (83% of them with 10 measured points or more) came by.")
+    assert said["Blind"] == (
+        "No sensor sees 4% of the lanes: Elm Street in the west (60 m²), the junction (12 m²), A (5 m²) and elsewhere "
+        "(4 m²). Of all open ground, 31% is unseen."
+    )
+    assert "no second sensor" in said["ONE FAILURE"]
+    assert said["Next"].startswith("Plan again with --classes")
+
+
+def test_sensors_of_a_pool_are_called_by_their_poles(example):
+    first, *others = example.plan.sensors
+    long, aside = "post00_5.2m_h45_t20_camera", "post00_5.2m_h90_t20_camera"
+    chosen = replace(example.plan.chosen, sensors=(long, *CHOSEN[1:]), poles=("post00", "p", "p", "p"))
+    other = replace(chosen, sensors=(aside,), poles=("post00",))
+    plan = replace(
+        example.plan,
+        sensors=(replace(first, name=long), *others),
+        chosen=chosen,
+        considered=(chosen, other),
+        why=(f"The failure of {long} hurts most.",),
+    )
+    site = replace(example.site, sensors=(replace(example.site.sensors[0], name=long), *example.site.sensors[1:]))
+    named, at = use_pole_names(plan, site)
+    assert named.chosen.sensors == ("post00", *CHOSEN[1:])
+    assert named.considered[1].sensors == ("post00 (other aim)",)
+    assert named.why == ("The failure of post00 hurts most.",)
+    assert [sensor.name for sensor in at.sensors] == [sensor.name for sensor in named.sensors]
+    both = replace(plan, sensors=(*plan.sensors[:1], replace(plan.sensors[1], name=aside, pole="post00"), *others[1:]))
+    assert use_pole_names(both, example.site)[0].sensors[1].name == "post00 (2)"
+    assert use_pole_names(example.plan, example.site) == (example.plan, example.site)
 
 
 def test_values_value_text():
@@ -38,39 +93,25 @@ def test_values_value_text():
 
 
 def test_the_chosen_set_stands_beside_front_and_alternatives(example):
-    section = read(report.chosen_section, example.plan, example.site, example.ground)
+    section = read(report.others_section, example.plan)
     assert section.conclusion == (
-        "Build 4 sensors, d0, d1, d3 and d5, for 6 EUR: the detector reaches AP 0.962 (0.932–0.992, 412 vehicles); "
-        "each sensor sends 312 kbit per frame with late fusion."
+        "The judged traffic cannot tell 1 other set from the chosen one; none of them is cheaper."
     )
-    bullets, view, scene = section.blocks
-    assert bullets.items == example.plan.why
-    assert view.caption == "4 sensors on 4 poles; 2 poles that could carry one stay free."
-    assert scene.kind == "scene"
-    plan = replace(example.plan, poles_unused=("no such pole",))
-    view = read(report.chosen_section, plan, example.site, example.ground).blocks[1]
-    assert "1 pole that could carry one stays free." in view.caption
-    section = read(report.front_section, example.plan)
+    assert [row[0].text for row in section.blocks[-1].rows] == [
+        *("d3", "d0 and d3", "d0, d1 and d3", "d0, d1, d3 and d5 (chosen)", "d0, d2, d3 and d5")
+    ]
+    better = replace(example.plan.front[0], judged=Judgement(0.99, 0.98, 1.0, 0.99, 1.0, 9, 9))
+    better = replace(example.plan, front=(better,), near_optimal=(), provenance={"search_fidelity": "coverage"})
+    section = read(report.others_section, better)
     assert section.conclusion == (
-        "No set beats these 4 in AP, data sent and price at once: prices start at 1.50 EUR, and the highest "
-        "AP, 0.962 (0.932–0.992, 412 vehicles), costs 6 EUR."
+        "The judged traffic tells every other set from the chosen one. The highest AP, 0.990 (0.980–1.000, 9 "
+        "vehicles), costs 1.50 EUR."
     )
-    assert [row[0].text for row in section.blocks[1].rows][-1] == "d0, d1, d3 and d5 (chosen)"
-    unjudged = tuple(replace(option, judged=None) for option in example.plan.front)
-    assert read(report.front_section, replace(example.plan, front=unjudged)).conclusion.endswith(
-        "the cheapest costs 1.50 EUR."
-    )
-    section = read(report.alternatives_section, example.plan)
-    assert section.conclusion == (
-        "The judged traffic cannot tell 1 other set from the chosen one, because the intervals overlap; none of them "
-        "is cheaper."
-    )
-    (sets,) = section.blocks
-    assert [row[0].text for row in sets.rows] == ["d0, d1, d3 and d5 (chosen)", "d0, d2, d3 and d5"]
+    assert [column.title for column in section.blocks[-1].columns][1] == "coverage"
     (near,) = example.plan.near_optimal
     cheaper = replace(example.plan, near_optimal=(near, replace(near, price=1.0)))
-    assert read(report.alternatives_section, cheaper).conclusion.endswith("; 1 of them is cheaper.")
-    assert read(report.alternatives_section, replace(example.plan, near_optimal=())).blocks == ()
+    assert "; 1 of them is cheaper." in read(report.others_section, cheaper).conclusion
+    assert read(report.others_section, replace(example.plan, near_optimal=(), front=())).blocks == ()
 
 
 def test_figures_of_sets_and_what_they_are_compared_by_are_explained(example):
@@ -78,7 +119,7 @@ def test_figures_of_sets_and_what_they_are_compared_by_are_explained(example):
     lucky = Judgement(1.0, 0.99, 1.0, 1.0, 1.0, 103, 12)
     front = (*example.plan.front[:-1], replace(example.plan.chosen, judged=lucky))
     plan = replace(example.plan, front=front, considered=front)
-    for section in (read(report.front_section, plan), read(report.alternatives_section, plan)):
+    for section in (read(report.others_section, plan),):
         assert section.blocks[0].text == (
             "The AP of each set in this section is from the traffic on which the sets were compared. There the chosen "
             "set has 1.000 (0.990–1.000, 103 vehicles); its 0.962 (0.932–0.992, 412 vehicles) in the rest of the "
@@ -87,18 +128,15 @@ def test_figures_of_sets_and_what_they_are_compared_by_are_explained(example):
         chosen = next(row for row in section.blocks[-1].rows if "(chosen)" in row[0].text)
         assert chosen[2].text == "1.000"
     chosen = example.plan.chosen
-    plain = read(report.chosen_section, example.plan, example.site, example.ground)
-    assert "as the question asks" not in plain.conclusion
     least, less = (replace(chosen.judged, ap=ap, low=ap, high=ap) for ap in (0.5, 0.7))
-    over = replace(example.plan, chosen=replace(chosen, over_levels=less))
-    said = read(report.chosen_section, over, example.site, example.ground).conclusion
-    assert "AP 0.700 (0.700–0.700, 412 vehicles) over the levels of traffic, as the question asks" in said
-    both = replace(example.plan, chosen=replace(chosen, over_levels=less, left=least))
-    said = read(report.chosen_section, both, example.site, example.ground).conclusion
-    assert "AP 0.500 (0.500–0.500, 412 vehicles) after the failures and over the levels" in said
-    rough = replace(example.plan, chosen=replace(chosen, over_levels=less, over_errors=least))
-    said = read(report.chosen_section, rough, example.site, example.ground).conclusion
-    assert "AP 0.500 (0.500–0.500, 412 vehicles) over the levels of traffic and over the error profiles, as" in said
+    for cases, words in (
+        ({"over_levels": less}, "over the levels of traffic"),
+        ({"over_levels": less, "left": least}, "after the failures and over the levels of traffic"),
+        ({"over_errors": least}, "over the error profiles"),
+    ):
+        over = replace(example.plan, chosen=replace(chosen, **cases))
+        said = read(report.others_section, over).blocks[0].text
+        assert said == f"The AP of each set in this section is that {words}, as the question asks."
 
 
 def test_bills_schedules_and_links_are_listed(example):
@@ -120,7 +158,7 @@ def test_bills_schedules_and_links_are_listed(example):
     )
     assert bare.conclusion == "The total is 1 unit; the largest part, 1 unit, is “pole” (1 at 1 unit)."
     assert bare.blocks[0].text == "Prices are in units of one ordinary pole."
-    section = read(report.schedule_section, example.plan)
+    section = read(report.schedule_section, example.plan, example.site)
     assert section.conclusion == "Mount 4 sensors on 4 poles, 5.2 m above the foot of the pole."
     assert [cell.text for cell in section.blocks[1].rows[0]] == [
         *("d0", "post00", "depth camera", "40.90", "8.10", "5.20"),
@@ -128,9 +166,14 @@ def test_bills_schedules_and_links_are_listed(example):
     ]
     first, *others = example.plan.sensors
     plan = replace(example.plan, sensors=(replace(first, longitude=None, latitude=None, height=3.0), *others))
-    section = read(report.schedule_section, plan)
+    section = read(report.schedule_section, plan, example.site)
     assert section.conclusion.endswith("3.0 to 5.2 m above the foot of the pole.")
     assert "has no geographic reference" in section.blocks[0].text
+    assert "x runs towards 0°, y towards 270°" in section.blocks[0].text
+    assert [column.title for column in section.blocks[1].columns][3:5] == ["x", "y"]
+    aligned = replace(example.site, map_SE3_site=np.eye(4))
+    section = read(report.schedule_section, plan, aligned)
+    assert [column.title for column in section.blocks[1].columns][3:5] == ["east x", "north y"]
     assert len(section.blocks[1].columns) == 8
 
 
@@ -140,11 +183,13 @@ def test_assumptions_unknowns_and_provenance(example):
         "Every AP here is that of VoxelNet, trained at tjunction in simulated traffic, 412 vehicles in 60 frames: it "
         "ranks places for sensors, and does not replace a trial on the street."
     )
-    assert section.blocks[0].text == (
+    assert section.blocks[0].text == example.plan.verdict.sentence
+    assert section.blocks[2].text == (
         "5 sets of sensors reached the final comparison, found by the searches cpsat and greedy; the detector judged 5 "
         "of them on all of its traffic."
     )
     assert [block.items for block in section.blocks if block.kind == "bullets"] == [
+        example.plan.why,
         example.plan.assumptions,
         example.plan.unknown,
     ]
@@ -153,4 +198,5 @@ def test_assumptions_unknowns_and_provenance(example):
 
 
 def test_nothing_is_claimed_where_nothing_was_judged(nothing_chosen):
-    assert read(report.method_section, nothing_chosen.plan).blocks == ()
+    (asked,) = read(report.method_section, nothing_chosen.plan).blocks
+    assert [cell.text for cell in asked.rows[1]] == ["max kbit", "0.001"]

@@ -1,0 +1,166 @@
+"""The first page of a report: the decision in words that an operator knows, with one map."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+from placement_env.cases import iou_text
+from placement_env.handover.ground import Ground
+from placement_env.handover.mounted import RATE
+from placement_env.report import content
+from placement_env.report.maps import plan_view
+from placement_env.report.pages.document import (
+    Bullets,
+    Content,
+    Drawing,
+    Fact,
+    Facts,
+    Paragraph,
+    count_text,
+    number,
+    say,
+)
+from placement_env.report.pages.wording import interval_text, join_names, percent, price_text
+from toolkit.sites.site import Site
+
+PLURALS = {"vehicle": "vehicles", "cyclist": "cyclists", "pedestrian": "pedestrians", "heavy": "heavy vehicles"}
+MOST_STREETS = 3  # with blind spots, by name
+NOT_PRICED = "power, cables, data links, permits, traffic management during the works, and upkeep"
+
+
+def decision_section(plan: content.Plan, site: Site, ground: Ground | None) -> Content:
+    """Answer the question on one page: what to build, what it does, how sure that is, and what comes next."""
+    chosen = plan.chosen
+    if chosen is None:
+        return say(plan.verdict.sentence, *((Bullets(plan.verdict.reasons),) if plan.verdict.reasons else ()))
+    facts = (_describe_requirement(plan), *_describe_classes(plan), _describe_blind(plan), _describe_failure(plan))
+    facts = (*facts, _describe_links(plan), _describe_confidence(plan, chosen))
+    facts = (*facts, _describe_price(plan), _describe_next(plan, chosen))
+    mounts = {mount.name for mount in site.mounts}
+    poles, free = ([n for n in names if n in mounts] for names in (_poles(plan), plan.poles_unused))
+    stay = "stays" if len(plan.poles_unused) == 1 else "stay"
+    view = Drawing(
+        plan_view(site, site.sensors, poles, free, ground),
+        f"{count_text(len(plan.sensors), 'sensor')} on {count_text(len(_poles(plan)), 'pole')}; "
+        f"{count_text(len(plan.poles_unused), 'pole')} that could carry one {stay} free.",
+        f"The site from above with the sensors {join_names(chosen.sensors)}, their poles, and the ground each sees",
+    )
+    return say(_describe_build(plan, chosen), Facts(tuple(filter(None, facts))), view, Paragraph(_explain(plan)))
+
+
+def _poles(plan: content.Plan) -> list[str]:
+    return list(dict.fromkeys(sensor.pole for sensor in plan.sensors))
+
+
+def _describe_build(plan: content.Plan, chosen: content.PlanOption) -> str:
+    models = Counter(sensor.model for sensor in plan.sensors)
+    things = join_names([count_text(count, model) for model, count in models.items()])
+    poles, money = _poles(plan), plan.question.get("money")
+    where = f"on {'pole' if len(poles) == 1 else 'poles'} {join_names(poles)}"
+    if len(poles) < len(plan.sensors):
+        where = f"on {count_text(len(poles), 'pole')}: {join_names(poles)}"
+    most = plan.question.get("sensors")
+    limits = [f"at most {price_text(money, plan.currency)}"] if isinstance(money, int | float) else []
+    limits += [f"at most {count_text(most, 'sensor')}"] if isinstance(most, int) else []
+    allowed = f" Allowed were {' and '.join(limits)}." if limits else ""
+    unit = "" if plan.currency else ", in prices of an ordinary pole"
+    return f"Build {things} {where}. The price is {price_text(chosen.price, plan.currency)}{unit}.{allowed}"
+
+
+def _describe_requirement(plan: content.Plan) -> Fact | None:
+    if plan.verdict.met is None:
+        return None
+    return Fact("Asked for", " ".join((plan.verdict.sentence, *plan.verdict.reasons)), alarm=not plan.verdict.met)
+
+
+def _describe_classes(plan: content.Plan) -> tuple[Fact, ...]:
+    """Describe what is found of each class that counts, and name in red the classes that do not."""
+    lines, judged = [], {row.label: row.judged for row in plan.class_ap}
+    for label, each in judged.items():
+        found = round(each.recall * each.vehicles)
+        line = f"{found:,} of {each.vehicles:,} {PLURALS[label]}; {each.vehicles - found:,} are missed"
+        if each.precision:
+            false = round(found / each.precision - found)
+            line += f", and {false or 'no'} {'report is' if false == 1 else 'reports are'} false"
+        lines.append(f"{line}.")
+    if not lines:
+        return ()
+    lines.append("A road user counts once in every frame in which it is in the area.")
+    unseen = [
+        f"{row.objects:,} {PLURALS[row.label]} ({percent(row.share)} of them with {row.least_points} measured points "
+        "or more)"
+        for row in plan.by_class
+        if row.objects and row.label not in judged
+    ]
+    missing = f"{join_names(unseen)} came by. They do not count in this plan: nobody asked whether they are found."
+    return Fact("Finds", " ".join(lines)), *((Fact("Not looked at", missing, alarm=True),) if unseen else ())
+
+
+def _describe_blind(plan: content.Plan) -> Fact | None:
+    if plan.ground is None:
+        return None
+    streets = list(plan.blind_streets.items())
+    named = [f"{name} ({area:,.0f} m²)" for name, area in streets[:MOST_STREETS]]
+    others = sum(area for _, area in streets[MOST_STREETS:])
+    named += [f"elsewhere ({others:,.0f} m²)"] if others else []
+    lanes = f"No sensor sees {percent(plan.ground.blind_lanes)} of the lanes"
+    lanes = f"{lanes}: {join_names(named)}." if named else f"{lanes}."
+    return Fact("Blind", f"{lanes} Of all open ground, {percent(plan.ground.blind)} is unseen.")
+
+
+def _describe_failure(plan: content.Plan) -> Fact:
+    alone = [case for case in plan.failures if len(case.failed) == 1]
+    if not alone:
+        return Fact("One failure", "There is no second sensor: if it fails, nothing is found.", alarm=True)
+    worst = min(alone, key=lambda case: case.judged.recall)
+    left = f"{round(worst.judged.recall * worst.judged.vehicles):,} of {worst.judged.vehicles:,}"
+    case = "whichever sensor fails" if len({c.judged.recall for c in alone}) == 1 else f"if {worst.failed[0]} fails"
+    return Fact("One failure", f"At worst, {case}, {left} are still found.")
+
+
+def _describe_links(plan: content.Plan) -> Fact | None:
+    if not plan.links:
+        return None
+    narrow, fullest = [each.pole for each in plan.links if not each.fits], max(plan.links, key=lambda each: each.share)
+    load = (
+        f"{number(fullest.peak_mbit_s, 2)} of {number(fullest.capacity_mbit_s, 2)} Mbit/s at {RATE:g} frames a second"
+    )
+    if narrow:
+        return Fact("Links", f"Too narrow at {join_names(narrow)}; {fullest.pole} needs {load}.", alarm=True)
+    return Fact("Links", f"Every link carries its load. The fullest, {fullest.pole}, needs {load}.")
+
+
+def _describe_confidence(plan: content.Plan, chosen: content.PlanOption) -> Fact:
+    judged = chosen.counted
+    if judged is None:
+        return Fact("How sure", "The detector did not judge this set.", alarm=True)
+    return Fact(
+        "How sure",
+        f"AP {number(judged.ap)}, {content.CONFIDENCE:.0%} interval {interval_text(judged)}, from "
+        f"{count_text(judged.frames, 'frame')} of simulated traffic; nothing was measured on the street. More --frames "
+        "narrow the interval; a recording from the site would test the detector itself.",
+    )
+
+
+def _describe_price(plan: content.Plan) -> Fact:
+    sold = "" if plan.currency else " Sensors cost nothing here, because no catalogue was given."
+    return Fact("Not in the price", f"{NOT_PRICED[0].upper()}{NOT_PRICED[1:]}.{sold}")
+
+
+def _describe_next(plan: content.Plan, chosen: content.PlanOption) -> Fact:
+    first = plan.order[0].sensor if plan.order else chosen.sensors[0]
+    missing = any(row.objects for row in plan.by_class if row.label not in {each.label for each in plan.class_ap})
+    again = "Plan again with --classes for all road users that matter. " if missing else ""
+    return Fact(
+        "Next",
+        f"{again}Check the poles, their heights and the view from each on site. Mount {first} first, record a day, and "
+        "hold the detector against it with coview evaluate.",
+    )
+
+
+def _explain(plan: content.Plan) -> str:
+    return (
+        "AP (average precision) rates from 0 to 1 how well road users are found: 1 means that every one is found and "
+        "nothing else is reported. IoU (intersection over union) is the share that a reported box and the true one "
+        f"have in common; a find needs {iou_text(plan.iou)}. A kbit is a thousand bits, stated per sensor and frame."
+    )
