@@ -173,8 +173,8 @@ class Plan:
     once, by price; running: costs of `years` years beside the price; poles_unused: names; origins: number of things at
     the site by origin ("mapped", "surveyed", "drawn") and kind; drawings: the race on each drawing of the furnishing,
     none unless several were asked for; poles_in_all: poles of the plan that win on all of them; head: title, client,
-    date, author and logo (a file's name), those that the catalogue gives; blind_streets: lanes that no sensor sees (m²),
-    by street; assumptions, unknown: sentences; provenance: digests of all inputs, seeds, versions.
+    date, author and logo (a file's name), those that the catalogue gives; blind_streets: m² of lanes that no sensor
+    sees, by street; assumptions, unknown: sentences; provenance: digests of all inputs, seeds, versions.
     """
 
     question: dict[str, object]

@@ -21,10 +21,12 @@ from placement_env.report.pages.document import (
     say,
 )
 from placement_env.report.pages.wording import interval_text, join_names, percent, price_text
+from toolkit.sites.origins import describe_things
 from toolkit.sites.site import Site
 
 PLURALS = {"vehicle": "vehicles", "cyclist": "cyclists", "pedestrian": "pedestrians", "heavy": "heavy vehicles"}
 MOST_STREETS = 3  # with blind spots, by name
+MOST_KINDS = 5  # of drawn things, by name
 NOT_PRICED = "power, cables, data links, permits, traffic management during the works, and upkeep"
 
 
@@ -34,7 +36,7 @@ def decision_section(plan: content.Plan, site: Site, ground: Ground | None) -> C
     if chosen is None:
         return say(plan.verdict.sentence, *((Bullets(plan.verdict.reasons),) if plan.verdict.reasons else ()))
     facts = (_describe_requirement(plan), *_describe_classes(plan), _describe_blind(plan), _describe_failure(plan))
-    facts = (*facts, _describe_links(plan), _describe_confidence(plan, chosen))
+    facts = (*facts, _describe_links(plan), _describe_confidence(plan, chosen), _describe_drawn(plan))
     facts = (*facts, _describe_price(plan), _describe_next(plan, chosen))
     mounts = {mount.name for mount in site.mounts}
     poles, free = ([n for n in names if n in mounts] for names in (_poles(plan), plan.poles_unused))
@@ -92,7 +94,9 @@ def _describe_classes(plan: content.Plan) -> tuple[Fact, ...]:
         for row in plan.by_class
         if row.objects and row.label not in judged
     ]
-    missing = f"{join_names(unseen)} came by. They do not count in this plan: nobody asked whether they are found."
+    missing = (
+        f"{join_names(unseen)} crossed the area. They do not count in this plan: nobody asked whether they are found."
+    )
     return Fact("Finds", " ".join(lines)), *((Fact("Not looked at", missing, alarm=True),) if unseen else ())
 
 
@@ -140,6 +144,16 @@ def _describe_confidence(plan: content.Plan, chosen: content.PlanOption) -> Fact
         f"{count_text(judged.frames, 'frame')} of simulated traffic; nothing was measured on the street. More --frames "
         "narrow the interval; a recording from the site would test the detector itself.",
     )
+
+
+def _describe_drawn(plan: content.Plan) -> Fact | None:
+    drawn = plan.origins.get("drawn", {})
+    if not drawn:
+        return None
+    text = (
+        f"Drawn at random, in no map: {describe_things(drawn)}. They hide road users; survey what really stands there."
+    )
+    return Fact("Not surveyed", text, alarm=True)
 
 
 def _describe_price(plan: content.Plan) -> Fact:

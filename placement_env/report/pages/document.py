@@ -218,7 +218,7 @@ def to_pdf(document: Document) -> bytes:
 
 
 LINE, LETTER, INSET = 487.0, 0.5, 6.0  # points: width of a page's text, of a letter at 1 pt, beside a cell's text
-LEAST_SIZE, USUAL_SIZE = 6.0, 9.0  # points, of a table's text
+LEAST_SIZE, LIST_SIZE, USUAL_SIZE = 6.0, 7.5, 9.0  # points, of a table's text; of lists of settings
 LONGEST_WORD, PIECE = 24, 12  # letters of words that stay whole; of the pieces of longer ones
 
 
@@ -231,7 +231,7 @@ def _lay_out(block: TableBlock) -> dict[str, object]:
         word = max(len(word) for text in column for word in re.split(r"[\s\u200b]", text))
         needs.append(max(word, min(max(map(len, column)), max(LONGEST_WORD, 110 // len(block.columns)))))
     size = (LINE - INSET * len(needs)) / (LETTER * sum(needs))
-    size = min(max(size, LEAST_SIZE), USUAL_SIZE)
+    size = min(max(size, LEAST_SIZE), USUAL_SIZE if len(needs) > 2 else LIST_SIZE)
     columns = [
         {"heading": heading, "number": column.number, "width": need * LETTER * size + INSET}
         for heading, column, need in zip(texts[0], block.columns, needs, strict=True)

@@ -107,10 +107,13 @@ def others_section(plan: content.Plan, chosen: content.PlanOption) -> Content:
         if close
         else "The judged traffic tells every other set from the chosen one."
     )
-    best = max((each for each in (mine, *fronts) if each.counted), key=lambda each: each.counted.ap, default=None)
-    if best is not None and best.counted is not None and best is not mine:
-        highest = f"{ap_figure(best.counted)}, costs {price_text(best.price, plan.currency)}"
-        conclusion += f" The highest AP, {highest}."
+    best, judged = max(
+        ((each, each.counted) for each in (mine, *fronts) if each.counted is not None),
+        key=lambda each: each[1].ap,
+        default=(mine, None),
+    )
+    if judged is not None and best is not mine:
+        conclusion += f" The highest AP, {ap_figure(judged)}, costs {price_text(best.price, plan.currency)}."
     drawing = Drawing(
         charts.front_chart(plan.front, mine, plan.currency),
         f"The chosen set costs {price_text(chosen.price, plan.currency)} and sends "
@@ -589,7 +592,9 @@ def build_document(plan: content.Plan, site: Site, ground: Ground | None) -> Doc
         }
     sections = tuple(Section(key, title, *contents[key]) for key, title in TITLES.items())
     judged = f"{plan.detector}; AP at IoU {iou_text(plan.iou)}; {plan.scheme} fusion"
-    return Document(f"Deployment plan for {plan.site}", judged if plan.detector else "No set was judged", sections)
+    head = [plan.head[key] for key in ("client", "date", "author") if plan.head.get(key)]
+    subtitle = "; ".join([*head, judged if plan.detector else "No set was judged"])
+    return Document(plan.head.get("title") or f"Deployment plan for {plan.site}", subtitle, sections)
 
 
 def write_report(planned: content.Planned, out: Path) -> None:

@@ -9,7 +9,7 @@ from placement_env.handover.mounted import MaterialItem
 from placement_env.report.content import ClassAP, Judgement, Verdict
 from placement_env.report.pages import document, report
 from placement_env.report.pages.decision import decision_section
-from placement_env.report.pages.report import value_text
+from placement_env.report.pages.report import build_document, value_text
 from placement_env.report.pages.wording import use_pole_names
 
 CHOSEN = ("d0", "d1", "d3", "d5")
@@ -53,9 +53,18 @@ def test_the_decision_comes_first_in_the_words_of_an_operator(example):
 def test_what_is_found_missed_unseen_and_lost_is_said_in_road_users(example):
     class_ap = (ClassAP("vehicle", 1.0, 0.7, replace(example.plan.chosen.judged, recall=0.9, precision=0.95)),)
     streets = {"Elm Street in the west": 60.0, "the junction": 12.4, "A": 5.0, "B": 3.0, "C": 1.0}
-    _, said = facts(replace(example.plan, class_ap=class_ap, blind_streets=streets, failures=()), example)
+    drawn = {"drawn": {"tree": 164, "fence": 1}}
+    plan = replace(example.plan, class_ap=class_ap, blind_streets=streets, failures=(), origins=drawn)
+    _, said = facts(plan, example)
+    assert said["NOT SURVEYED"].startswith("Drawn at random, in no map: ")
+    assert "164 tree" in said["NOT SURVEYED"]
+    titled = replace(plan, head={"title": "Elm Street", "client": "The city"})
+    named = build_document(titled, example.site, example.ground)
+    assert (named.title, named.subtitle.partition(";")[0]) == ("Elm Street", "The city")
     assert said["Finds"].startswith("371 of 412 vehicles; 41 are missed, and 20 reports are false.")
-    assert said["NOT LOOKED AT"].startswith("61 cyclists (83% of them with 10 measured points or more) came by.")
+    assert said["NOT LOOKED AT"].startswith(
+        "61 cyclists (83% of them with 10 measured points or more) crossed the area."
+    )
     assert said["Blind"] == (
         "No sensor sees 4% of the lanes: Elm Street in the west (60 m²), the junction (12 m²), A (5 m²) and elsewhere "
         "(4 m²). Of all open ground, 31% is unseen."
