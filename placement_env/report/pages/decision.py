@@ -150,9 +150,10 @@ def _describe_drawn(plan: content.Plan) -> Fact | None:
     drawn = plan.origins.get("drawn", {})
     if not drawn:
         return None
-    text = (
-        f"Drawn at random, in no map: {describe_things(drawn)}. They hide road users; survey what really stands there."
-    )
+    common = sorted(drawn, key=lambda kind: -drawn[kind])[:MOST_KINDS]
+    others = sum(drawn.values()) - sum(drawn[kind] for kind in common)
+    things = describe_things({kind: drawn[kind] for kind in common}) + (f" and {others} other things" if others else "")
+    text = f"Drawn at random, in no map: {things}. They hide road users; survey what really stands there."
     return Fact("Not surveyed", text, alarm=True)
 
 
