@@ -64,6 +64,12 @@ else:
                 return "0+unknown"
         if name not in _HOMES:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        from coview.main import refuse_hidden_packages
+
+        try:
+            refuse_hidden_packages()
+        except ValueError as error:
+            raise ImportError(str(error)) from None
         return getattr(import_module(_HOMES[name]), name)
 
     def __dir__() -> list[str]:

@@ -50,6 +50,16 @@ def recording_detector(
     return learnt if bare == CLUSTER else KnownBackground(place_detector(bare, place), learnt.background)
 
 
+def check_detector(name: str) -> None:
+    """Raise FileNotFoundError for a name that stands for no detector, before any work."""
+    bare = split_background(name)[0]
+    if bare not in ("voxelnet", CLUSTER) and ":" not in bare:
+        from models.detector import weights_file
+
+        if not weights_file(bare).is_file():
+            raise FileNotFoundError(f"no such file of weights: {bare}")
+
+
 def site_detector(name: str, site: Site) -> Detector:
     """Return a detector for a site.
 
@@ -79,7 +89,7 @@ def place_detector(name: str, place: Place) -> Detector:
     from toolkit.sites.site import Site
 
     if split_background(name)[1]:
-        raise ValueError(f"{name} must see the site empty first: take coview evaluate, or leave {BACKGROUND} out")
+        raise ValueError(f"{name} must see the site empty first: take coview detect, or leave {BACKGROUND} out")
     if name in ("voxelnet", CLUSTER):
         raise ValueError(f"{name} needs a site: take general, another shipped network, a weights file or your own")
     x, y = place.half

@@ -181,6 +181,6 @@ def refuse_hidden_packages() -> None:
             raise ValueError(f"{name}, a part of coview, is not installed: install coview again")
         if not place.is_relative_to(home / name):
             raise ValueError(
-                f"{place} hides {name}, a part of coview: rename it, or run coview from another folder and without it "
-                "in PYTHONPATH"
+                f"{place} hides {name}, a part of coview: rename it, or start Python from another folder and without "
+                "it in PYTHONPATH"
             )

@@ -80,9 +80,10 @@ def count_passing(
 @contextmanager
 def open_recording(path: Path, site: str | None, *, drop_invalid: bool = False) -> Iterator[CoopDataset]:
     """Open a recording of a known site."""
-    with Opening("hdf5", site=site, drop_invalid=drop_invalid).open(path) as recording:
+    with Opening(site=site, drop_invalid=drop_invalid).open(path) as recording:
         if recording.site is None:
-            raise ValueError(f"{path} holds recorded clouds of an unknown site: give a recording of coview simulate")
+            remedy = "give a recording of coview simulate, or take coview evaluate, which needs no site"
+            raise ValueError(f"{path} holds recorded clouds of an unknown site: {remedy}")
         yield cast("CoopDataset", recording)
 
 

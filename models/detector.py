@@ -52,6 +52,7 @@ class VoxelNetDetector:
         self.config, self.device = network.config, torch.device(device)
         if self.device.type == "cpu":
             keep_freed_memory()  # its maps come and go with every cloud
+        self.name = type(self).__name__  # or what it was loaded by
         own = self.config.thresholds or (self.config.score_threshold,) * len(self.config.labels)
         self.thresholds = own if score_threshold is None else (score_threshold,) * len(own)
         most = LEAST_RIVAL if self.config.rivalry else 1.0
@@ -154,11 +155,13 @@ def load_detector(
     network, header = load_weights(weights_file(name))
     trained_for = header.site or "general"
     if site is not None and trained_for not in (site, "general"):
-        raise ValueError(f"{name} holds weights for {trained_for!r}, not for {site!r}: load {site!r} or 'general'")
+        raise ValueError(f"{name} holds weights for {trained_for!r}, not for {site!r}: take {site!r} or 'general'")
     if area is not None:
         xmin, ymin, xmax, ymax = (float(side) for side in area)
         network = relocate(network, (xmin, ymin, xmax, ymax), trained_for)
-    return VoxelNetDetector(network, device=device, score_threshold=score_threshold, nms_threshold=nms_threshold)
+    detector = VoxelNetDetector(network, device=device, score_threshold=score_threshold, nms_threshold=nms_threshold)
+    detector.name = str(name)
+    return detector
 
 
 def load_site_detector(site: str, area: Iterable[SupportsFloat]) -> VoxelNetDetector:
@@ -173,7 +176,9 @@ def relocate(network: VoxelNet, area: tuple[float, float, float, float], trained
     if area == config.area:
         return network
     if trained_for != "general" or config.point_features != "local":
-        raise ValueError(f"these weights are for the area {config.area} of {trained_for!r}, got {area}: load 'general'")
+        own, got = (" ".join(f"{side:g}" for side in corners) for corners in (config.area, area))
+        remedy = f"give that area (--area {own}), or take detector general"
+        raise ValueError(f"these weights are for the area {own} of {trained_for!r} alone, got {got}: {remedy}")
     elsewhere = VoxelNet(replace(config, area=area))
     elsewhere.load_state_dict(network.state_dict())
     return elsewhere

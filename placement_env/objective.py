@@ -10,6 +10,7 @@ the money available.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable
 from copy import copy
 from dataclasses import asdict, dataclass, field, replace
@@ -28,6 +29,7 @@ from placement_env.subsets import find_index
 from toolkit.arrays import Bool, Float64, Int64
 from toolkit.detection.provenance import detector_origin, settings_origin
 from toolkit.detection.scheme import scheme_codec
+from toolkit.runtime.files import replace_infinite
 from toolkit.runtime.run import Run
 from toolkit.sites.site import Site
 
@@ -172,6 +174,11 @@ class Objective:
             weights=asdict(self.weights),
             **({} if detector is None else detector_origin(detector)),
         )
+
+    def describe_origin(self, members: Iterable[int]) -> dict[str, Any]:
+        """Provenance of a set, as JSON keeps it, with the names of its sensors."""
+        known = self.provenance | {"sensors": [self.names[member] for member in members]}
+        return cast(dict[str, Any], json.loads(json.dumps(replace_infinite(known), default=str)))
 
     @cached_property
     def names(self) -> tuple[str, ...]:

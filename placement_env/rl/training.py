@@ -115,7 +115,9 @@ def search(
     best_score = rolled_out.best if rolled_out.best.reward > trained.reward else trained
     words = f"the trained policy reaches {rolled_out.best.reward:.4f} by itself"
     certificate = Certificate("none", best_score.reward, note=words)
-    return Result("policy", best_score, limits.history(best_score.reward), certificate, limits.count, limits.elapsed)
+    origin = objective.describe_origin(best_score.subset)
+    history = limits.history(best_score.reward)
+    return Result("policy", best_score, history, certificate, limits.count, limits.elapsed, origin=origin)
 
 
 def train_policy(

@@ -162,9 +162,9 @@ def improve(
         size *= 2
     score = replace(score, subset=tuple(range(len(sensors))))
     certificate = Certificate("none", score.reward, note="CMA-ES proves nothing; the answer is no worse than its start")
-    return Result(
-        "CMA-ES", score, limits.history(score.reward), certificate, limits.count, limits.elapsed, sensors=sensors
-    )
+    origin = objective.describe_origin(()) | {"sensors": [sensor.name for sensor in sensors]}
+    history, known = limits.history(score.reward), (limits.count, limits.elapsed)
+    return Result("CMA-ES", score, history, certificate, *known, sensors=sensors, origin=origin)
 
 
 def build_pose_scorer(preparation: Preparation, weights: Weights = FREE, *, live: LiveView | None = None) -> PoseScorer:

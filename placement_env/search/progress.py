@@ -125,7 +125,8 @@ class Progress:
         """Best set so far, the incumbent, as the answer."""
         best = self.objective.score(np.flatnonzero(self.best).tolist())
         history = self.limits.history(self.reward)
-        return Result(method, best, history, certificate, self.limits.count, self.limits.elapsed, front, by_size)
+        known = self.limits.count, self.limits.elapsed, front, by_size
+        return Result(method, best, history, certificate, *known, origin=self.objective.describe_origin(best.subset))
 
     def unknown(self, note: str) -> Certificate:
         """Certificate without any evidence."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any, Literal
 
@@ -134,7 +134,8 @@ class Result:
     """Answer of a search. evaluations: sets scored, repeated ones too; sensors: in continuous poses.
 
     front: scored sets that no other beats in AP, kbit and price at once, by price and kbit, and by_size: the best set
-    of 1, 2, ... sensors (exhaustive only); assessment: on fresh traffic (portfolio only).
+    of 1, 2, ... sensors (exhaustive only); assessment: on fresh traffic (portfolio only); origin: site, frames and seed
+    of the traffic, version, and the best set's sensors by name, see `Objective.describe_origin`.
     """
 
     method: str
@@ -147,9 +148,15 @@ class Result:
     by_size: tuple[Score, ...] = ()
     sensors: tuple[Sensor, ...] = ()
     assessment: Assessment | None = None
+    origin: dict[str, Any] = field(default_factory=dict)
 
-    def save(self, path: str | Path) -> None:
-        """Write the result as JSON, completely or not. `load` reads it; null stands for non-finite values."""
+    def save(self, path: str | Path, *, overwrite: bool = False) -> None:
+        """Write the result as JSON, completely or not. `load` reads it; null stands for non-finite values.
+
+        Raises FileExistsError for a file that may not be overwritten.
+        """
+        if Path(path).exists() and not overwrite:
+            raise FileExistsError(f"{path} exists: save to another file, or pass overwrite=True")
         content = {"coview_result": VERSION} | asdict(self)
         content["history"] = {name: column.tolist() for name, column in vars(self.history).items()}
         content["sensors"] = [_describe_sensor(sensor) for sensor in self.sensors]

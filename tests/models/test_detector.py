@@ -82,7 +82,7 @@ def test_weights_survive_a_file_and_those_of_a_site_stay_there(tmp_path):
     assert len(found)
     assert np.all((found.boxes[:, :2] >= (100, 50)) & (found.boxes[:, :2] <= (133, 61)))
     assert load_detector(site, area=CONFIG.area, site="tjunction").area == CONFIG.area
-    with pytest.raises(ValueError, match=r"area .* of 'tjunction'.*load 'general'"):
+    with pytest.raises(ValueError, match=r"area .* of 'tjunction'.*take detector general"):
         load_detector(site, area=there)
     with pytest.raises(ValueError, match="for 'tjunction', not for 'roundabout'"):
         load_detector(site, site="roundabout")

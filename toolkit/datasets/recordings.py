@@ -84,14 +84,39 @@ def find_layout(name: str) -> Layout:
     return layout
 
 
-def guess_layout(path: str | Path) -> str:
-    """Guess the layout of a path: folder for a folder or a cloud file, else hdf5.
+_SIGNS = {  # files, one of which only folders of a layout have
+    "folder": ("poses.json", "poses.txt", "poses.csv", "labels.json"),
+    "kitti": ("training/velodyne", "label_2"),
+    "dair": ("label/virtuallidar", "label/lidar", "infrastructure-side", "cooperative-vehicle-infrastructure"),
+    "nuscenes": ("v1.0*/sample_data.json", "sample_data.json"),
+    "argoverse": ("sensors/lidar/*.feather",),
+    "sustech": ("lidar/../label/*.json",),
+    "rcooper": ("data/*/*/*/lidar",),
+    "rosbag": ("metadata.yaml",),
+    "opv2v, v2xset or v2xreal": ("*/[0-9]*.yaml", "*/*/[0-9]*.yaml"),
+}
+_BAGS = (".bag", ".mcap", ".db3")
 
-    >>> guess_layout("north.pcd"), guess_layout("monday.hdf5")
-    ('folder', 'hdf5')
+
+def guess_layout(path: str | Path) -> str:
+    """Guess the layout of a path by its ending or, in a folder, by files that only one layout has.
+
+    Raises ValueError for a folder that several layouts might have written.
+
+    >>> guess_layout("north.pcd"), guess_layout("night.bag"), guess_layout("monday.hdf5")
+    ('folder', 'rosbag', 'hdf5')
     """
     path = Path(path)
-    return "folder" if path.is_dir() or path.suffix.lower() in ENDINGS else "hdf5"
+    if not path.is_dir():
+        ending = path.suffix.lower()
+        return "folder" if ending in ENDINGS else "rosbag" if ending in _BAGS else "hdf5"
+    guessed = next((name for name, signs in _SIGNS.items() if any(map(any, map(path.glob, signs)))), None)
+    if guessed is None:
+        some = next((each for each in (*path.glob("*.json"), *path.glob("*/*.json")) if each.is_file()), None)
+        return "openlabel" if some is not None and b'"openlabel"' in some.read_bytes()[:200] else "folder"
+    if " " in guessed:
+        raise ValueError(f"{path} has layout {guessed}: say by --layout which it is")
+    return guessed
 
 
 def open_recording(path: str | Path, layout: str | None = None, **options: object) -> Recording:
@@ -105,6 +130,8 @@ def open_recording(path: str | Path, layout: str | None = None, **options: objec
     reader does not have, and a damaged file.
     """
     path, name = Path(path), layout or guess_layout(path)
+    if layout is None and name not in ("folder", "hdf5"):
+        warnings.warn(f"{path} is read as layout {name}: say --layout for another", stacklevel=2)
     reader = find_layout(name).open
     given = {key: value for key, value in options.items() if value is not None and value is not False}
     unknown = given.keys() - inspect.signature(reader).parameters.keys()

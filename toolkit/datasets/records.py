@@ -74,13 +74,20 @@ class Listing:
         return f"{count} of the {every} {STRAY}, such as {self.strays[0][:60]!r}, where clouds have {there[:60]!r}"
 
 
-def check_labels(recording: Frames) -> None:
-    """Raise ValueError where a recording has labels, and none of them has a cloud."""
+def check_labels(recording: Frames, frames: int | None = None) -> None:
+    """Raise ValueError where no label has a cloud, or where the first frames of an unknown site have no label."""
+    count, site = len(recording) if frames is None else frames, getattr(recording, "site", None)
+    some = (recording[k] for k in range(count))
     while isinstance(recording, RecordingView):
         recording = recording.recording
     if isinstance(recording, Listing) and recording.strays and len(recording.strays) == len(set(recording.labelled)):
         raise ValueError(
             f"no label can be used: {recording.describe_strays()}; name both alike, times in the same unit"
+        )
+    if site is None and not any(len(frame.objects) or len(frame.others.boxes) for frame in some):
+        raise ValueError(
+            "the recording has no label, so nothing can be scored: take coview detect, or give labels, such as the "
+            "labels.json of layout folder"
         )
 
 

@@ -124,8 +124,8 @@ class KnownBackground:
             raise ValueError(f"least must be a share above 0, at most 1, got {self.least}: such as {LEAST_NEW}")
 
     @property
-    def __name__(self) -> str:
-        """Name in results: the detector's kind, with a known background."""
+    def name(self) -> str:
+        """Name by which commands take it."""
         return f"{detector_origin(self.detector)['detector']}+background"
 
     @property

@@ -9,7 +9,7 @@ import re
 import sys
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from pkgutil import resolve_name
 from time import perf_counter
@@ -23,7 +23,9 @@ from toolkit.datasets.layouts.openlabel import openlabel_content
 from toolkit.datasets.records import boxes_record, write_boxes
 from toolkit.detection.place import Place, Stand
 from toolkit.frame import Frame
+from toolkit.geometry import level_rows
 from toolkit.objects import Detections, Detector
+from toolkit.points import frame_points
 from toolkit.runtime.files import write_text, writing_folder
 from toolkit.sites.site import Site
 
@@ -40,13 +42,18 @@ class Detected:
 
 def detect_frames(frames: Iterable[Frame], detector: Detector, place: Place = Place()) -> Iterator[Detected]:
     """Yield the detections in all points of each frame together, on level ground. detector: sees points counted from
-    the middle of the area. A frame without points has no detections.
+    the middle of the area, or at a known site, those of the site. A frame without points has no detections.
     """
-    for frame, stand in place.stands(frames):
-        points = stand.lift(frame.points())
+    for frame, stand in place.stands(frames, getattr(frames, "site", None)):
+        site = stand.area if isinstance(stand.area, Site) else None
+        points = stand.lift(frame.points()) if site is None else np.concatenate(frame_points(frame, area=site))
         start = perf_counter()
         found = detector(points) if len(points) else Detections.empty()
-        yield Detected(frame, stand.put_back(found), stand, 1e3 * (perf_counter() - start))
+        taken = 1e3 * (perf_counter() - start)
+        if site is not None:
+            slope_x, slope_y = site.relief.slope
+            found = replace(found, boxes=level_rows(found.boxes, (-slope_x, -slope_y)))
+        yield Detected(frame, stand.put_back(found), stand, taken)
 
 
 Format = Literal["boxes", "openlabel", "kitti"]

@@ -230,7 +230,7 @@ def evaluate_recording(
         name = ALL_CLOUDS if scheme is None else scheme.name
         if named.setdefault(name, scheme) != scheme:
             raise ValueError(f"two schemes are called {name!r}, {named[name]} and {scheme}: rename one")
-    check_labels(recording)
+    check_labels(recording, total)
     measured, known = ReadRecording(recording, reads), place.at(site)
     first = measured[0]
     numbers = [tuple(select_sensors(first.sensors, chosen)) for chosen in asked.sensor_sets]

@@ -27,8 +27,8 @@ def dataset_origin(dataset: object) -> dict[str, object]:
 
 
 def detector_origin(detector: Detector) -> dict[str, Any]:
-    """Kind and digest of a detector. None without a digest."""
-    name = getattr(detector, "__name__", type(detector).__name__)
+    """Name of a detector, by which commands take it, or its kind, and its digest; None without a digest."""
+    name = getattr(detector, "name", getattr(detector, "__name__", type(detector).__name__))
     return {"detector": name, "detector_digest": getattr(detector, "digest", None)}
 
 

@@ -39,6 +39,10 @@ def load_site(name_or_path: str | Path) -> Site:
         path = Path(__file__).parent / f"{name_or_path}.json"
     if not path.is_file():
         raise FileNotFoundError(f"no site {str(name_or_path)!r}: give a file, or one of {', '.join(BUILT_IN)}")
+    if path.name.lower().endswith((".osm", ".osm.gz", ".osm.pbf", ".xodr")):
+        kind = "opendrive" if path.suffix.lower() == ".xodr" else "osm"
+        made = f"coview site import --{kind} {path} --centre X Y --size 80 60 --out site.json"
+        raise ValueError(f"{path} is a map, of which a site must be made first: {made}")
     content = read_json(path)
     with name_errors(path):
         return parse(content)

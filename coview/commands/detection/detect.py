@@ -12,7 +12,7 @@ from typing import Literal
 from tyro.conf import Positional
 
 from coview.arguments import check_least
-from coview.detectors import place_detector
+from coview.detectors import check_detector, place_detector, recording_detector, split_background
 from coview.outputs import OK, Writing, check_file, check_new_folder, print_result
 from coview.progress_bar import progress_bar
 from coview.recordings import Opening
@@ -40,7 +40,8 @@ def detect(
     Args:
         clouds: Cloud files, folders, bags or recordings.
         out: File of boxes, or folder of OpenLABEL or KITTI files, one per frame.
-        detector: general, another shipped network, a weights file, or package.module:callable.
+        detector: general, another shipped network, a weights file, or package.module:callable; +background, which
+            plan.json names too, drops what stands at the recording's site or in its empty scene.
         frames: Number of first frames of each recording; all when left out.
         format: One JSON file (boxes), openlabel or kitti.
     """
@@ -50,17 +51,22 @@ def detect(
     check_least("--frames", frames, 1, "leave it out for all")
     if not clouds:
         raise ValueError("give clouds to detect in: files, folders or bags")
+    known = split_background(detector)[1]  # the site that the recording names, if it does
+    place = place if known else replace(place, level=place.level or "map")
+    check_detector(detector)
+    network = None if known else place_detector(detector, place)
     check = check_file if format == "boxes" else check_new_folder
     check(out, inputs=[*clouds, *opening.files], overwrite=writing.overwrite)
-    place = replace(place, level=place.level or "map")
     with ExitStack() as stack:
-        opened = [Part(stack.enter_context(opening.open(path)), frames) for path in clouds]
-        network = place_detector(detector, place)
+        recordings = [stack.enter_context(opening.open(path)) for path in clouds]
+        opened = [Part(recording, frames) for recording in recordings]
+        looking = [network or recording_detector(detector, recording, place) for recording in recordings]
         bar = stack.enter_context(progress_bar("cloud", sum(map(len, opened)), hidden=writing.json))
 
         def watch() -> Iterator[Detected]:
             """Yield what is found, the first warning in words."""
-            found = (each for part in opened for each in detect_frames(part, network, place))
+            parts = zip(opened, looking, strict=True)
+            found = (each for part, network in parts for each in detect_frames(part, network, place))
             warned = False
             for done, each in enumerate(found, 1):
                 if each.stand.warning is not None and not warned:
@@ -69,6 +75,6 @@ def detect(
                 bar.to(done)
                 yield each
 
-        figures = summarise(write_detections(watch(), out, format, detector=detector, level=place.level))
+        figures = summarise(write_detections(watch(), out, format, detector=detector, level=place.level or "none"))
     print_result(figures | {"out": str(out)}, f"{out}: {describe_summary(figures)}", as_json=writing.json)
     return OK

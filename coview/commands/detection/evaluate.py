@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING, Literal
 from tyro.conf import Positional
 
 from coview.arguments import Label, check_ious, check_least, check_positive, check_schemes, sensor_set
-from coview.detectors import recording_detector
+from coview.detectors import CLUSTER, check_detector, recording_detector
 from coview.outputs import OK, Writing, check_folder, claim, print_result
 from coview.progress_bar import progress_bar
 from coview.recordings import Opening
@@ -108,7 +109,9 @@ def evaluate(
     from toolkit.calibration.registration import read_surface
     from toolkit.datasets.readings import ReadRecording, Reads
     from toolkit.datasets.recordings import Part
+    from toolkit.datasets.records import check_labels
     from toolkit.detection.evaluation import curve_files, evaluate_recording, save_evaluation
+    from toolkit.frame import select_sensors
     from toolkit.objects import check_known, known_labels
 
     check_ious(rules.iou or ())
@@ -123,21 +126,26 @@ def evaluate(
         for name in ("table.json", *curve_files(labels, rules.iou)):
             check_folder(out, holds=name, inputs=inputs, overwrite=overwrite)
 
-    claimed = claim(out, (inputs, subject, rules, place, run), check_outputs, overwrite=writing.overwrite)
-    with claimed as again, opening.open(dataset) as opened:
-        recording = opened
+    sets = [sensor_set(chosen) for chosen in rules.sensors]
+    check_detector(subject.detector or CLUSTER)
+    with ExitStack() as stack:
+        recording = opened = stack.enter_context(opening.open(dataset))
+        known = place.at(opened.site)
+        asked = _compare(rules, known=known)
+        check_labels(opened, reads.count(opened))
+        for chosen in sets if len(opened) else ():
+            select_sensors(opened[0].sensors, chosen)
+        claimed = claim(out, (inputs, subject, rules, place, run), check_outputs, overwrite=writing.overwrite)
+        again = stack.enter_context(claimed)
         poses: tuple[FoundPose, ...] = ()
         if subject.calibrate is not None:
             surface = None if subject.calibrate == TOGETHER else read_surface(subject.calibrate)
             poses = find_poses(opened, surface, frames=reads.frames)
             recording = Corrected.of(opened, poses)
-        known = place.at(recording.site)
-        asked = _compare(rules, known=known)
         first = recording[0] if len(recording) else None
         some = recording if known or first is None else Part(recording, run.frames)
         if first is not None and not known:
-            wanted = [sensor_set(chosen) for chosen in rules.sensors]
-            names = None if None in wanted else [name for chosen in wanted if chosen for name in chosen]
+            names = None if None in sets else [name for chosen in sets if chosen for name in chosen]
             some = some if names is None else _Seen(some, tuple(names))
         scenes = Scenes(ReadRecording(some, reads) if known else some)
         detect = recording_detector(subject.detector, some, place, scenes)

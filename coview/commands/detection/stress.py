@@ -9,7 +9,7 @@ from pathlib import Path
 from tyro.conf import Positional
 
 from coview.arguments import site_file
-from coview.detectors import check_digest, recording_detector
+from coview.detectors import check_detector, check_digest, recording_detector
 from coview.outputs import OK, Writing, check_folder, claim, print_result
 from coview.progress_bar import progress_bar
 from coview.recordings import frame_count, open_recording
@@ -58,7 +58,8 @@ def stress(
     exact = (
         None if table is None else outputs.exact_failures(load_table(table), ious=question.iou, label=question.label)
     )
-    with claim(out, asked, check, overwrite=writing.overwrite), open_recording(dataset, site) as recording:
+    check_detector(detector)
+    with open_recording(dataset, site) as recording, claim(out, asked, check, overwrite=writing.overwrite):
         total = frame_count(recording, run.frames)
         kinds = stressing.choose_kinds(recording, question.kinds)
         detect = recording_detector(detector, recording)

@@ -8,7 +8,7 @@ from coview.arguments import check_least
 from coview.commands.detection.evaluate import Subject, evaluate
 from coview.commands.placement.plan import Goal, StockOptions, plan
 from coview.commands.recordings.simulate import simulate
-from coview.detectors import recording_detector
+from coview.detectors import check_detector, recording_detector
 from coview.options import Output
 from coview.outputs import OK, Writing, check_folder, say
 from coview.recordings import open_recording
@@ -46,6 +46,7 @@ def demo(
 
     check_least("--frames", frames, 1)
     check_least("--plan-frames", plan_frames, 0)
+    check_detector(detector)
     files = {RECORDING, "table.json", "birds_eye.png", *curve_files(LABELS)}
     made = files | {f"{RECORDING}.parts", PLAN, CACHE}
     found = {each.name for each in out.iterdir() if UNFINISHED not in each.name} if out.is_dir() else {""}

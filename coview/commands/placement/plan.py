@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -15,6 +16,7 @@ from coview.options import ClassOptions, Output, load_own_detector
 from coview.outputs import NOT_MET, OK, check_folder, check_writable, claim, print_result
 from coview.progress_bar import progress_bar
 from placement_env.cases import USUAL_CASES, Cases, iou_text
+from toolkit.runtime.files import read_json
 from toolkit.runtime.run import Run
 
 if TYPE_CHECKING:
@@ -104,6 +106,7 @@ def plan(
     Args:
         site: tjunction, roundabout, or a site file.
     """
+    from placement_env.candidates.pool import NoCandidates
     from placement_env.report.planning.planning import plan as answer, write_plan
     from placement_env.report.planning.question import USUAL_SENSORS, Question
     from placement_env.setting import Setting
@@ -118,24 +121,35 @@ def plan(
     asked = (site, goal, stock, classes, cases, run)
     if run.cache is not None:
         check_writable(run.cache.resolve(), run.cache)
-    with claim(out, asked, check, overwrite=output.overwrite), progress_bar("", hidden=output.json) as bar:
-        run, place = replace(run, progress=bar.stage), load_site(site)
-        setting = Setting(
-            place,
-            candidates=stock.build(place),
-            scheme=stock.scheme,
-            codec=find_codec(stock.codec),
-            classes=classes.build(),
-            cases=cases,
-            detector=load_own_detector(stock.detector, place, run),
-            most_price=math.inf if goal.money is None else goal.money,
-        )
-        sensors = USUAL_SENSORS if goal.budget is None and goal.money is None else goal.budget
-        planned = answer(Question(setting, run, sensors, goal.min_ap, goal.max_kbit, goal.confidence))
+    place = load_site(site)
+    setting = Setting(
+        place,
+        candidates=stock.build(place),
+        scheme=stock.scheme,
+        codec=find_codec(stock.codec),
+        classes=classes.build(),
+        cases=cases,
+        detector=load_own_detector(stock.detector, place, run),
+        most_price=math.inf if goal.money is None else goal.money,
+    )
+    sensors = USUAL_SENSORS if goal.budget is None and goal.money is None else goal.budget
+    question = Question(setting, run, sensors, goal.min_ap, goal.max_kbit, goal.confidence)
+    with suppress(NoCandidates):  # the plan says why there are none
+        _ = setting.pool
+    claimed = claim(out, asked, check, overwrite=output.overwrite or _says_no(out / "plan.json"))
+    with claimed, progress_bar("", hidden=output.json) as bar:
+        planned = answer(replace(question, run=replace(run, progress=bar.stage)))
         written = write_plan(planned, out)
     text = f"{_describe(planned.plan)}\nwritten to {out}: {', '.join(path.name for path in written)}"
     print_result(planned.plan.as_dict(), text, as_json=output.json)
     return NOT_MET if planned.plan.verdict.met is False else OK
+
+
+def _says_no(path: Path) -> bool:
+    """True for a plan that found nothing to build, in whose place another one may be written."""
+    with suppress(OSError, ValueError, AttributeError):
+        return read_json(path).get("verdict", {}).get("met") is False
+    return False
 
 
 def _describe(plan: Plan) -> str:

@@ -9,7 +9,7 @@ from pathlib import Path
 from tyro.conf import Positional
 
 from coview.arguments import check_least
-from coview.detectors import recording_detector
+from coview.detectors import check_detector, recording_detector
 from coview.outputs import OK, check_folder, claim, print_result
 from coview.progress_bar import progress_bar
 from toolkit.runtime.run import Processes
@@ -44,6 +44,7 @@ def reproduce(
 
     check_paper_site(site)
     check_least("--frames", frames, 1)
+    check_detector(detector)
     check = partial(check_folder, out, holds=PAGE, inputs=[] if table is None else [table])
     with claim(out, (site, frames, detector, table), check, overwrite=True), progress_bar("frame", hidden=json) as bar:
         made = run_reproduction(

@@ -203,10 +203,10 @@ def pack(
     check_least("--random-sites", random_sites, 0)
     if bool(datasets) == bool(random_sites):
         raise ValueError("give recordings, or --random-sites N")
-    again = bool(random_sites) and Path(f"{out}.parts").is_dir()  # a run that was killed while it cleaned up
-    check_file(out, inputs=[*datasets, *packed, *opening.files], overwrite=writing.overwrite or again)
     if packed and random_sites:
         raise ValueError("--packed is not for --random-sites: leave it out")
+    again = bool(random_sites) and Path(f"{out}.parts").is_dir()  # a run that was killed while it cleaned up
+    check_file(out, inputs=[*datasets, *packed, *opening.files], overwrite=writing.overwrite or again)
     if random_sites:
         from toolkit.bodies.fleet import fleet_named
         from toolkit.datasets.random_recordings import random_recordings_file

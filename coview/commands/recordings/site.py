@@ -64,9 +64,9 @@ class ImportMap:
             raise ValueError("--lefthand is for --osm: an OpenDRIVE map says itself which side traffic keeps to")
         maps = [each for each in (self.opendrive, self.osm) if each is not None]
         check_least("--sensors", self.sensors, 1, "leave it out for a site without sensors")
-        check_file(self.out, inputs=maps, overwrite=self.overwrite)
         seed = None if self.furnish == "none" else self.seed
         piece = MapPiece(maps[0], self.centre, self.size, radians(self.heading_deg), seed, self.furnish)
+        check_file(self.out, inputs=maps, overwrite=self.overwrite)
         imported = import_osm(piece, lefthand=self.lefthand) if self.osm else import_opendrive(piece)
         if self.sensors is None:
             code = _save(imported, self.out)
@@ -105,8 +105,9 @@ class ExportSite:
         from toolkit.sites.files import load_site
         from toolkit.sites.georeference import site_geojson
 
+        text = site_geojson(load_site(self.site))
         check_file(self.out, inputs=site_file(self.site), overwrite=self.overwrite)
-        write_text(self.out, site_geojson(load_site(self.site)))
+        write_text(self.out, text)
         say(f"written to {self.out}, in longitude and latitude (WGS84)")
         return OK
 
@@ -158,8 +159,8 @@ class ShowSite:
         from toolkit.sites.files import load_site
         from toolkit.sites.origins import count_things, describe_things
 
-        check_file(self.out, inputs=site_file(self.site), overwrite=self.overwrite)
         shown = load_site(self.site)
+        check_file(self.out, inputs=site_file(self.site), overwrite=self.overwrite)
         say(shown)
         for origin, counts in count_things(shown).items():
             if counts:

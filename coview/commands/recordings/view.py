@@ -10,7 +10,7 @@ from typing import Literal
 from tyro.conf import Positional
 
 from coview.arguments import Label, check_least, sensor_set
-from coview.detectors import place_detector
+from coview.detectors import check_detector, place_detector
 from coview.outputs import OK, Writing, check_file, print_result
 from coview.progress_bar import progress_bar
 from coview.recordings import Opening
@@ -87,6 +87,8 @@ def view(
         raise ValueError("--out writes a page, --still a picture: give one of them")
     if still is not None:
         check_picture(still)
+    if shown.detector is not None:
+        check_detector(shown.detector)
     check_file(still or out, inputs=[recording, *opening.files], overwrite=writing.overwrite)
     if still is None:
         check_viser()

@@ -283,8 +283,6 @@ def build_plan(findings: Findings, final: judging.Judge, ground: Ground) -> cont
     each_kbit = np.array([outcome.bits for outcome in outcomes], np.float64).T / 1000
     sensors = format_sensors(site, candidates, members, kbit=each_kbit, catalogue=question.stock.catalogue)
     detector: str = detector_origin(final.detected.detector)["detector"]
-    if question.setting.detector is None:
-        detector = f"{detector} (shipped network {findings.network!r})"
     considered = sorted(
         choice.options, key=lambda each: (not each.counted, -(each.counted.ap if each.counted else each.predicted))
     )

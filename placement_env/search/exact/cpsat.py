@@ -22,7 +22,7 @@ from placement_env.fidelity.coverage import LEAST
 from placement_env.fidelity.visibility import Visibility
 from placement_env.objective import Objective
 from placement_env.protocol import ByFrames
-from placement_env.search.exact.programme import SECONDS, Poles, Prices, Solved, SolverLimits, cp_model
+from placement_env.search.exact.programme import SECONDS, Poles, Prices, Solved, SolverLimits, cp_model, run_solver
 from placement_env.search.progress import Progress
 from placement_env.search.result import Certificate, Result
 from placement_env.search.verification import best_of_equals
@@ -125,7 +125,7 @@ def cover_most(
     if cost is not None:
         model.add(cost.expression(model, built) <= cost.most)
     solver = replace(limits, seconds=max(0.01, limits.seconds - (time.monotonic() - began))).build_solver()
-    if solver.status_name(solver.solve(model)) in ("OPTIMAL", "FEASIBLE"):  # else time ran out before any solution
+    if run_solver(solver, model) in ("OPTIMAL", "FEASIBLE"):  # else time ran out before any solution
         start = [c for c, x in enumerate(built) if solver.boolean_value(x)]
         bound = min(bound, int(np.floor(solver.best_objective_bound + 1e-6)))
     chosen = sorted(kept[start].tolist())

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -49,6 +50,7 @@ class SolverLimits:
     def build_solver(self) -> CpSolver:
         """A solver of one worker within these limits."""
         solver = cp_model().CpSolver()
+        solver.parameters.catch_sigint_signal = False  # its handler would stay, and end Python at the next Ctrl-C
         solver.parameters.max_time_in_seconds = self.seconds
         if self.effort is not None:
             solver.parameters.max_deterministic_time = self.effort
@@ -56,6 +58,17 @@ class SolverLimits:
         solver.parameters.random_seed = self.seed
         solver.parameters.linearization_level = 2
         return solver
+
+
+def run_solver(solver: CpSolver, model: CpModel) -> str:
+    """Solve a model, stopping at Ctrl-C; return the name of the status."""
+    with ThreadPoolExecutor(1) as pool:
+        solving = pool.submit(solver.solve, model)
+        try:
+            return solver.status_name(solving.result())
+        except BaseException:
+            solver.stop_search()
+            raise
 
 
 def cp_model() -> ModuleType:
@@ -274,7 +287,7 @@ def solve(
     for c in start:
         model.add_hint(built[c], True)
     solver = limits.build_solver()
-    status = solver.status_name(solver.solve(model))
+    status = run_solver(solver, model)
     if status not in ("OPTIMAL", "FEASIBLE"):
         lowest = int(solver.best_objective_bound) if status == "UNKNOWN" and cost is not None else 0
         return Solved(None, 0, max(0, lowest) // (budget + 1), status == "INFEASIBLE")

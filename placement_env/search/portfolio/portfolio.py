@@ -110,7 +110,8 @@ def search(
         best = objective.score(subset)
         certificate = Certificate("none", best.reward, note=note)
         history = limits.history(best.reward)
-        return Result("portfolio", best, history, certificate, found.considered, limits.elapsed)
+        origin = objective.describe_origin(best.subset)
+        return Result("portfolio", best, history, certificate, found.considered, limits.elapsed, origin=origin)
 
     if not len(found.sets):
         return answer([], "no search found a set that may be built and pays")

@@ -52,7 +52,7 @@ def whole(make):
     return replace(found, front=(empty,), sensors=poses, assessment=judged, certificate=unknown)
 
 
-def test_results_are_read_as_written_also_old_ones(whole, tmp_path):
+def test_results_are_read_as_written_also_old_ones(whole, make, tmp_path):
     whole.save(tmp_path / "result.json")
     again = Result.load(tmp_path / "result.json")
     for name in ("method", "best", "certificate", "evaluations", "seconds", "by_size", "sensors", "assessment"):
@@ -68,6 +68,14 @@ def test_results_are_read_as_written_also_old_ones(whole, tmp_path):
     assert str(again) == str(whole)
     again.save(tmp_path / "again.json")
     assert (tmp_path / "again.json").read_bytes() == (tmp_path / "result.json").read_bytes()
+    assert again.origin == whole.origin
+    assert whole.origin["sensors"] == [
+        make(3, 1).names[member] for member in exhaustive.search(make(3, 1), 2).best.subset
+    ]
+    assert "coview" in whole.origin
+    with pytest.raises(FileExistsError, match=r"again\.json exists"):
+        whole.save(tmp_path / "again.json")
+    whole.save(tmp_path / "again.json", overwrite=True)
     whole.save(tmp_path / "new.json")
     content = json.loads((tmp_path / "new.json").read_text())
     for name in ("by_errors", "errors_by"):

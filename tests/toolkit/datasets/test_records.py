@@ -186,8 +186,9 @@ def test_damage_names_the_file(tmp_path, content, names):
 
 def test_labels_without_a_cloud_are_counted_once_and_none_with_one_is_refused():
     def load(name):
-        return Frame.of_clouds(name, (), Objects.empty(), problems={"doubled labels": 2})
+        return Frame.of_clouds(name, (), car, problems={"doubled labels": 2})
 
+    car = Objects(np.array([[0.0, 0.0, 0.75, 4.2, 1.8, 1.5, 0.0]]))
     some = records.Listing(("a", "b"), load, labelled=("a", "c", "c", "d"))
     assert [frame.problems for frame in some] == [{"doubled labels": 2, records.STRAY: 2}, {"doubled labels": 2}]
     assert some[-2].problems[records.STRAY] == 2
@@ -199,6 +200,9 @@ def test_labels_without_a_cloud_are_counted_once_and_none_with_one_is_refused():
         records.check_labels(sound)
     with pytest.raises(ValueError, match=r"no label can be used: 1 of the 1 names.*'1646667310044', where .* 'a'"):
         records.check_labels(Part(records.Listing(("a",), load, labelled=["1646667310044"])))
+    car = Objects.empty()
+    with pytest.raises(ValueError, match="no label, so nothing can be scored: take coview detect"):
+        records.check_labels(records.Listing(("a",), load))
 
 
 @pytest.mark.parametrize(("place", "away"), [([900.0, 0.0], 0), ([4500.0, 0.0], 1)])

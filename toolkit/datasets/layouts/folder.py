@@ -25,6 +25,7 @@ from toolkit.runtime.files import write_text
 
 POSES = ("poses.json", "poses.txt", "poses.csv")
 LABELS_FILE = "labels.json"
+RECORDED = ("*.hdf5", "*.h5", "*.bag", "*.mcap")  # recordings in single files
 ALONE = "lidar"  # name of the sensor of clouds that lie in the folder itself
 _EPOCH = ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3), (1e8, 1.0))
 
@@ -41,7 +42,10 @@ def folder(path: Path, *, poses: Path | None = None, inverted: bool = False) -> 
         raise FileNotFoundError(f"no such folder or cloud file: {path}")
     names = _match(clouds)
     if not names:
-        raise FileNotFoundError(f"{path} holds no clouds, neither NAME.pcd nor SENSOR/NAME.pcd: give --layout?")
+        recorded = sorted(each for kind in RECORDED for each in path.glob(kind))
+        recorded += [each.parent for each in sorted(path.glob("*/metadata.yaml"))]
+        remedy = f"give the recording in it, {recorded[0]}" if recorded else "give --layout, or another folder"
+        raise FileNotFoundError(f"{path} holds no clouds, neither NAME.pcd nor SENSOR/NAME.pcd: {remedy}")
     base = path.parent if path.is_file() else path
     given = poses or next((base / each for each in POSES if (base / each).is_file()), None)
     placed = {} if given is None else read_poses(given, inverted=inverted)
