@@ -79,7 +79,8 @@ def search(
         result = settle_by_rays(build_pose_scorer(made, objective.weights), start, result)
     best = replace(result.best, subset=first.best.subset)
     certificate = replace(result.certificate, value=best.reward)
-    return replace(result, best=best, certificate=certificate, seconds=time.monotonic() - began)
+    origin = objective.describe_origin(()) | {"sensors": [sensor.name for sensor in result.sensors or start.sensors]}
+    return replace(result, best=best, certificate=certificate, seconds=time.monotonic() - began, origin=origin)
 
 
 def settle_by_rays(score_poses: PoseScorer, start: Candidates, result: Result) -> Result:
@@ -162,9 +163,8 @@ def improve(
         size *= 2
     score = replace(score, subset=tuple(range(len(sensors))))
     certificate = Certificate("none", score.reward, note="CMA-ES proves nothing; the answer is no worse than its start")
-    origin = objective.describe_origin(()) | {"sensors": [sensor.name for sensor in sensors]}
     history, known = limits.history(score.reward), (limits.count, limits.elapsed)
-    return Result("CMA-ES", score, history, certificate, *known, sensors=sensors, origin=origin)
+    return Result("CMA-ES", score, history, certificate, *known, sensors=sensors)
 
 
 def build_pose_scorer(preparation: Preparation, weights: Weights = FREE, *, live: LiveView | None = None) -> PoseScorer:

@@ -24,7 +24,7 @@ PLACE = ("--centre", 0, 0, "--size", 9, 9, "--out", "x.json")
     [
         (("import", *PLACE), "--opendrive"),
         (("import", "--opendrive", "a.xodr", "--lefthand", *PLACE), "--lefthand is for --osm"),
-        (("import", "--opendrive", "a.xodr", *PLACE[:-1], "a.xodr"), "is what is read"),
+        (("import", "--opendrive", "a.xodr", *PLACE[:-1], "a.xodr"), "no map 'a.xodr'"),
         (("random", "--seed", -3, "--out", "x.json"), "--seed must be at least 0, got -3"),
     ],
 )
