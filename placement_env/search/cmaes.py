@@ -163,8 +163,8 @@ def improve(
         size *= 2
     score = replace(score, subset=tuple(range(len(sensors))))
     certificate = Certificate("none", score.reward, note="CMA-ES proves nothing; the answer is no worse than its start")
-    history, known = limits.history(score.reward), (limits.count, limits.elapsed)
-    return Result("CMA-ES", score, history, certificate, *known, sensors=sensors)
+    history = limits.history(score.reward)
+    return Result("CMA-ES", score, history, certificate, limits.count, limits.elapsed, sensors=sensors)
 
 
 def build_pose_scorer(preparation: Preparation, weights: Weights = FREE, *, live: LiveView | None = None) -> PoseScorer:

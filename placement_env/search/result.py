@@ -217,9 +217,8 @@ def _build_result(content: _Row) -> Result:
             "by_errors": tuple(ProfileAP(**each) for each in assessment.get("by_errors", ())),
         }
         rows["assessment"] = known = Assessment(**assessment | judged)
-        figures = [
-            each for some in (known, *known.contenders, *known.by_errors) for each in (some.ap, some.low, some.high)
-        ]
+        judged_sets: tuple[Assessment | Contender | ProfileAP, ...] = (known, *known.contenders, *known.by_errors)
+        figures = [each for some in judged_sets for each in (some.ap, some.low, some.high)]
         _check_figures((*figures, known.confidence), (known.kbit, known.objects, known.frames))
     result = Result(**content | rows)
     _check_figures((), (result.evaluations, result.seconds, *result.history.evaluations, *result.history.seconds))

@@ -3,7 +3,7 @@
 import pytest
 
 from placement_env.report.content import Judgement, overlap
-from placement_env.report.pages import report
+from placement_env.report.pages import report, wording
 from placement_env.report.pages.document import Cell, Column, number, table
 
 JUDGED = Judgement(0.95, 0.91, 0.98, 0.965, None, 1412, 60)
@@ -17,22 +17,22 @@ JUDGED = Judgement(0.95, 0.91, 0.98, 0.965, None, 1412, 60)
     ],
 )
 def test_a_share_is_never_rounded_to_all_or_nothing(share, text):
-    assert report.percent(share) == text
+    assert wording.percent(share) == text
 
 
 def test_figures_prices_and_names_in_words():
     assert number(None) == number(float("nan")) == number(float("inf")) == "–"
     assert Column("AP").cell(None) == Column("AP").cell(float("nan")) == Cell("–", None)
-    assert [report.price_text(p, "EUR") for p in (6.0, 1250.5)] == ["6 EUR", "1,250.50 EUR"]
-    assert [report.price_text(p, "") for p in (1.0, 2.5, 4.0)] == ["1 unit", "2.5 units", "4 units"]
-    assert report.ap_text(JUDGED) == "AP 0.950 (0.910–0.980, 1,412 vehicles)"
-    assert report.interval_text(JUDGED) == "0.910–0.980"
+    assert [wording.price_text(p, "EUR") for p in (6.0, 1250.5)] == ["6 EUR", "1,250.50 EUR"]
+    assert [wording.price_text(p, "") for p in (1.0, 2.5, 4.0)] == ["1 unit", "2.5 units", "4 units"]
+    assert wording.ap_text(JUDGED) == "AP 0.950 (0.910–0.980, 1,412 vehicles)"
+    assert wording.interval_text(JUDGED) == "0.910–0.980"
     (judged,) = table("", report.JUDGED_COLUMNS, [report.judged_cells(JUDGED), report.judged_cells(None)])
     assert [[cell.text for cell in row] for row in judged.rows] == [
         ["0.950", "0.910–0.980", "96.5", "1,412", "60"],
         ["–", "no vehicle", "–", "0", "–"],
     ]
-    assert [report.join_names(list("abcd"[:n])) for n in range(4)] == ["none", "a", "a and b", "a, b and c"]
+    assert [wording.join_names(list("abcd"[:n])) for n in range(4)] == ["none", "a", "a and b", "a, b and c"]
 
 
 @pytest.mark.parametrize(("low", "high", "expected"), [(0.5, 0.91, True), (0.5, 0.90, False), (0.981, 1.0, False)])
