@@ -499,7 +499,7 @@ def npz_change(content: bytes, rng: Rng) -> tuple[str, bytes]:
     what = pick(rng, list(changes))
     arrays[name] = changes[what]()
     if rng.random() < 0.2:
-        extra[pick(rng, ("../up", "/root/x", "N" * 60000, "positions.npy", "\u202e"))] = npy_bytes(np.zeros(3))
+        extra[pick(rng, ("../up", "/up/x", "N" * 60000, "positions.npy", "\u202e"))] = npy_bytes(np.zeros(3))
     with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as made:
         for each, body in {**arrays, **extra}.items():
             if what.startswith("six") and each == name:
