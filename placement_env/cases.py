@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, cast, get_args
 import numpy as np
 
 from placement_env.checks import check_choice, check_iou, whole
-from placement_env.classes import Classes, Combine
+from placement_env.classes import Classes, Combine, join_names
 from toolkit.arrays import Bool, Float64, Int64
 from toolkit.sensors.error_profiles import PROFILES, find_profile, only_own_noise
 
@@ -139,8 +139,7 @@ class Cases:
         >>> Cases(errors=("paper", "typical", "poor")).errors_text
         'paper, typical and poor'
         """
-        *others, last = self.names
-        return f"{', '.join(others)} and {last}" if others else last
+        return join_names(self.names)
 
     def describe_failures(self) -> str:
         """Words for what is left of a set.

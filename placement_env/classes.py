@@ -13,7 +13,7 @@ more IoU by the same few centimetres (as in KITTI and Waymo); or from a given on
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal, get_args
 
@@ -114,7 +114,7 @@ class Classes:
             return each[0]
         if self.combine == "mean" and len(set(self.weights)) > 1:
             each = [f"{weight:.2f} {text}" for weight, text in zip(self.weights, each, strict=True)]
-        return f"{self.combine} of {', '.join(each[:-1])} and {each[-1]}"
+        return f"{self.combine} of {join_names(each)}"
 
     def combined(self, figures: Float64[np.ndarray, "n k"]) -> Float64[np.ndarray, " n"]:
         """Combine each row, a figure of each class, to one; NaN stands for nothing to find.
@@ -135,6 +135,17 @@ class Classes:
 
 
 VEHICLES = Classes()
+
+
+def join_names(names: Sequence[str]) -> str:
+    """Names in a row.
+
+    >>> join_names(["a", "b", "c"]), join_names(["a"]), join_names([])
+    ('a, b and c', 'a', 'none')
+    """
+    if len(names) < 2:
+        return names[0] if names else "none"
+    return f"{', '.join(names[:-1])} and {names[-1]}"
 
 
 def find_classes(classes: Classes | Iterable[str] | str) -> Classes:

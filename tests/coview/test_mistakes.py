@@ -57,7 +57,7 @@ def test_an_argument_is_refused_before_an_old_answer(line, said, refused, record
 @pytest.mark.parametrize(
     ("line", "said"),
     [
-        ("survey CLOUDS/opv2v", "has layout opv2v, v2xset or v2xreal: say by --layout which it is"),
+        ("survey CLOUDS/opv2v", "has layout opv2v or v2xset or v2xreal: say by --layout which it is"),
         ("survey CLOUDS/rosbag", "give the recording in it, "),
         ("survey CLOUDS", "neither NAME.pcd nor SENSOR/NAME.pcd: give --layout, or another folder"),
         ("stress CLOUDS/kitti", "recorded clouds of an unknown site: give a recording of coview simulate, or take"),

@@ -84,16 +84,16 @@ def find_layout(name: str) -> Layout:
     return layout
 
 
-_SIGNS = {  # files, one of which only folders of a layout have
-    "folder": ("poses.json", "poses.txt", "poses.csv", "labels.json"),
-    "kitti": ("training/velodyne", "label_2"),
-    "dair": ("label/virtuallidar", "label/lidar", "infrastructure-side", "cooperative-vehicle-infrastructure"),
-    "nuscenes": ("v1.0*/sample_data.json", "sample_data.json"),
-    "argoverse": ("sensors/lidar/*.feather",),
-    "sustech": ("lidar/../label/*.json",),
-    "rcooper": ("data/*/*/*/lidar",),
-    "rosbag": ("metadata.yaml",),
-    "opv2v, v2xset or v2xreal": ("*/[0-9]*.yaml", "*/*/[0-9]*.yaml"),
+_SIGNS = {  # files, one of which only folders of these layouts have
+    ("folder",): ("poses.json", "poses.txt", "poses.csv", "labels.json"),
+    ("kitti",): ("training/velodyne", "label_2"),
+    ("dair",): ("label/virtuallidar", "label/lidar", "infrastructure-side", "cooperative-vehicle-infrastructure"),
+    ("nuscenes",): ("v1.0*/sample_data.json", "sample_data.json"),
+    ("argoverse",): ("sensors/lidar/*.feather",),
+    ("sustech",): ("lidar/../label/*.json",),
+    ("rcooper",): ("data/*/*/*/lidar",),
+    ("rosbag",): ("metadata.yaml",),
+    ("opv2v", "v2xset", "v2xreal"): ("*/[0-9]*.yaml", "*/*/[0-9]*.yaml"),
 }
 _BAGS = (".bag", ".mcap", ".db3")
 
@@ -110,13 +110,18 @@ def guess_layout(path: str | Path) -> str:
     if not path.is_dir():
         ending = path.suffix.lower()
         return "folder" if ending in ENDINGS else "rosbag" if ending in _BAGS else "hdf5"
-    guessed = next((name for name, signs in _SIGNS.items() if any(map(any, map(path.glob, signs)))), None)
-    if guessed is None:
+    guessed = next((names for names, signs in _SIGNS.items() if any(map(any, map(path.glob, signs)))), ())
+    if not guessed:
         some = next((each for each in (*path.glob("*.json"), *path.glob("*/*.json")) if each.is_file()), None)
-        return "openlabel" if some is not None and b'"openlabel"' in some.read_bytes()[:200] else "folder"
-    if " " in guessed:
-        raise ValueError(f"{path} has layout {guessed}: say by --layout which it is")
-    return guessed
+        return "openlabel" if some is not None and _names_openlabel(some) else "folder"
+    if len(guessed) > 1:
+        raise ValueError(f"{path} has layout {' or '.join(guessed)}: say by --layout which it is")
+    return guessed[0]
+
+
+def _names_openlabel(path: Path) -> bool:
+    with path.open("rb") as file:
+        return b'"openlabel"' in file.read(200)
 
 
 def open_recording(path: str | Path, layout: str | None = None, **options: object) -> Recording:

@@ -133,8 +133,9 @@ def evaluate(
         known = place.at(opened.site)
         asked = _compare(rules, known=known)
         check_labels(opened, reads.count(opened))
+        sensors = opened[0].sensors if len(opened) else ()
         for chosen in sets if len(opened) else ():
-            select_sensors(opened[0].sensors, chosen)
+            select_sensors(sensors, chosen)
         claimed = claim(out, (inputs, subject, rules, place, run), check_outputs, overwrite=writing.overwrite)
         again = stack.enter_context(claimed)
         poses: tuple[FoundPose, ...] = ()
@@ -142,9 +143,9 @@ def evaluate(
             surface = None if subject.calibrate == TOGETHER else read_surface(subject.calibrate)
             poses = find_poses(opened, surface, frames=reads.frames)
             recording = Corrected.of(opened, poses)
-        first = recording[0] if len(recording) else None
-        some = recording if known or first is None else Part(recording, run.frames)
-        if first is not None and not known:
+        some = recording
+        if len(recording) and not known:
+            some = Part(recording, run.frames)
             names = None if None in sets else [name for chosen in sets if chosen for name in chosen]
             some = some if names is None else _Seen(some, tuple(names))
         scenes = Scenes(ReadRecording(some, reads) if known else some)

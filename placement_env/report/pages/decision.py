@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 
 from placement_env.cases import iou_text
+from placement_env.classes import join_names
 from placement_env.handover.ground import Ground
 from placement_env.handover.mounted import RATE
 from placement_env.report import content
@@ -20,7 +21,7 @@ from placement_env.report.pages.document import (
     number,
     say,
 )
-from placement_env.report.pages.wording import interval_text, join_names, percent, price_text
+from placement_env.report.pages.wording import interval_text, percent, price_text
 from toolkit.sites.origins import describe_things
 from toolkit.sites.site import Site
 

@@ -38,7 +38,6 @@ from placement_env.report.pages.wording import (
     ap_figure,
     ap_text,
     interval_text,
-    join_names,
     list_aps,
     percent,
     price_text,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import fields, is_dataclass, replace
 from typing import Any
 
@@ -36,17 +36,6 @@ def price_text(price: float, currency: str) -> str:
     if currency:
         return f"{text} {currency}"
     return f"{text.rstrip('0').rstrip('.') if '.' in text else text} unit{'s' * (price != 1)}"
-
-
-def join_names(names: Sequence[str]) -> str:
-    """Names in a row.
-
-    >>> join_names(["a", "b", "c"]), join_names(["a"]), join_names([])
-    ('a, b and c', 'a', 'none')
-    """
-    if len(names) < 2:
-        return names[0] if names else "none"
-    return f"{', '.join(names[:-1])} and {names[-1]}"
 
 
 def ap_text(judged: content.Judgement) -> str:

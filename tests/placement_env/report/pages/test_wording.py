@@ -2,6 +2,7 @@
 
 import pytest
 
+from placement_env.classes import join_names
 from placement_env.report.content import Judgement, overlap
 from placement_env.report.pages import report, wording
 from placement_env.report.pages.document import Cell, Column, number, table
@@ -32,7 +33,7 @@ def test_figures_prices_and_names_in_words():
         ["0.950", "0.910–0.980", "96.5", "1,412", "60"],
         ["–", "no vehicle", "–", "0", "–"],
     ]
-    assert [wording.join_names(list("abcd"[:n])) for n in range(4)] == ["none", "a", "a and b", "a, b and c"]
+    assert [join_names(list("abcd"[:n])) for n in range(4)] == ["none", "a", "a and b", "a, b and c"]
 
 
 @pytest.mark.parametrize(("low", "high", "expected"), [(0.5, 0.91, True), (0.5, 0.90, False), (0.981, 1.0, False)])
