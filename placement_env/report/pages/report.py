@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from placement_env.cases import IoUs, iou_text
+from placement_env.classes import join_names
 from placement_env.handover.ground import Ground
 from placement_env.handover.mounted import RATE
 from placement_env.report import charts, content
