@@ -25,9 +25,9 @@ from toolkit.points import Crop
 from toolkit.rendering.renderer import Footprints, Moment, Renderer
 from toolkit.sensors.sensor import NEAR
 
-STRIP_WIDTH = float(np.deg2rad(0.2))  # rad between columns; twice that between the rays of one
+STRIP_WIDTH = float(np.deg2rad(0.4))  # rad between columns; twice that between the rays of one
 COARSE = float(np.deg2rad(1.0))  # the same for objects that are not scored
-COLUMNS, ROWS = (6, 96), (5, 40)  # fewest and most columns of an object, and rays of a column
+COLUMNS, ROWS = (6, 48), (5, 20)  # fewest and most columns of an object, and rays of a column
 HALVINGS = 3  # of what lies between two rays, to find an edge
 EDGE = 1e-3  # m by which rectangles are widened
 RAYS_AT_ONCE = 400_000  # rays, for which memory is needed
