@@ -119,10 +119,11 @@ class PointsByTile(NamedTuple):
 
 
 _Bank = Float32[Tensor, "n t t K"]  # values of n tiles, of t x t cells each
-TILE = 24  # cells of the head's map; a multiple of the two following strides together
+SIZES = 20, 24, 28  # cells of the head's map along a tile; multiples of the two following strides together
 AT_ONCE = 64  # tiles that a layer processes together
 MOST_ENTRIES = 2000  # of a layer held in memory, some 200 kB each with those of the layer before
-MOST_OWN = 0.5  # share of unshared tiles above which one union after another is quicker
+MOST_OWN = 0.9  # share of unshared tiles above which one union after another is quicker
+START_COST = 3  # unions that could be computed alone while the tiles are planned
 
 
 class Entries(NamedTuple):
@@ -138,11 +139,11 @@ class Entries(NamedTuple):
             yield first, self.tile[first : first + AT_ONCE], self.union[first : first + AT_ONCE]
 
     def bank(self, values: Callable[[np.ndarray, np.ndarray], Tensor]) -> _Bank:
-        """Collect all entries' values by a function of tiles and unions."""
+        """Collect all entries' values by a function of tiles and unions, and a last one of zeros."""
         bank = torch.empty(0)
         for first, tiles, union in self.parts():
             part = values(tiles, union)
-            bank = bank if first else part.new_empty(len(self.tile), *part.shape[1:])
+            bank = bank if first else part.new_zeros(len(self.tile) + 1, *part.shape[1:])
             bank[first : first + len(part)] = part
         return bank
 
@@ -194,13 +195,23 @@ def tileable(network: SparseVoxelNet) -> bool:
     return plain and isinstance(network.middle, SparseColumns) and network.rpn.order[0].count(0) == 1
 
 
+def choose_size(rows: int, columns: int) -> int:
+    """Return the side of the tiles that compute the fewest cells of a map, with the borders about them.
+
+    >>> choose_size(200, 100), choose_size(24, 24)
+    (20, 24)
+    """
+    return min(SIZES, key=lambda size: -(-rows // size) * -(-columns // size) * (size + 2) ** 2)
+
+
 class TiledVoxelNet:
     """Network for inference on unions of clouds. See `tileable`."""
 
     def __init__(self, network: SparseVoxelNet) -> None:
         self._network, self.config = network, network.config
         self._map = rows, columns = self.config.map_shape
-        self._grid = -(-rows // TILE), -(-columns // TILE)
+        self.size = choose_size(rows, columns)
+        self._grid = -(-rows // self.size), -(-columns // self.size)
         first, *others = network.rpn.order
         order = (first[1:], *others)
         self._blocks: list[list[nn.Conv2d]] = [
@@ -221,7 +232,7 @@ class TiledVoxelNet:
         column = placed.cells[:, 0] * ny + placed.cells[:, 1]
         reach[placed.cloud, column] = 1
         reach[-1, column[placed.crowd > most]] = 1
-        reach, size, seen = reach.view(-1, 1, nx, ny), 2 * TILE, []
+        reach, size, seen = reach.view(-1, 1, nx, ny), 2 * self.size, []
         for stride in self._strides:
             reach, size = F.max_pool2d(reach, 3, stride, 1), size // stride
             by_tile = F.max_pool2d(reach, size, ceil_mode=True) > 0
@@ -230,7 +241,7 @@ class TiledVoxelNet:
 
     def gains(self, plan: UnionPlan) -> bool:
         """Compare shared work with one union after another."""
-        return len(plan.entries(-1).tile) <= MOST_OWN * len(plan.seen[-1]) * len(plan.unions)
+        return len(plan.entries(-1).tile) <= MOST_OWN * len(plan.seen[-1]) * (len(plan.unions) - START_COST)
 
     def __call__(self, plan: UnionPlan) -> Iterator[tuple[slice, Entries, Iterator[TilePredictions]]]:
         """Yield groups of unions, as large as memory allows.
@@ -248,7 +259,7 @@ class TiledVoxelNet:
     @torch.inference_mode()
     def _maps(self, plan: UnionPlan) -> list[tuple[Tensor, Entries]]:
         """Values and entries of each block's last layer."""
-        entries, size, layer, maps = plan.entries(0), TILE, 0, []
+        entries, size, layer, maps = plan.entries(0), self.size, 0, []
         bank = self._first(plan, entries)
         for block in self._blocks:
             for conv in block:
@@ -261,17 +272,18 @@ class TiledVoxelNet:
 
     def _first(self, plan: UnionPlan, entries: Entries) -> _Bank:
         """Run the first convolution on each entry's columns, those in and about its tile."""
-        wide = 2 * TILE + 2  # columns; the convolution of stride 2 looks one back, two keep it in step
+        wide = 2 * self.size + 2  # columns; the convolution of stride 2 looks one back, two keep it in step
         placed, middle = plan.placed, self._network.middle
-        by_tile = placed.by_tile(self._grid, 2 * TILE, 2)
+        by_tile = placed.by_tile(self._grid, 2 * self.size, 2)
 
         def convolve(tiles: np.ndarray, union: np.ndarray) -> _Bank:
             rows, item = by_tile.rows(tiles, plan.unions[union])
             if len(plan.dropped):
                 thinning = torch.from_numpy(plan.thinning[union]).to(rows.device)[item]
-                keep = ~torch.isin(thinning * len(placed.points) + rows, plan.dropped)
+                own = thinning * len(placed.points) + rows
+                keep = plan.dropped[torch.searchsorted(plan.dropped, own).clamp_(max=len(plan.dropped) - 1)] != own
                 rows, item = rows[keep], item[keep]
-            corner = 2 * TILE * torch.from_numpy(self._corners(tiles)).to(rows.device) - 2
+            corner = 2 * self.size * torch.from_numpy(self._corners(tiles)).to(rows.device) - 2
             voxels = placed.batch(rows, item, len(tiles), self.config)
             local = voxels._replace(cells=voxels.cells - F.pad(corner[voxels.cells[:, 0]], (1, 1)))
             x: Tensor = middle(self._network.features(voxels), local, (wide, wide, self.config.grid_shape[2]))
@@ -280,16 +292,15 @@ class TiledVoxelNet:
         return entries.bank(convolve)
 
     def _convolve(self, conv: nn.Conv2d, bank: Tensor, before: Entries, after: Entries, size: int) -> _Bank:
-        sides = ((-1, slice(0, 1), slice(-1, None)), (0, slice(1, -1), slice(None)), (1, slice(-1, None), slice(0, 1)))
+        sides = ((0, slice(0, 1), slice(-1, None)), (1, slice(1, -1), slice(None)), (2, slice(-1, None), slice(0, 1)))
+        of = before.of.reshape(*self._grid, -1)
+        of = np.pad(of, ((1, 1), (1, 1), (0, 0)), constant_values=len(before.tile))  # zeros beyond the map
 
         def convolve(tiles: np.ndarray, union: np.ndarray) -> _Bank:
-            patches, at = bank.new_zeros(len(tiles), size + 2, size + 2, bank.shape[3]), self._corners(tiles)
+            patches, (x, y) = bank.new_empty(len(tiles), size + 2, size + 2, bank.shape[3]), self._corners(tiles).T
             for (dx, to_x, from_x), (dy, to_y, from_y) in product(sides, sides):
-                x, y = at[:, 0] + dx, at[:, 1] + dy
-                there = (x >= 0) & (x < self._grid[0]) & (y >= 0) & (y < self._grid[1])
-                rows = before.of[x[there] * self._grid[1] + y[there], union[there]]
-                part = bank[:, from_x, from_y][torch.from_numpy(rows).to(bank.device)]
-                patches[torch.from_numpy(there).to(bank.device), to_x, to_y] = part
+                rows = torch.from_numpy(of[x + dx, y + dy, union]).to(bank.device)
+                patches[:, to_x, to_y] = bank[:, from_x, from_y][rows]
             values = torch.relu_(F.conv2d(patches.permute(0, 3, 1, 2), conv.weight, conv.bias, conv.stride))
             return self._within(values.permute(0, 2, 3, 1), tiles)
 
@@ -302,11 +313,11 @@ class TiledVoxelNet:
             fine, *coarser = (bank[torch.from_numpy(of.of[tiles, union]).to(bank.device)] for bank, of in maps)
             x = _cells(self._finest, fine)
             for conv, y in zip(self._raised, coarser, strict=True):
-                side, k, width = y.shape[1], TILE // y.shape[1], x.shape[3]
+                side, k, width = y.shape[1], self.size // y.shape[1], x.shape[3]
                 raised = _cells(conv, y).view(-1, side, side, k, k, width).transpose(2, 3)
                 x.view(-1, side, k, side, k, width).add_(raised)
             x = _cells(rpn.outputs, torch.relu_(x)).permute(0, 3, 1, 2)
-            corner = torch.from_numpy(TILE * self._corners(tiles)).to(x.device)
+            corner = torch.from_numpy(self.size * self._corners(tiles)).to(x.device)
             yield TilePredictions(first, corner, Prediction(*torch.split(x, rpn.channels, 1)))
 
     def _corners(self, tiles: Int64[np.ndarray, " m"]) -> Int64[np.ndarray, "m 2"]:
@@ -316,9 +327,9 @@ class TiledVoxelNet:
         """Set cells beyond the map to zero, as convolutions expect."""
         size, at = x.shape[1], torch.from_numpy(self._corners(tiles)).to(x.device)
         for axis, (side, cells) in enumerate(zip(self._grid, self._map, strict=True)):
-            if side * TILE != cells:
+            if side * self.size != cells:
                 place = at[:, axis, None] * size + torch.arange(size, device=x.device)
-                inside = (place < cells * size // TILE).to(x.dtype)
+                inside = (place < cells * size // self.size).to(x.dtype)
                 x = x * (inside[:, :, None, None] if axis == 0 else inside[:, None, :, None])
         return x
 

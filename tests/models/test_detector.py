@@ -233,6 +233,7 @@ def test_unions_are_detected_in_as_their_points_are(config, most_own, monkeypatc
     assert isinstance(detector, UnionDetector)
     clouds = [points(150, seed=1), points(150, seed=2) * np.float32([0.3, 0.3, 1]), points(0)]
     monkeypatch.setattr("models.network.tiles.MOST_OWN", most_own)
+    monkeypatch.setattr("models.network.tiles.START_COST", 0)
     found = assert_unions(detector, clouds, EIGHT)
     assert len(found[6]) > 0
     assert len(found[0]) == len(found[1]) == 0

@@ -10,7 +10,7 @@ from models.config import VoxelNetConfig, road_users
 from models.network import tiles
 from models.network.grid import voxelise
 from models.network.sparse import SparseVoxelNet
-from models.network.tiles import TILE, PlacedClouds, TiledVoxelNet, tileable
+from models.network.tiles import PlacedClouds, TiledVoxelNet, tileable
 
 CONFIG = VoxelNetConfig.light((0.0, 0.0, 38.4, 9.6), max_points=4)
 UNIONS = np.array(list(np.ndindex(*(2,) * 6)), bool)
@@ -98,9 +98,10 @@ def drawn(config, count, seed=0, n=160):
 
 def whole_maps(network, clouds, unions):
     config = network.config
-    (rows, columns), grid = config.map_shape, [-(-cells // TILE) for cells in config.map_shape]
-    found, entries_there = {}, 0
     tiled = TiledVoxelNet(network)
+    (rows, columns), size = config.map_shape, tiled.size
+    grid = [-(-cells // size) for cells in config.map_shape]
+    found, entries_there = {}, 0
     for some, entries, predictions in tiled(tiled.plan(clouds, unions)):
         parts = list(predictions)
         joined = [None if m[0] is None else torch.cat(m) for m in zip(*(each.maps for each in parts), strict=True)]
@@ -111,10 +112,10 @@ def whole_maps(network, clouds, unions):
             for number, maps in enumerate(joined):
                 if maps is None:
                     continue
-                full = torch.full((maps.shape[1], grid[0] * TILE, grid[1] * TILE), torch.nan)
+                full = torch.full((maps.shape[1], grid[0] * size, grid[1] * size), torch.nan)
                 for entry in of:
                     x, y = corner[entry]
-                    full[:, x : x + TILE, y : y + TILE] = maps[entry]
+                    full[:, x : x + size, y : y + size] = maps[entry]
                 found[union, number] = full[:, :rows, :columns]
     return found, entries_there
 
