@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from toolkit.rendering.renderer import Renderer
 
 FRAMES = 200
+KEPT_TRAFFIC = 4  # simulations held in memory
+_KEPT: dict[tuple[str, int, int], Traffic] = {}  # by text of the site's file, frames and seed
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,10 +68,19 @@ def simulate_traffic(
     which a van parked there throughout would bias unnoticed. Raises ValueError for fewer frames than one, and errors of
     `toolkit.traffic.snapshots.simulate`.
     """
+    from toolkit.sites.files import format_site
+
     check_whole("frames", frames, least=1)
-    drawn = fleet_named().bodies(frames, np.random.default_rng([seed, 1])) if bodies is None else bodies
-    snapshots = simulate(site, drawn, frames=frames, seed=seed, once=bodies is None, mix=Mix(stay=LIFE))
-    return Traffic(site, drawn, tuple(snapshots))
+    mix = Mix(stay=LIFE)
+    if bodies is not None:
+        return Traffic(site, bodies, tuple(simulate(site, bodies, frames=frames, seed=seed, mix=mix)))
+    key = format_site(site), frames, seed
+    if key not in _KEPT:
+        drawn = fleet_named().bodies(frames, np.random.default_rng([seed, 1]))
+        _KEPT[key] = Traffic(site, drawn, tuple(simulate(site, drawn, frames=frames, seed=seed, once=True, mix=mix)))
+        if len(_KEPT) > KEPT_TRAFFIC:
+            del _KEPT[next(iter(_KEPT))]
+    return _KEPT[key]
 
 
 @lru_cache(maxsize=2)
