@@ -61,6 +61,7 @@ def test_an_openstreetmap_extract_with_poles_of_ones_own(run, tmp_path):
     assert [mount.name for mount in mounts] == ["LM 102", "LM 103", "LM 104", "LM 105", "LM 106", "Neu 1", "Neu 2"]
 
 
+@pytest.mark.slow
 @carla
 def test_an_opendrive_junction_that_is_not_the_papers(run, tmp_path):
     pytest.importorskip("pyproj")

@@ -106,7 +106,7 @@ def test_it_goes_on_from_other_weights_and_learns_in_bfloat16(packed_file, tmp_p
     assert all(torch.allclose(theirs[name], p, atol=1e-6) for name, p in second.named_parameters())
     with pytest.raises(ValueError, match="start"):
         loop.train(packed_file, config, settings, tmp_path / "second")
-    config, settings, figures = loop.make_config(AREA, "fast"), replace(FAST, epochs=4.0), {}
+    config, settings, figures = loop.make_config(AREA, "fast"), replace(FAST, epochs=1.0), {}
     for bfloat16 in (False, True):
         loop.train(packed_file, config, settings, tmp_path / str(bfloat16), machine=loop.Machine(bfloat16=bfloat16))
         figures[bfloat16] = loop.read_curves(tmp_path / str(bfloat16) / loop.LOG)["class"][1][-1]

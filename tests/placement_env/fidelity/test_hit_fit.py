@@ -58,6 +58,7 @@ def made(made_visibility, model, seed, *, sets=SETS[:20], objects=160):
     return Observed(seen, sets, hits, Surrogate(seen, "early", model)(sets).ap, 20.0, ("DepthCamera",))
 
 
+@pytest.mark.slow
 def test_fit_finds_the_floor_and_says_how_sure_it_is_and_to_what_it_was_fitted(made_visibility, hit_model):
     """Of two sites; where few points are few however dense they are."""
     model = replace(hit_model, intercept=-0.5, density=1.0, floor=25.0)

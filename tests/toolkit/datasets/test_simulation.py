@@ -219,6 +219,7 @@ def test_arguments_that_do_not_fit_leave_nothing(tmp_path, changes, says):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_a_ray_cluster_writes_the_same_bytes(tmp_path, undisturbed):
     pytest.importorskip("ray")
     job = small_job()

@@ -67,6 +67,7 @@ def test_schemes_on_clouds(tmp_path):
     assert "kbit/sensor" in made.text()
 
 
+@pytest.mark.slow
 def test_scenes_and_sensor_sets_are_given_or_refused():
     made = evaluate(samples(), "early", rate=10.0)
     assert made.schemes["early"]["load"]["mbit_per_s"] == pytest.approx(2 * 8 * 96 * 10 / 1e6)

@@ -134,6 +134,7 @@ def test_streets_hold_what_detectors_must_tell_from_vehicles():
     assert np.mean([sum(s.kind in bulky for s in site.solids) for site in sites]) > 20
 
 
+@pytest.mark.slow
 def test_sensors_hang_above_ground_that_may_slope():
     rows = []
     for site in drawn(6):

@@ -1,8 +1,11 @@
 """coview demo: twice is as good as once, and nobody's files are lost."""
 
+import pytest
+
 from coview.options import Output
 
 
+@pytest.mark.slow
 def test_twice_and_never_over_other_files(run, refused, tmp_path):
     out = tmp_path / "demo"
     arguments = ("demo", "--frames", 2, "--detector", "cluster", "--plan-frames", 0, "--out", out)

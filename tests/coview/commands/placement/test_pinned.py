@@ -47,6 +47,7 @@ def test_searches_find_as_good_a_set(name, run):
     assert found["class_ap"] == pytest.approx(pinned["class_ap"], abs=0.01)
 
 
+@pytest.mark.slow
 def test_portfolios_judge_and_curves_have_points_as_well(run):
     code, said, err = run("search", "tjunction", *OWN, "--frames", 12, "--budget", 2, "--judge", "surrogate", "--json")
     assert code == 0, err
@@ -64,6 +65,7 @@ def test_portfolios_judge_and_curves_have_points_as_well(run):
     assert [point["ap"] for point in points] == pytest.approx(PINNED["curve"]["ap"], abs=0.02)
 
 
+@pytest.mark.slow
 def test_a_surrogate_is_fitted_as_well(tmp_path, run):
     out = tmp_path / "fit.json"
     few = ("--frames", 8, "--poses", 4, "--sets", 16, "--schemes", "early", "--iou", 0.7, "--resamples", 0)

@@ -94,6 +94,7 @@ def test_poles_that_all_stand_on_the_carriageway(tmp_path, run, poles):
         assert "left out, since they stand on the carriageway" in err
 
 
+@pytest.mark.slow
 def test_sites_without_traffic_and_damaged_caches_have_plans(tmp_path, run):
     bare = tmp_path / "bare.geojson"
     save_site(replace(load_site("tjunction"), name="bare", network=""), bare)

@@ -136,6 +136,7 @@ def test_anybodys_detector(tmp_path, monkeypatch, run, refused):
 ANSWER = ["plan.geojson", "schedule.csv", "search.json", "site.json", "site.png"]
 
 
+@pytest.mark.slow
 def test_what_is_handed_over_is_taken_by_simulate(run, refused, tmp_path):
     out = tmp_path / "answer"
     code, printed, _ = run("search", "tjunction", *FEW, "--cache", tmp_path / "c", "--out", out, "--json")

@@ -71,6 +71,7 @@ def test_without_a_site_it_says_what_to_name(refused, tmp_path):
     assert "say --random-sites 8" in refused("surrogate", "--out", tmp_path / "a.json", "--cache", tmp_path / "cache")
 
 
+@pytest.mark.slow
 def test_random_sites_are_fitted_to_together(tmp_path, run):
     out = tmp_path / "general.json"
     asked = ("surrogate", "--random-sites", 2, "--detector", "general", "--frames", 2, "--poses", 3, "--sets", 4)
