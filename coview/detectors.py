@@ -46,18 +46,25 @@ def recording_detector(
 
     if not len(recording):
         raise ValueError("there is no frame to evaluate: check the path and the layout")
+    if known and len(recording) == 1:
+        raise ValueError("in a single frame everything stands still: give more of them, or leave +background out")
     learnt = learn_cluster_detector(scenes or empty_scene.Scenes(recording), recording[0], place)
     return learnt if bare == CLUSTER else KnownBackground(place_detector(bare, place), learnt.background)
 
 
-def check_detector(name: str) -> None:
-    """Raise FileNotFoundError for a name that stands for no detector, before any work."""
+def check_detector(name: str, place: Place | None = None) -> None:
+    """Raise FileNotFoundError for a name that stands for no detector, before any work.
+
+    place: where it will detect. Raises ValueError if its area is not that of the weights.
+    """
     bare = split_background(name)[0]
     if bare not in ("voxelnet", CLUSTER) and ":" not in bare:
         from models.detector import weights_file
 
         if not weights_file(bare).is_file():
             raise FileNotFoundError(f"no such file of weights: {bare}")
+    if place is not None and place.area is not None and bare not in ("voxelnet", CLUSTER):
+        place_detector(bare, place)
 
 
 def site_detector(name: str, site: Site) -> Detector:

@@ -9,7 +9,7 @@ import coview
 from coview.main import run as run_line
 
 MAP = Path(coview.__file__).parents[1] / "docs/own-junction.osm"
-OLD = {"plan": "plan.json", "evaluate": "table.json"}  # an answer that is there already
+OLD = {"plan": "plan.json", "evaluate": "table.json", "stress": "stress.json"}  # an answer that is there already
 
 
 @pytest.fixture(scope="session")
@@ -21,6 +21,8 @@ def clouds(recording, tmp_path_factory):
         )
     shutil.copytree(folder / "folder", folder / "bare")
     (folder / "bare/labels.json").unlink()
+    (folder / "note.txt").write_text("a note")
+    (folder / "old.png").write_text("a picture")
     return folder
 
 
@@ -41,6 +43,10 @@ def clouds(recording, tmp_path_factory):
         ("evaluate REC --schemes earl", "there is no fusion scheme 'earl'"),
         ("evaluate REC --iou 70", "--iou must lie above 0 and at most at 1, got 70"),
         ("evaluate REC --codec zip", "unknown codec 'zip'"),
+        ("evaluate REC --step 3", "--step must lie between 0 and 1, got 3"),
+        ("evaluate REC --calibrate nowhere", "no site 'nowhere'"),
+        ("evaluate REC --detector tjunction --area -10 -10 10 10", "give that area (--area -40 -20 40 20)"),
+        ("stress REC --kinds rain", "there is no kind of stress 'rain': choose among bytes"),
         ("evaluate REC --layout kiti", "there is no layout 'kiti'"),
         ("evaluate REC --poses nowhere.json", "--poses does not go with layout hdf5"),
         ("evaluate REC --area 10 10 -10 -10", "area is empty: it needs xmin < xmax"),
@@ -63,6 +69,13 @@ def test_an_argument_is_refused_before_an_old_answer(line, said, refused, record
         ("stress CLOUDS/kitti", "recorded clouds of an unknown site: give a recording of coview simulate, or take"),
         ("stress REC --detector nowhere", "no weights named 'nowhere'"),
         ("detect CLOUDS/folder --detector tjunction --out b.json", "give that area (--area -40 -20 40 20)"),
+        (
+            "detect CLOUDS/folder --detector general+background --out b.json",
+            "in a single frame everything stands still",
+        ),
+        ("survey CLOUDS/note.txt", "is no recording: its ending is none of .hdf5, .h5, .bag"),
+        ("view REC --sensors 9 --still CLOUDS/old.png", "no sensor 9: choose among 0..5 or d0"),
+        ("view REC --frame 9 --still CLOUDS/old.png", "there is no frame 9: "),
         ("site show nowhere", "no site 'nowhere'"),
         (f"simulate {MAP} --out x.hdf5", "is a map, of which a site must be made first"),
         ("view REC --detector nowhere --still x.png", "no weights named 'nowhere'"),

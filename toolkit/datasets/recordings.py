@@ -95,13 +95,13 @@ _SIGNS = {  # files, one of which only folders of these layouts have
     ("rosbag",): ("metadata.yaml",),
     ("opv2v", "v2xset", "v2xreal"): ("*/[0-9]*.yaml", "*/*/[0-9]*.yaml"),
 }
-_BAGS = (".bag", ".mcap", ".db3")
+_BAGS, _HDF5 = (".bag", ".mcap", ".db3"), (".hdf5", ".h5")
 
 
 def guess_layout(path: str | Path) -> str:
     """Guess the layout of a path by its ending or, in a folder, by files that only one layout has.
 
-    Raises ValueError for a folder that several layouts might have written.
+    Raises ValueError for a folder that several layouts might have written, and a file that none writes.
 
     >>> guess_layout("north.pcd"), guess_layout("night.bag"), guess_layout("monday.hdf5")
     ('folder', 'rosbag', 'hdf5')
@@ -109,19 +109,22 @@ def guess_layout(path: str | Path) -> str:
     path = Path(path)
     if not path.is_dir():
         ending = path.suffix.lower()
-        return "folder" if ending in ENDINGS else "rosbag" if ending in _BAGS else "hdf5"
+        layout = "folder" if ending in ENDINGS else "rosbag" if ending in _BAGS else "hdf5"
+        if layout == "hdf5" and ending not in _HDF5 and path.is_file() and not _head(path).startswith(b"\x89HDF"):
+            raise ValueError(f"{path} is no recording: its ending is none of {', '.join((*_HDF5, *_BAGS, *ENDINGS))}")
+        return layout
     guessed = next((names for names, signs in _SIGNS.items() if any(map(any, map(path.glob, signs)))), ())
     if not guessed:
         some = next((each for each in (*path.glob("*.json"), *path.glob("*/*.json")) if each.is_file()), None)
-        return "openlabel" if some is not None and _names_openlabel(some) else "folder"
+        return "openlabel" if some is not None and b'"openlabel"' in _head(some) else "folder"
     if len(guessed) > 1:
         raise ValueError(f"{path} has layout {' or '.join(guessed)}: say by --layout which it is")
     return guessed[0]
 
 
-def _names_openlabel(path: Path) -> bool:
+def _head(path: Path) -> bytes:
     with path.open("rb") as file:
-        return b'"openlabel"' in file.read(200)
+        return file.read(200)
 
 
 def open_recording(path: str | Path, layout: str | None = None, **options: object) -> Recording:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Literal
 
 from tyro.conf import Positional
 
-from coview.arguments import Label, check_ious, check_least, check_positive, check_schemes, sensor_set
+from coview.arguments import Label, check_ious, check_least, check_positive, check_schemes, check_share, sensor_set
 from coview.detectors import CLUSTER, check_detector, recording_detector
 from coview.outputs import OK, Writing, check_folder, claim, print_result
 from coview.progress_bar import progress_bar
@@ -119,6 +119,7 @@ def evaluate(
     check_least("--radius", rules.radius, 0.0)
     check_positive("--rate", rules.link.rate)
     check_least("--key-every", rules.link.key_every, 1)
+    check_share("--step", rules.link.step)
     find_profile(subject.errors)
     inputs, reads = [dataset, *opening.files], Reads(subject.errors, run.seed, run.frames)
 
@@ -127,7 +128,8 @@ def evaluate(
             check_folder(out, holds=name, inputs=inputs, overwrite=overwrite)
 
     sets = [sensor_set(chosen) for chosen in rules.sensors]
-    check_detector(subject.detector or CLUSTER)
+    check_detector(subject.detector or CLUSTER, place)
+    surface = None if subject.calibrate in (None, TOGETHER) else read_surface(subject.calibrate)
     with ExitStack() as stack:
         recording = opened = stack.enter_context(opening.open(dataset))
         known = place.at(opened.site)
@@ -140,7 +142,6 @@ def evaluate(
         again = stack.enter_context(claimed)
         poses: tuple[FoundPose, ...] = ()
         if subject.calibrate is not None:
-            surface = None if subject.calibrate == TOGETHER else read_surface(subject.calibrate)
             poses = find_poses(opened, surface, frames=reads.frames)
             recording = Corrected.of(opened, poses)
         some = recording

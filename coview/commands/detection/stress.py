@@ -59,6 +59,7 @@ def stress(
         None if table is None else outputs.exact_failures(load_table(table), ious=question.iou, label=question.label)
     )
     check_detector(detector)
+    stressing.check_kinds(question.kinds)
     with open_recording(dataset, site) as recording, claim(out, asked, check, overwrite=writing.overwrite):
         total = frame_count(recording, run.frames)
         kinds = stressing.choose_kinds(recording, question.kinds)

@@ -15,6 +15,7 @@ from coview.outputs import OK, Writing, check_file, print_result
 from coview.progress_bar import progress_bar
 from coview.recordings import Opening
 from toolkit.detection.place import Corners, Level, Place
+from toolkit.frame import select_sensors
 
 
 @dataclass(frozen=True)
@@ -89,7 +90,6 @@ def view(
         check_picture(still)
     if shown.detector is not None:
         check_detector(shown.detector)
-    check_file(still or out, inputs=[recording, *opening.files], overwrite=writing.overwrite)
     if still is None:
         check_viser()
     with opening.open(recording) as opened:
@@ -98,9 +98,12 @@ def view(
         network = None if shown.detector is None else place_detector(shown.detector, place)
         sensors = None if shown.sensors is None else sensor_set(shown.sensors)
         drawing = Drawing(network, place, shown.score, shown.classes, sensors)
+        if still is not None and shown.frame >= len(samples):
+            raise ValueError(f"there is no frame {shown.frame}: {len(samples)} are chosen, counted from 0")
+        if len(samples):
+            select_sensors(samples[0].sensors, sensors)
+        check_file(still or out, inputs=[recording, *opening.files], overwrite=writing.overwrite)
         if still is not None:
-            if shown.frame >= len(samples):
-                raise ValueError(f"there is no frame {shown.frame}: {len(samples)} are chosen, counted from 0")
             sample = samples[shown.frame]
             drawn = drawing.draw(sample, drawing.origin(sample))
             half = None if shown.area is None else place.half

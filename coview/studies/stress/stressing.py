@@ -73,14 +73,20 @@ def is_sequence(recording: SiteRecording) -> bool:
     return 0 < _frame_spacing(recording) <= MOST_APART
 
 
+def check_kinds(kinds: Sequence[str]) -> None:
+    """Raise ValueError for an unknown kind of stress."""
+    for kind in kinds:
+        make_conditions(kind, ())
+
+
 def choose_kinds(recording: SiteRecording, kinds: Sequence[str] = ()) -> tuple[str, ...]:
     """Return the given kinds of stress, by default all that a recording can show.
 
     Raises ValueError for an unknown kind, and for one that needs frames closer together.
     """
     close = is_sequence(recording)
+    check_kinds(kinds)
     for kind in kinds:
-        make_conditions(kind, ())
         if kind in IN_SEQUENCE and not close:
             raise ValueError(
                 f"stress {kind!r} needs frames at most {MOST_APART} s apart, these are {_frame_spacing(recording):g} s "
