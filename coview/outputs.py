@@ -86,6 +86,7 @@ def claim(out: Path, asked: object, check: Callable[..., None], *, overwrite: bo
     again = overwrite or note.found == note.plan
     check(overwrite=again)
     with note.lock():
+        check(overwrite=again)  # another run may have ended in between
         note.open(overwrite=True)
         try:
             yield again

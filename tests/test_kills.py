@@ -36,7 +36,7 @@ COMMANDS = {
     "view": "view rec.hdf5 --out OUT/x.html",
     "site": "site random --seed 3 --out OUT/x.json",
 }
-ONE_FILE = ("view", "site", "convert hdf5", "pack")  # written whole in one go: the later run's stays
+ONE_FILE = ("view", "site")  # written whole in one go: the later run's stays
 KEPT = {"c"}  # folders of intermediate results
 
 

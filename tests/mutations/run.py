@@ -1,8 +1,9 @@
 """Damages every file format in every way and counts: `python tests/mutations/run.py 1500` prints the table.
 
-With `--structured` the damage knows the format; `--read` lists what was read all the same. A reader may read a damaged
-file or refuse it with a ValueError or OSError of one line; it may do nothing else, take at most 20 s and 2 GB, and
-leave the file as it is. Readers run in a process of their own, so that a crash is counted and named.
+With `--structured` the damage knows the format; `--read` lists what was read all the same; `--seed` draws other
+mutants. A reader may read a damaged file or refuse it with a ValueError or OSError of one line; it may do nothing else,
+take at most 20 s and 2 GB, and must leave the file as it is. Readers run in a process of their own, so that a crash is
+counted and named.
 """
 
 import argparse
@@ -34,17 +35,18 @@ def main() -> None:
     parser.add_argument("--formats", nargs="*", help="part of the names of those wanted, all if not given")
     parser.add_argument("--number", type=int, help="only this mutant of each format, with its traceback")
     parser.add_argument("--structured", action="store_true", help="damage that knows the format")
+    parser.add_argument("--seed", type=int, default=0, help="draw other mutants")
     parser.add_argument("--read", action="store_true", help="list what was read all the same")
     parser.add_argument("--worker", nargs="*", help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.worker is not None:
         cases = [(name, int(number)) for name, number in (case.rsplit(":", 1) for case in given.worker)]
-        _work(cases, given.structured)
+        _work(cases, given.structured, given.seed)
         return
     cases = planned(given.mutants, given.formats, given.structured)
     if given.number is not None:
         cases = [(name, given.number) for name in dict.fromkeys(name for name, _ in cases)]
-    failures, read = examined(cases, given.structured)
+    failures, read = examined(cases, given.structured, given.seed)
     print(table(cases, failures))
     for name, what in sorted(read) if given.read else ():
         print(f"read: {name}: {what}")
@@ -65,11 +67,13 @@ def planned(mutants: int, wanted: Sequence[str] | None = None, structured: bool 
     ]
 
 
-def examined(cases: Sequence[Case], structured: bool = False) -> tuple[dict[Case, str], list[tuple[str, str]]]:
+def examined(
+    cases: Sequence[Case], structured: bool = False, seed: int = 0
+) -> tuple[dict[Case, str], list[tuple[str, str]]]:
     """Which cases fail and how, each read in another process, which is begun anew where it dies; what was read."""
     failures: dict[Case, str] = {}
     read: list[tuple[str, str]] = []
-    option = ["--structured"] if structured else []
+    option = [*(["--structured"] if structured else []), "--seed", str(seed)]
     waiting = list(cases)
     environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2]), "OMP_NUM_THREADS": "1"}
     while waiting:
@@ -106,7 +110,7 @@ def table(cases: Iterable[Case], failures: Iterable[Case]) -> str:
     return "\n".join([*head, *rows, f"| all | {whole} | {whole - bad} | {bad} |"])
 
 
-def _work(cases: Sequence[Case], structured: bool) -> None:
+def _work(cases: Sequence[Case], structured: bool, seed: int) -> None:
     resource.setrlimit(resource.RLIMIT_AS, (MAPPED, MAPPED))
     every = formats()
     sound: dict[str, bytes] = {}
@@ -117,11 +121,11 @@ def _work(cases: Sequence[Case], structured: bool) -> None:
                 every[name].read(Path(folder, name)) if name != "published.pth" else None
                 sound[name] = Path(folder, name).read_bytes()
                 Path(folder, name).unlink()
-            print(_verdict(every[name], name, number, sound[name], structured).replace("\n", "\\n"), flush=True)
+            print(_verdict(every[name], name, number, sound[name], structured, seed).replace("\n", "\\n"), flush=True)
 
 
-def _verdict(kind: Format, name: str, number: int, sound: bytes, structured: bool) -> str:
-    rng = np.random.default_rng([crc32(name.encode()), number])
+def _verdict(kind: Format, name: str, number: int, sound: bytes, structured: bool, seed: int) -> str:
+    rng = np.random.default_rng([crc32(name.encode()), number, *([seed] if seed else [])])
     mutations = kind.structured if structured else kind.mutations
     mutation = mutations[int(rng.integers(len(mutations)))]
     what, content = mutation(sound, rng)

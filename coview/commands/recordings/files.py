@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
+from contextlib import ExitStack, nullcontext
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, cast
@@ -11,7 +12,7 @@ from typing import TYPE_CHECKING, Literal, cast
 from tyro.conf import Positional
 
 from coview.arguments import Label, check_least, check_positive
-from coview.outputs import OK, Writing, check_file, check_new_folder, print_result
+from coview.outputs import OK, Writing, check_file, check_new_folder, claim, print_result
 from coview.progress_bar import progress_bar
 from coview.recordings import Opening, count_passing, frame_count
 from toolkit.detection.place import Place
@@ -68,12 +69,14 @@ def convert(
     target = find_layout(to)
     write, problems = target.write, dict[str, int]()
     with opening.open(recording) as opened:
-        check = check_file if target.file else check_new_folder
-        check(out, inputs=[recording, *opening.files], overwrite=writing.overwrite)
+        inputs, asked = [recording, *opening.files], (recording, to, contents, opening)
+        check_new_folder(out, inputs=inputs, overwrite=writing.overwrite) if not target.file else None
+        check = partial(check_file, out, inputs=inputs)
+        claimed = claim(out, asked, check, overwrite=writing.overwrite) if target.file else nullcontext()
         errors = contents.errors
         read = opened if errors is None else ReadRecording(opened, Reads(errors, contents.seed))
         some = Part(read, contents.frames)
-        with progress_bar("frame", len(some), hidden=writing.json) as bar:
+        with claimed, progress_bar("frame", len(some), hidden=writing.json) as bar:
             written = write(count_passing(filter_classes(some, contents.classes), problems, bar.to), out)
     met = "".join(f"; {number} {kind}" for kind, number in problems.items())
     summary = {"out": str(out), "samples": written, "problems": problems}
@@ -205,12 +208,13 @@ def pack(
         raise ValueError("give recordings, or --random-sites N")
     if packed and random_sites:
         raise ValueError("--packed is not for --random-sites: leave it out")
-    again = bool(random_sites) and Path(f"{out}.parts").is_dir()  # a run that was killed while it cleaned up
-    check_file(out, inputs=[*datasets, *packed, *opening.files], overwrite=writing.overwrite or again)
+    check = partial(check_file, out, inputs=[*datasets, *packed, *opening.files])
     if random_sites:
         from toolkit.bodies.fleet import fleet_named
         from toolkit.datasets.random_recordings import random_recordings_file
 
+        again = Path(f"{out}.parts").is_dir()  # a run that was killed while it cleaned up
+        check(overwrite=writing.overwrite or again)
         with progress_bar("site", random_sites, hidden=writing.json) as bar:
             total = random_recordings_file(
                 random_sites,
@@ -226,6 +230,8 @@ def pack(
         from toolkit.detection.place import level_frames
 
         with ExitStack() as stack:
+            asked = (datasets, packed, opening, place, run)
+            stack.enter_context(claim(out, asked, check, overwrite=writing.overwrite))
             opened = [stack.enter_context(opening.open(path)) for path in datasets]
             count = sum(frame_count(recording, run.frames) for recording in opened)
             bar = stack.enter_context(progress_bar("frame", count, hidden=writing.json))
