@@ -65,6 +65,8 @@ class CandidateOptions:
 
     candidates: str = "pool"
     """Sensors to choose from: pool, paper for the site's own, or a GeoJSON file of poles."""
+    keep_out: Path | None = None
+    """GeoJSON file of areas where no sensor may stand."""
     model: tuple[str, ...] = ()
     """Names of the sensor models; the paper's camera when left out."""
     sensors: Path | None = None
@@ -81,6 +83,7 @@ class CandidateOptions:
 
         Raises ValueError where the options do not fit, and what the files raise.
         """
+        from placement_env.candidates.poles import load_keep_out
         from placement_env.candidates.pool import choose_candidates
         from placement_env.candidates.sensor_catalogue import load_sensor_catalogue
         from placement_env.report.planning.question import Stock
@@ -95,9 +98,11 @@ class CandidateOptions:
                 )
         if self.model and self.sensors is not None:
             raise ValueError("--model and --sensors both say what may be mounted: leave one of them out")
+        barred = () if self.keep_out is None else load_keep_out(self.keep_out, site)
         if self.sensors is None:
-            return choose_candidates(site, self.candidates, [find_model(name) for name in self.model]), ""
-        stock = Stock(candidates=self.candidates, catalogue=load_sensor_catalogue(self.sensors))
+            models = [find_model(name) for name in self.model]
+            return choose_candidates(site, self.candidates, models, keep_out=barred), ""
+        stock = Stock(candidates=self.candidates, catalogue=load_sensor_catalogue(self.sensors), keep_out=barred)
         return stock(site), stock.currency
 
 

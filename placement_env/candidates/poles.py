@@ -1,11 +1,12 @@
 """Poles of a city as mounts, and keep-out areas, from GeoJSON.
 
 Point features are poles, and so is every point of a MultiPoint; several in one feature are numbered from 1. Properties,
-all optional: name, height or max_height and min_height (m above the foot), price (in units of one ordinary mount),
-capacity_kbit (of the link, per frame), origin (surveyed, mapped or drawn; surveyed when left out). Polygons and
-multipolygons with `keep_out: true` or `kind: "keep_out"` are keep-out areas. Other geometries are ignored; other
-properties too, with a warning that names them and what they may mean. Sensors and parking bays of files that coview
-wrote (`layer`) are no poles.
+all optional: name, height or max_height and min_height (m above the foot), price (in the catalogue's currency) or
+price_factor (of the price of one ordinary pole), existing (true: it stands already and costs nothing), capacity_kbit
+(of the link, per frame), origin (surveyed, mapped or drawn; surveyed when left out). Polygons and multipolygons with
+`keep_out: true` or `kind: "keep_out"` are keep-out areas, and in a file of keep-out areas all are. Other geometries are
+ignored; other properties too, with a warning that names them and what they may mean. Sensors and parking bays of files
+that coview wrote (`layer`) are no poles, and the price of its mounts is that of ordinary poles.
 
 Coordinates are longitude and latitude (RFC 7946, WGS84); altitude is ignored, as poles stand on the ground of the site.
 A collection with the member `coview_site`, such as a saved site, is in the site's metres, z that of the foot.
@@ -26,6 +27,7 @@ import numpy as np
 import shapely
 from shapely.geometry import shape
 
+from placement_env.candidates.sensor_catalogue import SensorCatalogue
 from toolkit.arrays import Float64
 from toolkit.runtime.files import read_json
 from toolkit.sites.georeference import site_metres
@@ -41,7 +43,9 @@ UNDERSTOOD = {
     "height": "height (m above the foot)",
     "max_height": "max_height (m above the foot)",
     "min_height": "min_height (m above the foot)",
-    "price": "price (1: that of an ordinary pole)",
+    "price": "price (in the catalogue's currency)",
+    "price_factor": "price_factor (1: the price of an ordinary pole)",
+    "existing": "existing (true: it stands already and costs nothing)",
     "capacity_kbit": "capacity_kbit (of the link, per frame)",
     "max_sensors": "max_sensors (that the pole may carry)",
     "keep_out": "keep_out (true or false, of a polygon)",
@@ -58,12 +62,14 @@ WORDS = {
 }
 
 
-def load_poles(path: str | Path, site: Site) -> tuple[Mount, ...]:
+def load_poles(path: str | Path, site: Site, catalogue: SensorCatalogue | None = None) -> tuple[Mount, ...]:
     """Load the poles in `path` where sensors may hang at `site`.
 
+    catalogue: whose currency their prices are in, and which prices an ordinary pole.
     Unnamed ones are called pole and their number in the file; a "/" in a name becomes "-". Poles in a keep-out area of
     the file or on the carriageway are left out, with a warning. Raises ValueError in one line if the file is damaged,
-    has no pole, the same one twice, or one far from the site; ImportError if the site's map projection needs pyproj.
+    has no pole, the same one twice, one far from the site, or a price that is none; ImportError if the site's map
+    projection needs pyproj.
     """
     collection, where = _read(Path(path)), str(path)
     features = list(_features(collection, where))
@@ -92,11 +98,16 @@ def load_poles(path: str | Path, site: Site) -> tuple[Mount, ...]:
     places = _in_site(coordinates[:, :2], collection, site, where)
     given = np.isfinite(coordinates[:, 2]) & ("coview_site" in collection)
     feet = np.column_stack([places, np.where(given, coordinates[:, 2], site.ground(places))])
-    mounts = [_mount(own, name, foot, place) for (place, name, own, _), foot in zip(poles, feet, strict=True)]
+    priced = [_price_factor(own, catalogue, place) for place, _, own, _ in poles]
+    rows = zip(poles, feet, priced, strict=True)
+    mounts = [_mount(own, name, foot, price, place) for (place, name, own, _), foot, price in rows]
     _check(mounts, site, where)
     spots, free = shapely.points(feet[:, :2]), np.ones(len(mounts), bool)
     lanes = [shapely.Polygon(lane) for lane in site.lanes]
-    for barring, said in ((_keep_out(collection, site, where), "in a keep-out area"), (lanes, "on the carriageway")):
+    for barring, said in (
+        (list(_keep_out(collection, site, where)), "in a keep-out area"),
+        (lanes, "on the carriageway"),
+    ):
         barred = free & shapely.intersects(shapely.union_all(barring), spots)
         free &= ~barred
         if barred.any():
@@ -106,8 +117,11 @@ def load_poles(path: str | Path, site: Site) -> tuple[Mount, ...]:
 
 
 def load_keep_out(path: str | Path, site: Site) -> tuple[shapely.Geometry, ...]:
-    """Load the keep-out areas in `path`, in the site's metres. Raises ValueError in one line if one is damaged."""
-    return tuple(_keep_out(_read(Path(path)), site, str(path)))
+    """Load all areas in `path`, in the site's metres. Raises ValueError in one line for none and for a damaged one."""
+    areas = tuple(_keep_out(_read(Path(path)), site, str(path), every=True))
+    if not areas:
+        raise ValueError(f"{path}: holds no area: give a GeoJSON with Polygon or MultiPolygon features")
+    return areas
 
 
 def list_unknown(properties: Iterable[Json], *, areas: bool = False) -> str:
@@ -187,17 +201,42 @@ def _in_site(
     return site_metres(site, coordinates)
 
 
-def _mount(properties: Json, name: str, foot: Float64[np.ndarray, "3"], where: str) -> Mount:
-    def number(default: float, *keys: str) -> float:
-        for key in keys:
-            if key in properties and not _is_number(properties[key]):
-                raise ValueError(f"{where}.properties.{key} must be a finite number, got {str(properties[key])[:60]!r}")
-        return float(next((properties[key] for key in keys if key in properties), default))
+def _number(properties: Json, where: str, default: float, *keys: str) -> float:
+    for key in keys:
+        if key in properties and not _is_number(properties[key]):
+            raise ValueError(f"{where}.properties.{key} must be a finite number, got {str(properties[key])[:60]!r}")
+    return float(next((properties[key] for key in keys if key in properties), default))
 
-    top = number(8.0, "max_height", "height")
-    heights = number(min(3.0, top), "min_height"), top
-    price, capacity = number(1.0, "price"), number(2000.0, "capacity_kbit", "capacity")
-    sensors, origin = number(1.0, "max_sensors"), properties.get("origin", "surveyed")
+
+def _price_factor(properties: Json, catalogue: SensorCatalogue | None, where: str) -> float:
+    """Price of a pole in those of ordinary ones, or in the currency of a catalogue without a pole_price."""
+    existing = properties.get("existing", False)
+    if not isinstance(existing, bool):
+        raise ValueError(f"{where}.properties.existing must be true or false, got {existing!r:.60}")
+    if properties.get("layer") == "mount":  # of a site's file
+        return 0.0 if existing else _number(properties, where, 1.0, "price")
+    factor = _number(properties, where, 1.0, "price_factor")
+    ordinary = None if catalogue is None else catalogue.pole_price
+    if "price" in properties:
+        price = _number(properties, where, 0.0, "price")
+        if "price_factor" in properties:
+            raise ValueError(f"{where}.properties has price, which is money, and price_factor: leave one of them out")
+        if catalogue is None or ordinary == 0:
+            raise ValueError(
+                f"{where}.properties.price is money: give a catalogue with a pole_price above 0 (--sensors), or "
+                "price_factor, 1 for an ordinary pole"
+            )
+        factor = price if ordinary is None else price / ordinary
+    elif "price_factor" in properties and catalogue is not None and ordinary is None:
+        raise ValueError(f"{where}.properties.price_factor needs a pole_price in the catalogue: add it, or give price")
+    return 0.0 if existing else factor
+
+
+def _mount(properties: Json, name: str, foot: Float64[np.ndarray, "3"], price: float, where: str) -> Mount:
+    top = _number(properties, where, 8.0, "max_height", "height")
+    heights = _number(properties, where, min(3.0, top), "min_height"), top
+    capacity = _number(properties, where, 2000.0, "capacity_kbit", "capacity")
+    sensors, origin = _number(properties, where, 1.0, "max_sensors"), properties.get("origin", "surveyed")
     try:
         return Mount(name, foot, *heights, price, capacity, sensors, origin)  # type: ignore[arg-type]  # checked there
     except ValueError as error:
@@ -230,12 +269,12 @@ def _check(mounts: Sequence[Mount], site: Site, where: str) -> None:
         raise ValueError(f"{where}: poles {pair} stand at the same place: remove one of them")
 
 
-def _keep_out(collection: Json, site: Site, where: str) -> list[shapely.Geometry]:
-    areas = []
+def _keep_out(collection: Json, site: Site, where: str, *, every: bool = False) -> Iterator[shapely.Geometry]:
     for place, _, properties, geometry in _features(collection, where):
         if not isinstance(marked := properties.get("keep_out", False), bool):
             raise ValueError(f"{place}.properties.keep_out must be true or false, got {marked!r:.60}")
-        if not (marked or properties.get("kind") == "keep_out"):
+        area = "Polygon" in str(geometry.get("type")) and "layer" not in properties  # those of a site are its ground
+        if not (marked or properties.get("kind") == "keep_out" or (every and area)):
             continue
         place = f"{place}.geometry"
         if (kind := geometry.get("type")) not in ("Polygon", "MultiPolygon"):
@@ -249,5 +288,4 @@ def _keep_out(collection: Json, site: Site, where: str) -> list[shapely.Geometry
         if not drawn.is_valid:
             why = shapely.is_valid_reason(drawn)
             raise ValueError(f"{place} must be a simple polygon ({why}): draw the area again")
-        areas.append(shapely.transform(drawn, lambda corners: _in_site(corners, collection, site, where)))
-    return areas
+        yield shapely.transform(drawn, lambda corners: _in_site(corners, collection, site, where))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import compress
@@ -11,7 +12,8 @@ import numpy as np
 import shapely
 
 from placement_env.candidates.candidates import Axes, Candidates, aims, find_repeat
-from placement_env.candidates.poles import load_keep_out, load_poles
+from placement_env.candidates.poles import load_poles
+from placement_env.candidates.sensor_catalogue import SensorCatalogue
 from toolkit.arrays import Bool, Float64
 from toolkit.geometry import pose
 from toolkit.sensors.models import DepthCamera
@@ -112,30 +114,32 @@ def choose_candidates(
     which: str | Path,
     models: Sequence[SensorModel] = (),
     *,
-    prices: Sequence[float] = (),
+    catalogue: SensorCatalogue | None = None,
     keep_out: Sequence[shapely.Geometry] = (),
 ) -> Candidates:
     """Return the candidates that a user names.
 
     which: "pool" for every pose on the site's mounts, "paper" for the site's own sensors, else a GeoJSON file of poles;
-    models: none for the paper's camera; prices: of these, none if only mounts cost; keep_out: areas beside those of the
-    file. Raises ValueError if models are given for sensors that hang already, and what `load_poles` and `pool` raise.
+    models: none for the paper's camera; catalogue: models with prices, in place of these; keep_out: areas beside those
+    of the file; how many mounts they hold is said as a warning. Raises ValueError if models or areas are given for
+    sensors that hang already, and what `load_poles` and `pool` raise.
     """
     if which == "paper":
         if models:
             raise ValueError("the site's own sensors have their models: give models with 'pool' or a file of poles")
+        if keep_out:
+            raise ValueError("the site's own sensors hang already: keep-out areas are for 'pool' or a file of poles")
         return paper_candidates(site)
     offer: Models = models or PAPER
-    if prices:
-        if len(prices) != len(models):
-            raise ValueError(f"need a price for each of {len(models)} models, got {len(prices)}")
-        if len(set(models)) < len(models):
-            raise ValueError("two of the priced models are equal: leave one of them out")
-        offer = dict(zip(models, prices, strict=True))
-    if which == "pool":
-        return pool(site, models=offer, keep_out=keep_out)
-    areas = (*keep_out, *load_keep_out(which, site))
-    return pool(site, mounts=load_poles(which, site), keep_out=areas, models=offer)
+    if catalogue is not None:
+        offer = {each.model: each.price for each in catalogue.models}
+    mounts = site.mounts if which == "pool" else load_poles(which, site, catalogue)
+    if keep_out:
+        spots = np.array([mount.position[:2] for mount in mounts]).reshape(-1, 2)
+        held = int(shapely.intersects_xy(shapely.union_all(list(keep_out)), *spots.T).sum())
+        areas = f"{len(keep_out)} keep-out area{'s' * (len(keep_out) > 1)}"
+        warnings.warn(f"{areas} at {site.name}: {held} of {len(mounts)} poles stand there", stacklevel=3)
+    return pool(site, mounts=mounts, keep_out=keep_out, models=offer)
 
 
 def own_and_random(

@@ -235,7 +235,7 @@ def _poles(path: Path) -> None:
         return {"type": "Feature", "properties": properties, "geometry": {"type": shape, "coordinates": coordinates}}
 
     features = [
-        *(feature("Point", [x, 3.0], name=f"p{x}", height=6, price=1.5, capacity_kbit=900.0) for x in range(4)),
+        *(feature("Point", [x, 3.0], name=f"p{x}", height=6, price_factor=1.5, capacity_kbit=900.0) for x in range(4)),
         feature("Polygon", [[[9, 9], [12, 9], [12, 12], [9, 9]]], keep_out=True),
         feature("MultiPolygon", [[[[19, 9], [22, 9], [22, 12], [19, 9]]]], kind="keep_out"),
     ]

@@ -54,9 +54,7 @@ class Stock:
         Raises `placement_env.candidates.pool.NoCandidates` if no pole or pose is left, ValueError and OSError for a
         damaged file.
         """
-        sold = () if self.catalogue is None else self.catalogue.models
-        models, prices = [each.model for each in sold], [each.price for each in sold]
-        found = choose_candidates(site, self.candidates, models, prices=prices, keep_out=self.keep_out)
+        found = choose_candidates(site, self.candidates, catalogue=self.catalogue, keep_out=self.keep_out)
         price = None if self.catalogue is None else self.catalogue.pole_price
         return with_terms(found, 1.0 if price is None else price, self.capacity_kbit)
 
@@ -159,8 +157,8 @@ class Question:
         return replace(self.setting, candidates=candidates, fidelity="detector")
 
     def part(self, name: str) -> Run:
-        """Run of one of the three parts of traffic."""
-        seed = self.run.seed + list(PART_FRAMES).index(name)
+        """Run of one of the three parts of traffic. No part of another seed has the same traffic."""
+        seed = len(PART_FRAMES) * self.run.seed + list(PART_FRAMES).index(name)
         return replace(self.run, seed=seed, frames=self.run.frames_or(PART_FRAMES[name]))
 
     def as_dict(self) -> dict[str, object]:

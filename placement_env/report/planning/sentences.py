@@ -142,7 +142,8 @@ def explain_choice(
 
 def list_assumptions(question: Question, fidelity: str, detector: str, *, sampled: bool) -> tuple[str, ...]:
     """Assumptions behind the figures. sampled: whether the objective of the searches scored subsets of the set."""
-    setting, cases, seed = question.setting, question.cases, question.run.seed
+    setting, cases = question.setting, question.cases
+    searched, compared, judged = (question.part(name).seed for name in ("search", "comparison", "judgement"))
     classes, stock = setting.counted, question.stock
     others = [label for label in LABELS if label not in classes.names]
     one = "vehicles alone, heavy ones not counted," if classes.names == VEHICLES.names else f"{classes.names[0]} alone,"
@@ -153,8 +154,8 @@ def list_assumptions(question: Question, fidelity: str, detector: str, *, sample
         describe_origins(question.site),
         f"AP is {objects} centred in the detection area, by the detector {detector} at IoU "
         f"{iou_text(cases.threshold)} in {setting.fusion.name} fusion.",
-        f"Searches, comparison and judgement each have their own traffic (seeds {seed}, {seed + 1} and {seed + 2}): no "
-        "AP stated for the chosen set is from traffic that it was searched or chosen on.",
+        f"Searches, comparison and judgement each have their own traffic (seeds {searched}, {compared} and {judged}): "
+        "no AP stated for the chosen set is from traffic that it was searched or chosen on.",
         "Intervals are from a bootstrap over blocks of 4 frames, the life of an object; they hold for this detector in "
         "this kind of traffic, not for other weather, traffic or sensors.",
         f"kbit {_describe_codec(question)}; links are compared with them at 10 frames a second.",

@@ -3,6 +3,7 @@
 import json
 import warnings
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,8 +11,11 @@ import pytest
 import shapely
 
 from placement_env.candidates.poles import guess_property, list_unknown, load_keep_out, load_poles
-from placement_env.candidates.pool import pool
+from placement_env.candidates.pool import choose_candidates, pool
+from placement_env.candidates.sensor_catalogue import PricedModel, SensorCatalogue
+from placement_env.report.planning.question import Stock
 from toolkit.geometry import pose
+from toolkit.sensors.models import DepthCamera
 from toolkit.sites.files import load_site, save_site
 from toolkit.sites.georeference import inverse_project, projection, site_geojson
 from toolkit.sites.site import Mount, Relief, Site
@@ -59,7 +63,7 @@ def test_poles_in_degrees_stand_where_they_do(site, tmp_path):
     lon_lat = degrees(places)
     path = write(
         tmp_path,
-        point(lon_lat[0], name="L/1", height=9.0, price=0.5, capacity_kbit=800, max_sensors=2),
+        point(lon_lat[0], name="L/1", height=9.0, price_factor=0.5, capacity_kbit=800, max_sensors=2),
         point([*lon_lat[1], 34.0], min_height=None, owner="tram"),
         {**point(lon_lat[2], min_height=4, max_height=5), "id": 17},
         {"type": "Feature", "properties": None, "geometry": {"type": "LineString", "coordinates": lon_lat}},
@@ -118,7 +122,7 @@ def test_poles_in_the_way_are_left_out_by_name(site, tmp_path):
         "left out, since they stand in a keep-out area: a",
         "left out, since they stand on the carriageway: b",
     ]
-    (area,) = load_keep_out(path, site)
+    area, _ = load_keep_out(path, site)  # given as such, so the building keeps out as well
     assert shapely.hausdorff_distance(area, shapely.Polygon(corners)) < 2e-3
 
 
@@ -144,7 +148,7 @@ def test_poles_keep_out_and_name_what_is_not_understood(site, tmp_path):
         mounts = load_poles(path, site)
     assert [str(w.message) for w in caught] == [
         f"{path}: properties that are not understood, so not used: Height: height (m above the foot)?, "
-        "cost_eur: price (1: that of an ordinary pole)?, owner",
+        "cost_eur: price (in the catalogue's currency)?, owner",
         f"{path}: properties that are not understood, so not used: KeepOut: keep_out (true or false, of a polygon)?",
     ]
     assert [(mount.max_height, mount.price) for mount in mounts] == [(8.0, 1.0), (8.0, 1.0)]
@@ -267,6 +271,52 @@ def test_a_multipoint_is_several_poles_and_a_geometry_collection_none(site, tmp_
         assert len(load_poles(path, site)) == 1
 
 
+CAMERA = PricedModel("camera", DepthCamera(), 1500.0)
+
+
+def test_a_price_is_money_and_what_stands_costs_nothing(site, tmp_path):
+    rows = [{"price": 1200}, {"price_factor": 1.5}, {"existing": True}, {}]
+    spots = enumerate(rows)
+    path = local(tmp_path, *(point([5.0 * k, 10.0], **row) for k, row in spots))
+    stock = Stock(candidates=path, catalogue=SensorCatalogue((CAMERA,), "EUR", 4000.0))
+    assert stock(site).mount_prices == pytest.approx([1200.0, 6000.0, 0.0, 4000.0])
+    money = local(tmp_path, point([0.0, 10.0], price=900), point([5.0, 10.0], existing=True))
+    assert Stock(candidates=money, catalogue=SensorCatalogue((CAMERA,), "EUR"))(site).mount_prices.tolist() == [900, 0]
+
+
+@pytest.mark.parametrize(
+    ("row", "pole_price", "message"),
+    [
+        ({"price": 900, "price_factor": 2}, 4000.0, "has price, which is money, and price_factor"),
+        ({"price": 900}, 0.0, "price is money: give a catalogue with a pole_price above 0"),
+        ({"price_factor": 2}, None, "price_factor needs a pole_price in the catalogue"),
+        ({"existing": "yes"}, 4000.0, "existing must be true or false, got 'yes'"),
+        ({"price": -4}, 4000.0, "price"),
+    ],
+)
+def test_prices_that_cannot_be_meant(row, pole_price, message, site, tmp_path):
+    path = local(tmp_path, point([0.0, 10.0], **row))
+    with pytest.raises(ValueError, match=message):
+        load_poles(path, site, SensorCatalogue((CAMERA,), "EUR", pole_price))
+    if "price" in row and pole_price:
+        with pytest.raises(ValueError, match="price"):
+            load_poles(path, site)
+
+
+def test_every_area_of_a_file_given_as_keep_out_keeps_out(site, tmp_path):
+    ring = [[-1.0, 9.0], [6.0, 9.0], [6.0, 11.0], [-1.0, 11.0], [-1.0, 9.0]]
+    area = {"type": "Feature", "properties": {}, "geometry": {"type": "Polygon", "coordinates": [ring]}}
+    poles = local(tmp_path, *(point([5.0 * k, 10.0]) for k in range(3)))
+    kept = Path(poles).rename(tmp_path / "three.geojson")
+    areas = load_keep_out(local(tmp_path, area), site)
+    with pytest.warns(UserWarning, match="1 keep-out area at .*: 2 of 3 poles stand there"):
+        assert {mount.name for mount in choose_candidates(site, kept, keep_out=areas).mounts} == {"pole02"}
+    with pytest.raises(ValueError, match="holds no area"):
+        load_keep_out(kept, site)
+    with pytest.raises(ValueError, match="hang already: keep-out areas are for"):
+        choose_candidates(site, "paper", keep_out=areas)
+
+
 def test_properties_are_guessed_named_once_and_cut():
     for meant, keys in {
         "height": ("Height", "HEIGHT_M", "pole height [m]", "heigth", "Höhe"),
@@ -280,10 +330,11 @@ def test_properties_are_guessed_named_once_and_cut():
     }.items():
         assert [guess_property(key) for key in keys] == [meant] * len(keys)
     known = {"name": 1, "height": 2, "max_height": 3, "min_height": 4, "price": 5, "capacity_kbit": 6, "capacity": 7}
+    known |= {"price_factor": 8, "existing": True}
     assert list_unknown([known | {"keep_out": True, "kind": "x", "layer": "mount", "used": False}]) == ""
     assert list_unknown([]) == ""
     poles = [{"Price": 1, "fid": 3}, {"fid": 4, "Price": 2}, {"colour": "red"}]
-    assert list_unknown(poles) == "Price: price (1: that of an ordinary pole)?, fid, colour"
+    assert list_unknown(poles) == "Price: price (in the catalogue's currency)?, fid, colour"
     areas = [{"building": "yes", "Height": 9, "KeepOut": True}]
     assert list_unknown(areas, areas=True) == "KeepOut: keep_out (true or false, of a polygon)?"
     assert len(list_unknown([{"x" * 500: 1}])) == 60

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from placement_env.candidates.pool import choose_candidates, pool
+from placement_env.candidates.pool import pool
 from placement_env.candidates.sensor_catalogue import load_sensor_catalogue
 from toolkit.sensors.models import DepthCamera, SpinningLidar
 from toolkit.sites.files import load_site
@@ -48,12 +48,6 @@ def test_catalogues_price_candidates_and_are_text_in_a_file(tmp_path):
     free = pool(site, heights=[6.0], headings=2, tilts=[0.1], models=models)
     none = pool(site, heights=[6.0], headings=2, tilts=[0.1], models=dict.fromkeys(models, 0.0))
     assert free.digest() == none.digest() != both.digest()
-    with pytest.raises(ValueError, match="need a price for each of 2 models, got 1"):
-        choose_candidates(site, "pool", models, prices=(1.0,))
-    with pytest.raises(ValueError, match="must be finite and not negative"):
-        choose_candidates(site, "pool", models, prices=(1.0, -1.0))
-    with pytest.raises(ValueError, match="two of the priced models are equal"):
-        choose_candidates(site, "pool", (models[0], models[0]), prices=(1.0, 2.0))
     with pytest.raises(FileNotFoundError):
         load_sensor_catalogue(tmp_path / "none.toml")
     path = tmp_path / "binary.toml"
