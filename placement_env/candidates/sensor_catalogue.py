@@ -8,13 +8,21 @@ name = "camera"            # as shown in the plan's tables
 model = "DepthCamera"      # or in words: depth-camera
 price = 1500
 fov_deg = 90               # fields of the model; angles in degrees, named so
+
+[rates]                    # beside the price: cable and permit for each pole, power and upkeep for each sensor and year
+cable = 900
+power = 60
+years = 10
+
+[report]                   # head of the report: title, client, author, date
+client = "City of Elm"
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from hashlib import sha256
 from pathlib import Path
 
@@ -22,7 +30,16 @@ from toolkit.runtime.files import name_errors, parse_toml, read_bytes
 from toolkit.sensors.models import find_model_class, make_model
 from toolkit.sensors.sensor import SensorModel, find_angles
 
-KNOWN = ("currency", "pole_price", "sensor")
+KNOWN = ("currency", "pole_price", "sensor", "rates", "report")
+RATES = {  # for each of what, and whether every year
+    "cable": ("pole", False),
+    "permit": ("pole", False),
+    "power": ("sensor", True),
+    "upkeep": ("sensor", True),
+}
+HEAD = ("title", "client", "author", "date")
+LONGEST_HEAD = 200  # characters
+YEARS = 10.0  # that rates are added up for
 OWN = ("name", "model", "price")  # of a sensor, beside the fields of its model
 DEGREES = "_deg"
 
@@ -38,12 +55,19 @@ class PricedModel:
 
 @dataclass(frozen=True)
 class SensorCatalogue:
-    """Models that may be bought. pole_price: of one ordinary mount; None if mounts are priced in the currency."""
+    """Models that may be bought.
+
+    pole_price: of one ordinary mount; None if mounts are priced in the currency; rates: some of `RATES`, yearly ones
+    for `years`; report: head of a report, some of `HEAD`.
+    """
 
     models: tuple[PricedModel, ...]
     currency: str = ""
     pole_price: float | None = None
     digest: str = ""
+    rates: dict[str, float] = field(default_factory=dict)
+    years: float = YEARS
+    report: dict[str, str] = field(default_factory=dict)
 
     def get_name(self, model: SensorModel) -> str:
         """Return a model's catalogue name. Raises ValueError if unknown."""
@@ -75,7 +99,26 @@ def load_sensor_catalogue(path: str | Path) -> SensorCatalogue:
                 raise ValueError(f"{path}: sensor[{i}].name {each.name!r} is taken by sensor[{j}]: rename one")
             if each.model == other.model:
                 raise ValueError(f"{path}: sensor[{i}] is the same model as sensor[{j}]: leave one of them out")
-    return SensorCatalogue(models, currency, pole_price, sha256(content).hexdigest())
+    rated = _table(document, path, "rates", (*RATES, "years"))
+    rates = {key: _price(value, f"{path}: rates.{key}") for key, value in rated}
+    years = rates.pop("years", YEARS)
+    head = {key: str(value) for key, value in _table(document, path, "report", HEAD)}
+    for key, text in head.items():
+        if not text.isprintable() or len(text) > LONGEST_HEAD:
+            raise ValueError(f"{path}: report.{key} must be one line of up to {LONGEST_HEAD} characters: shorten it")
+    return SensorCatalogue(models, currency, pole_price, sha256(content).hexdigest(), rates, years, head)
+
+
+def _table(
+    document: Mapping[str, object], path: str | Path, name: str, known: Sequence[str]
+) -> Iterable[tuple[str, object]]:
+    rows = document.get(name, {})
+    if not isinstance(rows, Mapping):
+        raise ValueError(f"{path}: {name} must be a table, got {rows!r:.60}: begin it with [{name}]")
+    unknown = [key for key in rows if key not in known]
+    if unknown:
+        raise ValueError(f"{path}: {name}.{unknown[0]} is unknown: {name} has {', '.join(known)}")
+    return rows.items()
 
 
 def _read_sensor(row: object, where: str) -> PricedModel:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from placement_env.candidates.candidates import Candidates, aims
-from placement_env.candidates.sensor_catalogue import SensorCatalogue
+from placement_env.candidates.sensor_catalogue import RATES, SensorCatalogue
 from toolkit.arrays import Float64, Int64
 from toolkit.sensors.models import name_in_words
 from toolkit.sensors.sensor import Sensor
@@ -166,6 +166,20 @@ def link_loads(sensors: tuple[PlannedSensor, ...], *, limited: bool) -> tuple[Li
         mean, peak, capacity = (kbit * RATE / MBIT for kbit in sums)
         loads.append(LinkLoad(pole, mean, peak, capacity, peak / capacity, peak <= capacity or not limited))
     return tuple(loads)
+
+
+def bill_of_rates(sensors: Sequence[PlannedSensor], catalogue: SensorCatalogue | None) -> tuple[MaterialItem, ...]:
+    """List what the rates of a catalogue add to the price of the sensors and their poles, over the years it names."""
+    if catalogue is None:
+        return ()
+    count = {"pole": len({sensor.pole for sensor in sensors}), "sensor": len(sensors)}
+    found = []
+    for name, price in catalogue.rates.items():
+        per, yearly = RATES[name]
+        each = price * (catalogue.years if yearly else 1)
+        item = f"{name} for {catalogue.years:g} years" if yearly else name
+        found.append(MaterialItem(item, count[per], each, count[per] * each))
+    return tuple(found)
 
 
 def bill_of_materials(sensors: tuple[PlannedSensor, ...]) -> tuple[MaterialItem, ...]:

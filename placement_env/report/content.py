@@ -141,20 +141,6 @@ class BuildStep:
 
 
 @dataclass(frozen=True)
-class DrawingRace:
-    """Race on one drawing of a site's furnishing.
-
-    seed: of the drawing, None for that of the site file; sensors, poles: of the set that wins there; judged: the
-    plan's set there.
-    """
-
-    seed: int | None
-    sensors: tuple[str, ...]
-    poles: tuple[str, ...]
-    judged: Judgement
-
-
-@dataclass(frozen=True)
 class Verdict:
     """The answer in one sentence. met: the requirement, None without one; reasons: sentences on why not."""
 
@@ -170,11 +156,10 @@ class Plan:
     question: every option, in words or numbers; detector: in words; iou: at which a detection counts, several for their
     mean; currency: of all prices, "" for units of one ordinary pole; chosen: None if no set may be built; near_optimal:
     sets whose interval overlaps the chosen one's; front: sets that no other beats in AP, kbit per sensor and price at
-    once, by price; running: costs of `years` years beside the price; poles_unused: names; origins: number of things at
-    the site by origin ("mapped", "surveyed", "drawn") and kind; drawings: the race on each drawing of the furnishing,
-    none unless several were asked for; poles_in_all: poles of the plan that win on all of them; head: title, client,
-    date, author and logo (a file's name), those that the catalogue gives; blind_streets: m² of lanes that no sensor
-    sees, by street; assumptions, unknown: sentences; provenance: digests of all inputs, seeds, versions.
+    once, by price; running: what the catalogue's rates add to the price; poles_unused: names; origins: number of things
+    at the site by origin ("mapped", "surveyed", "drawn") and kind; head: title, client, date and author, those that the
+    catalogue gives; blind_streets: m² of lanes that no sensor sees, by street; assumptions, unknown: sentences;
+    provenance: digests of all inputs, seeds, versions.
     """
 
     question: dict[str, object]
@@ -203,14 +188,11 @@ class Plan:
     links: tuple[LinkLoad, ...] = ()
     materials: tuple[MaterialItem, ...] = ()
     running: tuple[MaterialItem, ...] = ()
-    years: float = 0.0
     order: tuple[BuildStep, ...] = ()
     ground: GroundShares | None = None
     blind_streets: dict[str, float] = field(default_factory=dict)
     poles_unused: tuple[str, ...] = ()
     origins: dict[str, dict[str, int]] = field(default_factory=dict)
-    drawings: tuple[DrawingRace, ...] = ()
-    poles_in_all: tuple[str, ...] = ()
     head: dict[str, str] = field(default_factory=dict)
     assumptions: tuple[str, ...] = ()
     unknown: tuple[str, ...] = ()
@@ -242,7 +224,7 @@ class Planned:
     """A plan with the inputs of its pages and maps.
 
     site: with the chosen sensors mounted; candidates: None without any; ground, moments: None and empty if no set may
-    be built; logo: a picture as data URI, "" without one.
+    be built.
     """
 
     plan: Plan
@@ -250,4 +232,3 @@ class Planned:
     candidates: Candidates | None = None
     ground: Ground | None = None
     moments: tuple[Moment, ...] = ()
-    logo: str = ""

@@ -28,7 +28,7 @@ from toolkit.sites.site import Site
 PLURALS = {"vehicle": "vehicles", "cyclist": "cyclists", "pedestrian": "pedestrians", "heavy": "heavy vehicles"}
 MOST_STREETS = 3  # with blind spots, by name
 MOST_KINDS = 5  # of drawn things, by name
-NOT_PRICED = "power, cables, data links, permits, traffic management during the works, and upkeep"
+NOT_PRICED = ("power", "cable", "data links", "permit", "traffic management during the works", "upkeep")
 
 
 def decision_section(plan: content.Plan, site: Site, ground: Ground | None) -> Content:
@@ -160,7 +160,14 @@ def _describe_drawn(plan: content.Plan) -> Fact | None:
 
 def _describe_price(plan: content.Plan) -> Fact:
     sold = "" if plan.currency else " Sensors cost nothing here, because no catalogue was given."
-    return Fact("Not in the price", f"{NOT_PRICED[0].upper()}{NOT_PRICED[1:]}.{sold}")
+    rated = {item.item.split(" ")[0] for item in plan.running}
+    missing = join_names([name for name in NOT_PRICED if name not in rated])
+    beside = ""
+    if plan.running:
+        total = price_text(sum(item.price for item in plan.running), plan.currency)
+        beside = f"Beside it, {total}: {join_names([item.item for item in plan.running])}. Not known: "
+    text = f"{beside}{missing}.{sold}"
+    return Fact("Not in the price", f"{text[0].upper()}{text[1:]}")
 
 
 def _describe_next(plan: content.Plan, chosen: content.PlanOption) -> Fact:

@@ -214,10 +214,12 @@ def materials_section(plan: content.Plan) -> Content:
     prices = (price_column(title, plan.currency) for title in ("each", "total"))
     columns = (*text_columns("Item"), Column("count", digits=0), *prices)
     rows = [(item.item, item.count, item.unit_price, item.price) for item in plan.materials]
+    later = [(item.item, item.count, item.unit_price, item.price) for item in plan.running]
     return say(
         f"The total is {total}; the largest part, {part}, is “{dearest.item}” ({dearest.count} at {each}).",
         *units,
         *table("What to order", columns, rows),
+        *(table("What the rates add to the price", columns, later) if later else ()),
     )
 
 

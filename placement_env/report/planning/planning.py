@@ -31,7 +31,14 @@ from placement_env.fidelity.preparation import Preparation, check_scorable
 from placement_env.fidelity.traffic import Traffic
 from placement_env.handover.exchange import EXCHANGE_FILES, write_exchange
 from placement_env.handover.ground import Ground, ground_shares, visible_ground
-from placement_env.handover.mounted import bill_of_materials, format_sensors, link_loads, mounted_site, unused_mounts
+from placement_env.handover.mounted import (
+    bill_of_materials,
+    bill_of_rates,
+    format_sensors,
+    link_loads,
+    mounted_site,
+    unused_mounts,
+)
 from placement_env.objective import Objective
 from placement_env.report import content
 from placement_env.report.pages.report import REPORT_FILES, write_report
@@ -311,11 +318,13 @@ def build_plan(findings: Findings, final: judging.Judge, ground: Ground) -> cont
         failures=chosen.failures(),
         links=link_loads(sensors, limited=question.setting.fusion.sends_points),
         materials=bill_of_materials(sensors),
+        running=bill_of_rates(sensors, question.stock.catalogue),
         order=chosen.order(),
         ground=ground_shares(ground, [sensor.name for sensor in sensors]),
         blind_streets=measure_blind_streets(site, ground),
         poles_unused=tuple(mount.name for mount in unused_mounts(candidates, members)),
         origins=count_origins(site, candidates),
+        head=question.stock.head,
         assumptions=sentences.list_assumptions(question, objective.fidelity, detector, sampled=not chosen.small),
         unknown=sentences.list_unknowns(option.counted or judged.judged),
         provenance=trace_plan(findings, candidates, final.detected.detector),
@@ -424,7 +433,7 @@ class ChosenSet:
 def trace_plan(findings: Findings, candidates: Candidates, detector: Detector) -> dict[str, object]:
     """Provenance of a plan: digests of all inputs, seeds and versions."""
     question = findings.question
-    setting, stock, seed = question.setting, question.stock, question.run.seed
+    setting, stock = question.setting, question.stock
     versions = {"coview": coview_version(), "python": platform.python_version()}
     for name in PACKAGES:
         with suppress(PackageNotFoundError):
@@ -443,10 +452,10 @@ def trace_plan(findings: Findings, candidates: Candidates, detector: Detector) -
         "codec": setting.codec.digest,
         "errors": question.cases.errors_origin,
         "traffic": {
-            name: {"seed": seed + i, "frames": len(each), "sha256": each.digest()}
-            for i, (name, each) in enumerate(zip(PART_FRAMES, findings.traffic, strict=True))
+            name: {"seed": question.part(name).seed, "frames": len(each), "sha256": each.digest()}
+            for name, each in zip(PART_FRAMES, findings.traffic, strict=True)
         },
-        "bootstrap": {"draws": RESAMPLES, "block_frames": BLOCK_FRAMES, "seed": seed},
+        "bootstrap": {"draws": RESAMPLES, "block_frames": BLOCK_FRAMES, "seed": question.run.seed},
         "versions": versions,
     }
 
@@ -514,7 +523,9 @@ def _refuse(question: Question, reasons: tuple[str, ...], candidates: Candidates
     verdict = content.Verdict(False, "No set of sensors can be planned.", reasons)
     names = question.site.name, "", question.cases.threshold, question.setting.fusion.name, question.currency
     return content.Planned(
-        content.Plan(question.as_dict(), *names, verdict, chosen=None), replace(question.site, sensors=()), candidates
+        content.Plan(question.as_dict(), *names, verdict, chosen=None, head=question.stock.head),
+        replace(question.site, sensors=()),
+        candidates,
     )
 
 

@@ -64,6 +64,11 @@ class Stock:
         return "" if self.catalogue is None else self.catalogue.currency
 
     @property
+    def head(self) -> dict[str, str]:
+        """Title, client, author and date that the catalogue gives to the report."""
+        return {} if self.catalogue is None else self.catalogue.report
+
+    @property
     def poles_digest(self) -> str | None:
         """SHA-256 of the file of poles, None without one."""
         if self.candidates in ("pool", "paper"):

@@ -65,7 +65,7 @@ SENSOR = '[[sensor]]\nmodel = "DepthCamera"\nprice = 1\n'
         *(("currency = [", "not TOML"), ("", "sensor must be a list of at least one")),
         ("sensor = 3", "sensor must be a list of at least one"),
         ("sensor = [3]", r"sensor\[0\] must be a table, got 3"),
-        (SENSOR + "[other]\n", "other is unknown: a catalogue has currency, pole_price, sensor"),
+        (SENSOR + "[other]\n", "other is unknown: a catalogue has currency, pole_price, sensor, rates, report"),
         ("currency = 3\n" + SENSOR, "currency must be a text, got 3"),
         ("pole_price = -1\n" + SENSOR, "pole_price must be a number from 0 up, got -1"),
         ("pole_price = true\n" + SENSOR, "pole_price must be a number from 0 up, got True"),
@@ -83,6 +83,10 @@ SENSOR = '[[sensor]]\nmodel = "DepthCamera"\nprice = 1\n'
         *((SENSOR + f"{name} = 1{zeros}\n", "rays") for name, zeros in (("width", "0" * 6), ("height", "0" * 15))),
         (SENSOR.replace("DepthCamera", "SpinningLidar") + "channels = 1000000\n", r"sensor\[0\]: .*rays"),
         (SENSOR + SENSOR.replace("price", 'name = "other"\nprice'), "is the same model as"),
+        (SENSOR + "[rates]\ncabel = 3\n", "rates.cabel is unknown: rates has cable, permit, power, upkeep, years"),
+        (SENSOR + "[rates]\npower = -3\n", "rates.power must be a number from 0 up, got -3"),
+        ("rates = 3\n" + SENSOR, r"rates must be a table, got 3: begin it with \[rates\]"),
+        (SENSOR + '[report]\nclient = "a\\nb"\n', "report.client must be one line of up to 200 characters"),
     ],
 )
 def test_what_is_refused(tmp_path, text, message):

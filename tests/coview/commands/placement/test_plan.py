@@ -50,7 +50,11 @@ def test_a_plan_is_written_and_the_same_again(tmp_path, run):
     assert (code, "exists" in err) == (2, True)
 
 
+RATES = '[rates]\ncable = 900\npower = 60\nyears = 5\n[report]\ntitle = "Elm Street"\nclient = "City of Elm <b>"\n'
+
+
 def test_money_buys_poles_and_sensors_of_a_catalogue(tmp_path, run, poles, catalogue):
+    catalogue.write_text(catalogue.read_text() + RATES)
     code, out, _ = run(
         "plan", "tjunction", "--candidates", poles, "--sensors", catalogue, "--money", 6000, "--frames", 1,
         "--cache", "None", "--workers", 1, "--out", tmp_path / "out",
@@ -63,6 +67,13 @@ def test_money_buys_poles_and_sensors_of_a_catalogue(tmp_path, run, poles, catal
         ("pole", 1, 4000.0),
     ]
     assert "5,500 EUR" in out
+    assert [(item["item"], item["count"], item["price"]) for item in made["running"]] == [
+        ("cable", 1, 900.0),
+        ("power for 5 years", 1, 300.0),
+    ]
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "<h1>Elm Street</h1><p>City of Elm &lt;b&gt;" in page
+    assert "Beside it, 1,200 EUR: cable and power for 5 years. Not known: data links, permit, traffic" in page
 
 
 @pytest.mark.parametrize(
