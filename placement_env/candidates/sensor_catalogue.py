@@ -37,8 +37,8 @@ RATES = {  # for each of what, and whether every year
     "power": ("sensor", True),
     "upkeep": ("sensor", True),
 }
-HEAD = ("title", "client", "author", "date")
-LONGEST_HEAD = 200  # characters
+_HEAD = ("title", "client", "author", "date")
+_LONGEST_HEAD = 200  # characters
 YEARS = 10.0  # that rates are added up for
 OWN = ("name", "model", "price")  # of a sensor, beside the fields of its model
 DEGREES = "_deg"
@@ -58,7 +58,7 @@ class SensorCatalogue:
     """Models that may be bought.
 
     pole_price: of one ordinary mount; None if mounts are priced in the currency; rates: some of `RATES`, yearly ones
-    for `years`; report: head of a report, some of `HEAD`.
+    for `years`; report: head of a report, some of title, client, author, date.
     """
 
     models: tuple[PricedModel, ...]
@@ -102,10 +102,10 @@ def load_sensor_catalogue(path: str | Path) -> SensorCatalogue:
     rated = _table(document, path, "rates", (*RATES, "years"))
     rates = {key: _price(value, f"{path}: rates.{key}") for key, value in rated}
     years = rates.pop("years", YEARS)
-    head = {key: str(value) for key, value in _table(document, path, "report", HEAD)}
+    head = {key: str(value) for key, value in _table(document, path, "report", _HEAD)}
     for key, text in head.items():
-        if not text.isprintable() or len(text) > LONGEST_HEAD:
-            raise ValueError(f"{path}: report.{key} must be one line of up to {LONGEST_HEAD} characters: shorten it")
+        if not text.isprintable() or len(text) > _LONGEST_HEAD:
+            raise ValueError(f"{path}: report.{key} must be one line of up to {_LONGEST_HEAD} characters: shorten it")
     return SensorCatalogue(models, currency, pole_price, sha256(content).hexdigest(), rates, years, head)
 
 
