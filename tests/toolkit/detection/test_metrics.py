@@ -338,3 +338,17 @@ def test_orders_of_equal_scores_and_truths_make_no_difference(order):
     assert found.truth[order.index(1)] == -1
     there = Objects(np.concatenate([[moved(CAR, 0.2), moved(CAR, -0.6)][k] for k in order]))
     assert match_one(scored([CAR], [0.9]), there, 0.5).truth.tolist() == [order.index(0)]
+
+
+def test_what_just_reaches_an_unscored_object_is_ignored():
+    overlaps = metrics._Overlaps(
+        rows=np.arange(3),
+        columns=np.zeros(0, int),
+        scores=np.array([0.9, 0.8, 0.7]),
+        iou=np.zeros((3, 0)),
+        elsewhere=np.array([[0.7, 0.0], [0.6999, 0.0], [0.0, metrics.MOSTLY]]),
+        protocol="exact",
+    )
+    taken, ignored = overlaps.resolve(0.7)
+    assert taken.tolist() == [-1, -1, -1]
+    assert ignored.tolist() == [True, False, False]

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from placement_env.objective import Objective
-from placement_env.search.portfolio.entrants import Effort, entrants, keep_entrants
+from placement_env.search import swap
+from placement_env.search.portfolio.entrants import SWAP_EVALUATIONS, THRIFT, Effort, entrants, keep_entrants
 from placement_env.setting import Setting
 from toolkit.runtime.cache import Cache
 from toolkit.runtime.run import Run
@@ -80,3 +81,19 @@ def test_none_are_kept_too(street):
     for _ in range(2):
         none = keep_entrants(poor, TWO, cache)
         assert (none.searches, none.sets.shape) == ((), (0, 4))
+
+
+def test_searches_get_the_seed_the_effort_and_the_price_that_are_asked(street, monkeypatch):
+    """Prices of the candidates are 11, 11, 10.5 and 23 units: 13.875 in the mean."""
+    asked, search = [], swap.search
+
+    def noted(objective, size, **given):
+        asked.append((objective.weights.price, given["seed"], given["starts"], given["evaluations"], given["seconds"]))
+        return search(objective, size, **given)
+
+    monkeypatch.setattr(swap, "search", noted)
+    entrants(street.objective, Effort((2,), seconds=50.0, evaluations=40, neighbours=0), seed=7)
+    assert [each[1:] for each in asked] == [(7, swap.STARTS, 40, 50.0)] * len(asked)
+    assert [price for price, *_ in asked if price] == [pytest.approx(THRIFT / 13.875)]
+    entrants(street.objective, Effort((2,)), seed=7)
+    assert {most for *_, most, _ in asked[len(asked) // 2 :]} == {SWAP_EVALUATIONS}

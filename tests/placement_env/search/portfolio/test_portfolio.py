@@ -234,3 +234,19 @@ def test_the_parts_of_traffic_differ_and_the_same_again_is_the_same(tmp_path):
     assert (first.assessment.by, first.assessment.frames) == ("coverage", 2)
     fresh = Objective(Setting("tjunction", fidelity="coverage"), Run(frames=2, seed=2))
     assert first.assessment.ap == pytest.approx(fresh.score(first.best.subset).ap)
+
+
+@pytest.mark.parametrize(("seconds", "most"), [(None, portfolio.SET_FRAMES), (60.0, np.inf)])
+def test_the_race_has_the_rules_that_are_asked(seconds, most, deceived, monkeypatch):
+    asked, race = [], portfolio.race_until
+
+    def noted(rewards, sets, order, rules, **more):
+        asked.append((rules, order))
+        return race(rewards, sets, order, rules, **more)
+
+    monkeypatch.setattr(portfolio, "race_until", noted)
+    judging = Judging(evaluators=(Truth(), Truth()), confidence=0.6)
+    portfolio.search(deceived, 2, seed=5, seconds=seconds, judging=judging)
+    ((rules, order),) = asked
+    assert (rules.confidence, rules.tolerance, rules.most) == (0.6, portfolio.AP_TOLERANCE, most)
+    assert order.tolist() == race_order(48, seed=5).tolist()

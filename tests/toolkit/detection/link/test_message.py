@@ -32,10 +32,12 @@ def test_bytes_are_those_of_the_table_in_whole_steps():
     assert (HEADER.time, HEADER.step) == (6.000007, 0.02)
     assert [step_in_mm(step) for step in (0.001, 0.02, 0.04, 0.08, 65.535)] == [1, 20, 40, 80, 65535]
     assert time_in_us(1.25) == 1_250_000
+    assert time_in_us(0.0) == 0
     for step in (0.0, -0.02, 0.0205, 65.536, float("nan"), float("inf")):
         with pytest.raises(ValueError, match="step must be"):
             step_in_mm(step)
-    for time in (-0.1, float("nan"), float("inf")):
+    assert time_in_us(2.0**43 - 1) == (2**43 - 1) * 10**6
+    for time in (-0.1, float("nan"), float("inf"), 2.0**43):
         with pytest.raises(ValueError, match="time of a message"):
             time_in_us(time)
     assert sensor_number("a") != sensor_number("b")
