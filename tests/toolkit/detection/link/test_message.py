@@ -36,7 +36,7 @@ def test_bytes_are_those_of_the_table_in_whole_steps():
     for step in (0.0, -0.02, 0.0205, 65.536, float("nan"), float("inf")):
         with pytest.raises(ValueError, match="step must be"):
             step_in_mm(step)
-    assert time_in_us(2.0**43 - 1) == (2**43 - 1) * 10**6
+    assert time_in_us(2.0**42) == 2**42 * 10**6
     for time in (-0.1, float("nan"), float("inf"), 2.0**43):
         with pytest.raises(ValueError, match="time of a message"):
             time_in_us(time)
