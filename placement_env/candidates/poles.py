@@ -33,6 +33,7 @@ from toolkit.runtime.files import read_json
 from toolkit.sites.georeference import site_metres
 from toolkit.sites.site import Mount, Site
 
+MOST_POLES = 5000
 SURROUNDINGS = 300.0  # m from the detection area within which a pole may stand
 SAME_PLACE = 0.1  # m between two poles that are one
 ABOVE_GROUND = 20.0  # m from the ground beyond which a foot must be an altitude above the sea
@@ -91,6 +92,10 @@ def load_poles(path: str | Path, site: Site, catalogue: SensorCatalogue | None =
         warnings.warn(f"{place} is a GeometryCollection, not used: export its points", stacklevel=2)
     if not poles:
         raise ValueError(f"{where}: holds no pole: give a GeoJSON with Point or MultiPoint features")
+    if len(poles) > MOST_POLES:
+        raise ValueError(
+            f"{where}: holds {len(poles)} poles, more than {MOST_POLES}: leave out those far from the site"
+        )
     for place, _, _, row in poles:
         if not isinstance(row, list) or len(row) not in (2, 3) or not all(map(_is_number, row)):
             raise ValueError(f"{place}.geometry.coordinates must be two or three finite numbers, got {str(row)[:60]}")
@@ -263,9 +268,11 @@ def _check(mounts: Sequence[Mount], site: Site, where: str) -> None:
     (name, times), *_ = Counter(names).most_common(1)
     if times > 1:
         raise ValueError(f"{where}: {times} poles are named {name!r}: rename all but one")
-    first, second = np.triu(np.hypot(*(feet[:, None] - feet)[..., :2].transpose(2, 0, 1)) <= SAME_PLACE, 1).nonzero()
-    if len(first):
-        pair = f"{names[first[0]]!r} and {names[second[0]]!r}"
+    spots = shapely.points(feet[:, :2])
+    pairs = shapely.STRtree(spots).query(spots, "dwithin", SAME_PLACE).T
+    pairs = pairs[pairs[:, 0] < pairs[:, 1]]
+    if len(pairs):
+        pair = " and ".join(repr(names[k]) for k in pairs[np.lexsort(pairs.T[::-1])[0]])
         raise ValueError(f"{where}: poles {pair} stand at the same place: remove one of them")
 
 
