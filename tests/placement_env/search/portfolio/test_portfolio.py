@@ -8,7 +8,7 @@ import pytest
 from placement_env.cases import Cases
 from placement_env.objective import Objective
 from placement_env.protocol import Estimate
-from placement_env.racing import RaceRules
+from placement_env.racing import RaceRules, race_until
 from placement_env.search.portfolio import portfolio
 from placement_env.search.portfolio.evaluators import CasesEvaluator, DetectorEvaluator, Evaluated, Schedule, race_order
 from placement_env.search.portfolio.portfolio import Judging
@@ -238,7 +238,7 @@ def test_the_parts_of_traffic_differ_and_the_same_again_is_the_same(tmp_path):
 
 @pytest.mark.parametrize(("seconds", "most"), [(None, portfolio.SET_FRAMES), (60.0, np.inf)])
 def test_the_race_has_the_rules_that_are_asked(seconds, most, deceived, monkeypatch):
-    asked, race = [], portfolio.race_until
+    asked, race = [], race_until
 
     def noted(rewards, sets, order, rules, **more):
         asked.append((rules, order))
