@@ -133,7 +133,7 @@ def list_unknown(properties: Iterable[Json], *, areas: bool = False) -> str:
     """List unknown properties, each once, with what they may mean; of polygons (`areas`) only those of keep_out.
 
     >>> list_unknown([{"name": "L1", "Height": 9}, {"cost_eur": 900, "owner": "tram"}])
-    'Height: height (m above the foot)?, cost_eur: price (1: that of an ordinary pole)?, owner'
+    "Height: height (m above the foot)?, cost_eur: price (in the catalogue's currency)?, owner"
     """
     unknown = dict.fromkeys(key for each in properties for key in each if key not in UNDERSTOOD and key not in SILENT)
     meant = {key: guess_property(key) for key in unknown}
