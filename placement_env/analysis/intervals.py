@@ -3,18 +3,23 @@
 Objects of the simulated traffic live four frames (paper section III; parked ones too), so frames are not independent
 but blocks of four are nearly: 0-3, 4-7 and so on. Blocks are drawn with replacement, as many as there are, and the
 interval holds the middle share of the figures of the draws (percentile bootstrap; Efron and Tibshirani 1993, chapter
-13; blocks: Künsch 1989). Draws that leave a figure undefined, such as AP without a vehicle, are left out. The same seed
-gives the same draws, so figures of several sensor sets on the same frames can be compared draw by draw.
+13; blocks: Künsch 1989). Few blocks spread too little when drawn, so the share is widened as Student's t and n/(n - 1)
+ask (expanded percentiles; Hesterberg 2015); fewer than `FEWEST_BLOCKS` have no interval (NaN). Where all draws agree,
+as when everything is found, the ends are Wilson's (1927) for as many independent objects. Draws that leave a figure
+undefined, such as AP without a vehicle, are left out. The same seed gives the same draws, so figures of several sensor
+sets on the same frames can be compared draw by draw.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.special import ndtr, ndtri, stdtrit
 
 from placement_env.checks import check_whole
 from toolkit.arrays import Bool, Float64, Int64
@@ -24,7 +29,9 @@ if TYPE_CHECKING:
     from placement_env.fidelity.detector import Outcome
 
 BLOCK_FRAMES = 4  # frames that an object lives
+FEWEST_BLOCKS = 10  # that have an interval
 RESAMPLES = 1000
+AP_TOLERANCE = 0.01  # difference in AP that does not matter
 HELD_AT_ONCE = 1 << 21  # numbers held in memory at once
 Draws = Int64[np.ndarray, "resamples frames"]  # how often each resample draws each frame
 
@@ -63,44 +70,115 @@ def draws_of_blocks(blocks: Int64[np.ndarray, " frames"], *, resamples: int = RE
     return np.asarray(drawn[:, place], np.int64)
 
 
-def ratio_interval(
-    parts: ArrayLike, wholes: ArrayLike, *, seed: int = 0, draws: Draws | None = None, confidence: float = 0.95
-) -> Interval:
+def ratio_interval(parts: ArrayLike, wholes: ArrayLike, *, seed: int = 0, confidence: float = 0.95) -> Interval:
     """Return the interval of sum(parts) / sum(wholes), one of each per frame, such as recall or a mean.
 
-    >>> ratio_interval([1, 3], [2, 4], draws=block_draws(2, block=1))
-    Interval(low=0.5, high=0.75)
+    >>> ratio_interval([1, 3] * 20, [2, 4] * 20)
+    Interval(low=0.6666666666666666, high=0.6666666666666666)
     """
     part, whole = np.asarray(parts, np.float64), np.asarray(wholes, np.float64)
     if part.ndim != 1 or part.shape != whole.shape:
         raise ValueError(f"there must be one part and one whole per frame, got {part.shape} and {whole.shape}")
-    draws = block_draws(len(part), seed=seed) if draws is None else draws
+    draws = block_draws(len(part), seed=seed)
     sums = draws @ whole
     ratios = np.divide(draws @ part, sums, out=np.full(len(sums), np.nan), where=sums != 0)
-    return percentiles(ratios, confidence=confidence)
+    return percentiles(ratios, count_blocks(len(part)), confidence=confidence)
 
 
-def percentiles(figures: Float64[np.ndarray, " resamples"], *, confidence: float = 0.95) -> Interval:
-    """Return the middle share of the defined figures."""
+def count_blocks(frames: int) -> int:
+    """Number of blocks of consecutive frames."""
+    return -(-frames // BLOCK_FRAMES)
+
+
+def percentiles(
+    figures: Float64[np.ndarray, " resamples"], blocks: float = math.inf, *, confidence: float = 0.95
+) -> Interval:
+    """Return the middle share of the defined figures. blocks: number that each is drawn from.
+
+    >>> figures = np.arange(1001.0)
+    >>> percentiles(figures, 15), percentiles(figures, 9)
+    (Interval(low=13.2..., high=986.7...), Interval(low=nan, high=nan))
+    """
     if not 0 < confidence < 1:
         raise ValueError(f"confidence must lie between 0 and 1, got {confidence}: 0.95 is usual")
     defined = figures[~np.isnan(figures)]
-    if not len(defined):
-        return Interval(float("nan"), float("nan"))
-    low, high = np.quantile(defined, [(1 - confidence) / 2, (1 + confidence) / 2])
+    if not len(defined) or blocks < FEWEST_BLOCKS:
+        return Interval(math.nan, math.nan)
+    outside = (1 - confidence) / 2
+    if math.isfinite(blocks):
+        outside = float(ndtr(math.sqrt(blocks / (blocks - 1)) * stdtrit(blocks - 1, outside)))
+    low, high = np.quantile(defined, [outside, 1 - outside])
     return Interval(float(low), float(high))
 
 
 def figure_interval(
-    figure: float, resamples: Float64[np.ndarray, " resamples"], *, confidence: float = 0.95
+    figure: float,
+    resamples: Float64[np.ndarray, " resamples"],
+    *,
+    blocks: float,
+    objects: int = 0,
+    confidence: float = 0.95,
 ) -> Interval:
-    """Return the middle share of resamples, widened to hold the figure.
+    """Return the interval of a share such as AP, widened to hold it.
 
-    >>> figure_interval(0.9, np.full(1000, 0.5))
+    objects: number that it is a share of, in all frames; where all resamples agree, as many as there are blocks of
+    frames of one object are independent.
+
+    >>> figure_interval(0.9, np.full(1000, 0.5), blocks=15)
     Interval(low=0.5, high=0.9)
+    >>> figure_interval(1.0, np.ones(1000), blocks=15, objects=400)
+    Interval(low=0.963..., high=1.0)
     """
-    low, high = percentiles(resamples, confidence=confidence)
+    low, high = percentiles(resamples, blocks, confidence=confidence)
+    if low == high and objects:
+        low, high = _wilson(figure, objects / BLOCK_FRAMES, confidence)
     return Interval(min(low, figure), max(high, figure))
+
+
+def _wilson(share: float, count: float, confidence: float) -> Interval:
+    """Return Wilson's score interval of a share of independent objects."""
+    z = float(ndtri((1 + confidence) / 2))
+    middle, spread = share + z**2 / (2 * count), z * math.sqrt(share * (1 - share) / count + (z / (2 * count)) ** 2)
+    return Interval((middle - spread) / (1 + z**2 / count), min(1.0, (middle + spread) / (1 + z**2 / count)))
+
+
+def describe_interval(low: float, high: float, digits: int = 3) -> str:
+    """Words for an interval.
+
+    >>> describe_interval(0.91, 0.95), describe_interval(math.nan, math.nan)
+    ('0.910 to 0.950', 'no interval from fewer than 40 frames')
+    """
+    if math.isnan(low) or math.isnan(high):
+        return f"no interval from fewer than {FEWEST_BLOCKS * BLOCK_FRAMES} frames"
+    return f"{low:.{digits}f} to {high:.{digits}f}"
+
+
+def frames_for_width(frames: int, width: float, wanted: float) -> int:
+    """Frames, in whole blocks, that should narrow an interval of some frames to the wanted width.
+
+    >>> frames_for_width(120, 0.04, 0.02)
+    480
+    """
+    return BLOCK_FRAMES * math.ceil(frames * (width / wanted) ** 2 / BLOCK_FRAMES)
+
+
+def is_as_good(
+    figures: Float64[np.ndarray, " resamples"],
+    best: Float64[np.ndarray, " resamples"],
+    blocks: float,
+    *,
+    tolerance: float = AP_TOLERANCE,
+) -> bool:
+    """True if a figure is surely within the tolerance of the best: the whole interval of the paired loss is.
+
+    Two figures whose intervals overlap may still differ; on the same frames the loss has an interval of its own.
+
+    >>> rng = np.random.default_rng(0)
+    >>> best = rng.normal(0.9, 0.05, 1000)
+    >>> is_as_good(best - 0.001, best, 15), is_as_good(best - 0.02, best, 15), is_as_good(best, best, 9)
+    (True, False, False)
+    """
+    return bool(percentiles(best - figures, blocks).high <= tolerance)
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,5 +246,7 @@ class Tally:
         return np.concatenate(figures)
 
     def interval(self, *, confidence: float = 0.95, seed: int = 0) -> Interval:
-        """Return the interval of the AP over blocks of frames. NaN if no draw has anything to find."""
-        return percentiles(self.resamples(seed=seed), confidence=confidence)
+        """Return the interval of the AP over blocks of frames. NaN for few of them, or nothing to find."""
+        blocks, objects = count_blocks(len(self.truths)), int(self.truths.sum())
+        drawn = self.resamples(seed=seed)
+        return figure_interval(self.ap, drawn, blocks=blocks, objects=objects, confidence=confidence)

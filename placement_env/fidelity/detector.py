@@ -141,6 +141,13 @@ class Detected:
         other.iou, other.ious = iou, tuple(sorted({*self.ious, iou, *also}))
         return other
 
+    def of_classes(self, classes: Classes) -> Detected:
+        """Same fidelity for other classes. Detections are shared."""
+        check_known(self.detector, classes.names)
+        other = copy(self)
+        other.classes, other._scored = classes, {}
+        return other
+
     def __call__(self, subsets: Bool[np.ndarray, "n C"], /) -> Estimate:
         """Figures of each set over all frames. AP and recall are NaN where no objects count."""
         return self.estimates(subsets)[self.iou]

@@ -22,7 +22,7 @@ from placement_env.fidelity.traffic import Traffic, build_renderer
 from toolkit.arrays import Float32, Int64, Shaped
 from toolkit.calibration.empty_scene import EmptyScene, SceneLearner, Scenes
 from toolkit.datasets.dataset import CoopDataset
-from toolkit.datasets.readings import ReadRecording, Reads, read_frame, with_errors
+from toolkit.datasets.readings import ReadRecording, Reads, read_frame, redraw, with_errors
 from toolkit.detection.view import Captured
 from toolkit.frame import Frame
 from toolkit.objects import Objects
@@ -32,6 +32,7 @@ from toolkit.runtime.code_digest import code_digest
 from toolkit.sensors.error_profiles import PAPER_ERRORS, ErrorProfile, check_drawn, only_own_noise
 from toolkit.sensors.error_terms import velocities
 from toolkit.sensors.sensor import Sensor
+from toolkit.traffic.spawner import LIFE
 
 if TYPE_CHECKING:
     from placement_env.candidates.candidates import Candidates
@@ -43,7 +44,9 @@ class Renders:
     """Measurements of candidates in traffic.
 
     cache: where renders are kept and shared with other processes, None for this object's memory; noise_seed: None for
-    no noise; errors: of the sensors, drawn from that seed when a cloud is requested. Pickles exclude rendered data.
+    no noise; errors: of the sensors, drawn from that seed when a cloud is requested; redrawn: anew for each block of
+    `LIFE` frames, as if the sensors were mounted again, so that figures over all frames are means over many mountings;
+    else once for all frames. Pickles exclude rendered data.
     """
 
     def __init__(
@@ -54,8 +57,10 @@ class Renders:
         *,
         noise_seed: int | None = 0,
         errors: ErrorProfile = PAPER_ERRORS,
+        redrawn: bool = True,
     ) -> None:
         check_drawn(errors, noise_seed)
+        self.redrawn = redrawn
         self.traffic, self.site, self.sensors = traffic, traffic.site, candidates.sensors
         self.frames = len(traffic)
         self._arguments = (traffic, candidates, cache)
@@ -65,13 +70,21 @@ class Renders:
         self._scenes: dict[int, EmptyScene] = {}
 
     def __reduce__(self) -> tuple[object, ...]:
-        return partial(Renders, noise_seed=self._noise_seed, errors=self.errors), self._arguments
+        made = partial(Renders, noise_seed=self._noise_seed, errors=self.errors, redrawn=self.redrawn)
+        return made, self._arguments
 
     @cached_property
     def digest(self) -> str:
         """SHA-256 over everything behind clouds except the sensor."""
         parts = [_code(self.sensors), self.traffic.digest(), self._noise_seed]
-        return make_key(*parts, *_beyond_noise(self.errors)).hex()
+        return make_key(*parts, *_beyond_noise(self.errors), *(() if self.redrawn else ("once",))).hex()
+
+    def draw_once(self, seed: int, chosen: Sequence[int], frames: int) -> Renders:
+        """Measurements of some candidates in the first frames, with errors drawn once for all of them."""
+        traffic, candidates, cache = self._arguments
+        fewer = replace(traffic, snapshots=traffic.snapshots[:frames])
+        some = candidates.select(np.asarray(chosen))
+        return Renders(fewer, some, cache, noise_seed=seed, errors=self.errors, redrawn=False)
 
     def clouds(self, k: int, c: int) -> Float32[np.ndarray, "n 3"]:
         """Points of candidate c in frame k, world frame."""
@@ -120,7 +133,8 @@ class Renders:
         pixels, depth = packed.frame(k)
         image.ravel()[pixels] = depth
         frame = Frame((sensor,), (image,), now.objects, now.time, k)
-        return with_errors(frame, self.errors, self._noise_seed or 0, velocities=speed, numbers=[_seed(sensor)])
+        seed = redraw(self._noise_seed or 0, k // LIFE) if self.redrawn else self._noise_seed or 0
+        return with_errors(frame, self.errors, seed, velocities=speed, numbers=[_seed(sensor)])
 
     def _of_candidate(self, c: int) -> _Packed:
         packed = self._packed.pop(c, None) or self._kept(c)

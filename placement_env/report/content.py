@@ -26,8 +26,9 @@ CONFIDENCE = 0.95  # of every interval
 class Judgement:
     """The detector's result for one sensor set.
 
-    low, high: interval of the AP from a bootstrap over blocks of frames; vehicles, frames: to be detected, in how many
-    frames; kind: of the objects, "vehicle", or "object" if several classes count, whose AP and recall are combined.
+    low, high: interval of the AP from a bootstrap over blocks of frames, NaN for few of them; vehicles, frames: to be
+    detected, in how many frames; kind: of the objects, "vehicle", or "object" if several classes count, whose AP and
+    recall are combined.
     """
 
     ap: float
@@ -41,8 +42,8 @@ class Judgement:
 
 
 def overlap(one: Judgement, other: Judgement) -> bool:
-    """Return whether the intervals of two AP overlap, so that the data cannot tell them apart."""
-    return one.low <= other.high and other.low <= one.high
+    """Return whether the intervals of two AP overlap, or one has none: these data cannot tell two places apart."""
+    return not (one.low > other.high or other.low > one.high)
 
 
 @dataclass(frozen=True)
@@ -96,7 +97,7 @@ class ClassSeen:
 
 @dataclass(frozen=True)
 class ClassAP:
-    """Result of the chosen set for one class. weight: among the classes; iou: at which a detection counts."""
+    """Result of the chosen set for one class. weight: 0 if it does not count; iou: at which a detection counts."""
 
     label: str
     weight: float
@@ -106,12 +107,27 @@ class ClassAP:
 
 @dataclass(frozen=True)
 class SchemeFigures:
-    """The chosen set under one fusion scheme."""
+    """The chosen set under one fusion scheme. as_good: it cannot be told from the plan's own scheme."""
 
     scheme: str
     iou: IoUs
     judged: Judgement
     kbit_per_sensor: float
+    as_good: bool = False
+
+
+@dataclass(frozen=True)
+class DrawnErrors:
+    """AP of the chosen set at one error profile whose errors are drawn several times, each for all frames.
+
+    aps: of each draw; mean: of these; tenth: AP below which one draw in ten falls; frames: of each draw.
+    """
+
+    profile: str
+    aps: tuple[float, ...]
+    mean: float
+    tenth: float
+    frames: int
 
 
 @dataclass(frozen=True)
@@ -154,12 +170,14 @@ class Plan:
     """A deployment plan.
 
     question: every option, in words or numbers; detector: in words; iou: at which a detection counts, several for their
-    mean; currency: of all prices, "" for units of one ordinary pole; chosen: None if no set may be built; near_optimal:
-    sets whose interval overlaps the chosen one's; front: sets that no other beats in AP, kbit per sensor and price at
-    once, by price; running: what the catalogue's rates add to the price; poles_unused: names; origins: number of things
-    at the site by origin ("mapped", "surveyed", "drawn") and kind; head: title, client, date and author, those that the
-    catalogue gives; blind_streets: m² of lanes that no sensor sees, by street; assumptions, unknown: sentences;
-    provenance: digests of all inputs, seeds, versions.
+    mean; currency: of all prices, "" for units of one ordinary pole; chosen: None if no set may be built; best: the set
+    that is best where price does not count; near_optimal: other sets that cannot be told from it on the same frames,
+    cheap ones first; confidence: least with which a race of one size ended; front: sets that no other beats in AP, kbit
+    per sensor and price at once, by price; by_draw: at each error profile with errors; running: what the
+    catalogue's rates add to the price; poles_unused: names; origins: number of things at the site by origin ("mapped",
+    "surveyed", "drawn") and kind; head: title, client, date and author, those that the catalogue gives; blind_streets:
+    m² of lanes that no sensor sees, by street; assumptions, unknown: sentences; provenance: digests of all inputs,
+    seeds, versions.
     """
 
     question: dict[str, object]
@@ -170,6 +188,8 @@ class Plan:
     currency: str
     verdict: Verdict
     chosen: PlanOption | None
+    best: PlanOption | None = None
+    confidence: float | None = None
     why: tuple[str, ...] = ()
     sensors: tuple[PlannedSensor, ...] = ()
     considered: tuple[PlanOption, ...] = ()
@@ -181,6 +201,7 @@ class Plan:
     by_approach: tuple[BreakdownRow, ...] = ()
     by_level: tuple[BreakdownRow, ...] = ()
     by_errors: tuple[BreakdownRow, ...] = ()
+    by_draw: tuple[DrawnErrors, ...] = ()
     by_class: tuple[ClassSeen, ...] = ()
     class_ap: tuple[ClassAP, ...] = ()
     worth: tuple[SensorWorth, ...] = ()

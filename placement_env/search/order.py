@@ -12,6 +12,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from placement_env.analysis.intervals import describe_interval
 from placement_env.candidates.candidates import aims
 from placement_env.fidelity.preparation import check_scorable
 from placement_env.fidelity.table import hash_site
@@ -239,8 +240,8 @@ def _report_curve(order: SearchOrder, objective: Objective, points: tuple[CurveP
     lines = [f"best set {of}, by the {order.judge} on traffic that neither searches nor race saw:"]
     for point in points:
         lines.append(
-            f"  {point.sensors} for {describe_money(point.price, order.currency)}: AP {point.ap:.4f} ({point.low:.4f} "
-            f"to {point.high:.4f}){'' if point.pays else ', no more than a cheaper one'}: "
+            f"  {point.sensors} for {describe_money(point.price, order.currency)}: AP {point.ap:.4f} "
+            f"({describe_interval(point.low, point.high, 4)}){'' if point.pays else ', no more than a cheaper one'}: "
             f"{', '.join(_names(objective, point.subset))}"
         )
         lines += [f"    at each error profile: {describe_profiles(point.by_errors)}"] if point.by_errors else []
@@ -283,15 +284,16 @@ def describe_assessment(assessment: Assessment) -> list[str]:
     sure = "" if assessment.confidence >= assessment.asked else f", short of the {assessment.asked:.0%} asked for"
     lines = [
         f"by the {assessment.by} on {assessment.frames} frames that neither searches nor race saw{fresh}:",
-        f"  AP {assessment.ap:.4f} ({assessment.low:.4f} to {assessment.high:.4f}) on {assessment.objects} objects, "
-        f"{assessment.kbit:.1f} kbit; predicted {assessment.predicted:.4f}, after the race {assessment.expected:.4f}",
+        f"  AP {assessment.ap:.4f} ({describe_interval(assessment.low, assessment.high, 4)}) on "
+        f"{assessment.objects} objects, {assessment.kbit:.1f} kbit; predicted "
+        f"{assessment.predicted:.4f}, after the race {assessment.expected:.4f}",
         f"  {assessment.confidence:.0%} sure that none of the {assessment.entrants} entrants is better by more than "
         f"{assessment.tolerance:g}{sure}",
     ]
     if assessment.by_errors:
         lines.append(f"  the {assessment.errors_by} over error profiles: {describe_profiles(assessment.by_errors)}")
     return lines + [
-        f"  {' and '.join(each.searches)}: AP {each.ap:.4f} ({each.low:.4f} to {each.high:.4f}), predicted "
+        f"  {' and '.join(each.searches)}: AP {each.ap:.4f} ({describe_interval(each.low, each.high, 4)}), predicted "
         f"{each.predicted:.4f}, overrated by {each.curse:+.4f}"
         for each in assessment.contenders
     ]
@@ -299,7 +301,9 @@ def describe_assessment(assessment: Assessment) -> list[str]:
 
 def describe_profiles(by_errors: Sequence[ProfileAP]) -> str:
     """AP at each error profile by itself."""
-    return ", ".join(f"{each.name} AP {each.ap:.4f} ({each.low:.4f} to {each.high:.4f})" for each in by_errors)
+    return ", ".join(
+        f"{each.name} AP {each.ap:.4f} ({describe_interval(each.low, each.high, 4)})" for each in by_errors
+    )
 
 
 def describe_by_errors(by_errors: Mapping[str, float]) -> list[str]:

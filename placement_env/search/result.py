@@ -208,6 +208,8 @@ def _build_result(content: _Row) -> Result:
         ),
     }
     if assessment is not None:
+        for each in (assessment, *assessment["contenders"], *assessment.get("by_errors", ())):
+            each |= {name: _number(each[name], math.nan) for name in ("low", "high")}
         contenders = [
             (each, {name: tuple(each[name]) for name in ("searches", "subset")}) for each in assessment["contenders"]
         ]

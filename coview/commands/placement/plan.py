@@ -39,12 +39,16 @@ class Goal:
     """Maximum data (kbit) that a sensor may send per frame."""
     confidence: float = 0.95
     """Confidence, at the end of a comparison, that no set of as many sensors is better by more than 0.01."""
+    width: float | None = None
+    """Width of the 95 % interval of the stated AP: 0.02 takes as many frames as that needs, up to 1,200."""
 
     def __post_init__(self) -> None:
         named = {"--budget": self.budget, "--money": self.money, "--min-ap": self.min_ap, "--max-kbit": self.max_kbit}
         for option, value in named.items():
             check_least(option, value, 0)
         check_share("--confidence", self.confidence)
+        if self.width is not None:
+            check_share("--width", self.width)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -133,7 +137,7 @@ def plan(
         most_price=math.inf if goal.money is None else goal.money,
     )
     sensors = USUAL_SENSORS if goal.budget is None and goal.money is None else goal.budget
-    question = Question(setting, run, sensors, goal.min_ap, goal.max_kbit, goal.confidence)
+    question = Question(setting, run, sensors, goal.min_ap, goal.max_kbit, goal.confidence, goal.width)
     with suppress(NoCandidates):  # the plan says why there are none
         _ = setting.pool
     claimed = claim(out, asked, check, overwrite=output.overwrite or _says_no(out / "plan.json"))
@@ -153,14 +157,23 @@ def _says_no(path: Path) -> bool:
 
 
 def _describe(plan: Plan) -> str:
+    from placement_env.analysis.intervals import describe_interval
+
     verdict = plan.verdict
     lines = [" ".join((verdict.sentence, *verdict.reasons)) if verdict.met is False else verdict.sentence]
     lines += [f"  {s.name}: {s.pole}, {s.height:.1f} m, bearing {s.bearing_deg:.0f}" for s in plan.sensors]
     classes = [(f"{row.label:<10}", row.judged, f" at IoU {iou_text(row.iou)}", "") for row in plan.class_ap]
     rows = (*plan.by_level, *plan.by_errors)
     cases = [(f"{r.name:<18}", r.judged, "", f" in {r.judged.frames} frames") for r in rows if r.judged is not None]
-    lines += [
-        f"  {name} AP {judged.ap:.3f} ({judged.low:.3f} to {judged.high:.3f}){iou}, {judged.vehicles} to find{frames}"
-        for name, judged, iou, frames in (*(classes if len(classes) > 1 else ()), *cases)
-    ]
+    for name, judged, iou, frames in (*(classes if len(classes) > 1 else ()), *cases):
+        ends = describe_interval(judged.low, judged.high)
+        lines.append(f"  {name} AP {judged.ap:.3f} ({ends}){iou}, {judged.vehicles} to find{frames}")
+    for drawn in plan.by_draw:
+        lines.append(
+            f"  {drawn.profile}: mean AP {drawn.mean:.3f} of {len(drawn.aps)} draws, a tenth below {drawn.tenth:.3f}"
+        )
+    if plan.confidence is not None:
+        lines.append(
+            f"  {plan.confidence:.0%} sure that no set of as many sensors that raced is better by more than 0.01"
+        )
     return "\n".join(lines)

@@ -35,7 +35,7 @@ class Compared:
     """Figure of ours beside the paper's.
 
     labels: a cell for each of the experiment's heads; ours, paper: None if missing; interval: of ours; relation: of the
-    paper's statement to its figure; reason: for a large difference, "" for none.
+    paper's statement to its figure; an interval that is NaN is None; reason: for a large difference, "" for none.
     """
 
     labels: tuple[str, ...]
@@ -45,6 +45,10 @@ class Compared:
     interval: Interval | None = None
     relation: Relation = "is"
     reason: str = ""
+
+    def __post_init__(self) -> None:
+        if self.interval is not None and isnan(self.interval.low):
+            object.__setattr__(self, "interval", None)
 
     @property
     def difference(self) -> float | None:

@@ -19,7 +19,7 @@ import numpy as np
 
 from coview.studies.stress.noticing import FalseAlarms, Noticed
 from coview.studies.stress.stressing import StressRow
-from placement_env.analysis.intervals import percentiles
+from placement_env.analysis.intervals import describe_interval, percentiles
 from placement_env.analysis.worth import failures
 from placement_env.fidelity.table import Table
 from placement_env.report.charts import interval_bars
@@ -233,7 +233,7 @@ def format_rows(rows: Sequence[StressRow]) -> str:
     table = [["stress", "level", "scheme", "sent as", "IoU", "AP", "95 % interval", "kbit/sensor", "age"]]
     for row in rows:
         judged = row.judged
-        figures = [f"{judged.ap:.3f}", f"{judged.low:.3f} to {judged.high:.3f}", f"{row.kbit_per_sensor:.2f}"]
+        figures = [f"{judged.ap:.3f}", describe_interval(judged.low, judged.high), f"{row.kbit_per_sensor:.2f}"]
         table.append([row.kind, row.level, row.scheme, row.codec, f"{row.iou:g}", *figures, f"{row.age:.2f} s"])
     return align_columns(table, texts=4)
 

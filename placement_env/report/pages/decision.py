@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 
+from placement_env.analysis.intervals import AP_TOLERANCE, BLOCK_FRAMES, FEWEST_BLOCKS, frames_for_width
 from placement_env.cases import iou_text
 from placement_env.classes import join_names
 from placement_env.handover.ground import Ground
@@ -26,6 +28,8 @@ from toolkit.sites.origins import describe_things
 from toolkit.sites.site import Site
 
 PLURALS = {"vehicle": "vehicles", "cyclist": "cyclists", "pedestrian": "pedestrians", "heavy": "heavy vehicles"}
+SENDS = {"early": "Sending points", "late": "Sending boxes alone", "hybrid": "Sending boxes and distant points"}
+USUAL_WIDTH = 0.02  # of an interval that is narrow
 MOST_STREETS = 3  # with blind spots, by name
 MOST_KINDS = 5  # of drawn things, by name
 NOT_PRICED = ("power", "cable", "data links", "permit", "traffic management during the works", "upkeep")
@@ -37,7 +41,7 @@ def decision_section(plan: content.Plan, site: Site, ground: Ground | None) -> C
     if chosen is None:
         return say(plan.verdict.sentence, *((Bullets(plan.verdict.reasons),) if plan.verdict.reasons else ()))
     facts = (_describe_requirement(plan), *_describe_classes(plan), _describe_blind(plan), _describe_failure(plan))
-    facts = (*facts, _describe_links(plan), _describe_confidence(plan, chosen), _describe_drawn(plan))
+    facts = (*facts, _describe_links(plan), *_describe_confidence(plan, chosen), _describe_drawn(plan))
     facts = (*facts, _describe_price(plan), _describe_next(plan, chosen))
     mounts = {mount.name for mount in site.mounts}
     poles, free = ([n for n in names if n in mounts] for names in (_poles(plan), plan.poles_unused))
@@ -67,7 +71,19 @@ def _describe_build(plan: content.Plan, chosen: content.PlanOption) -> str:
     limits += [f"at most {count_text(most, 'sensor')}"] if isinstance(most, int) else []
     allowed = f" Allowed were {' and '.join(limits)}." if limits else ""
     unit = "" if plan.currency else ", in prices of an ordinary pole"
-    return f"Build {things} {where}. The price is {price_text(chosen.price, plan.currency)}{unit}.{allowed}"
+    price = f"The price is {price_text(chosen.price, plan.currency)}{unit}."
+    return f"Build {things} {where}. {price}{allowed}{_compare_with_best(plan, chosen)}"
+
+
+def _compare_with_best(plan: content.Plan, chosen: content.PlanOption) -> str:
+    """Say what more money would have bought where the answer is not the best set."""
+    best = plan.best
+    if best is None or best.sensors == chosen.sensors or best.price <= chosen.price:
+        return ""
+    more = price_text(best.price - chosen.price, plan.currency)
+    return (
+        f" {count_text(len(best.sensors), 'sensor').capitalize()} for {more} more would find no more that is certain."
+    )
 
 
 def _describe_requirement(plan: content.Plan) -> Fact | None:
@@ -78,27 +94,28 @@ def _describe_requirement(plan: content.Plan) -> Fact | None:
 
 def _describe_classes(plan: content.Plan) -> tuple[Fact, ...]:
     """Describe what is found of each class that counts, and name in red the classes that do not."""
-    lines, judged = [], {row.label: row.judged for row in plan.class_ap}
-    for label, each in judged.items():
-        found = round(each.recall * each.vehicles)
-        line = f"{found:,} of {each.vehicles:,} {PLURALS[label]}; {each.vehicles - found:,} are missed"
-        if each.precision:
-            false = round(found / each.precision - found)
-            line += f", and {false or 'no'} {'report is' if false == 1 else 'reports are'} false"
-        lines.append(f"{line}.")
+    lines = [f"{_count_found(row)}." for row in plan.class_ap if row.weight]
     if not lines:
         return ()
     lines.append("A road user counts once in every frame in which it is in the area.")
-    unseen = [
-        f"{row.objects:,} {PLURALS[row.label]} ({percent(row.share)} of them with {row.least_points} measured points "
-        "or more)"
-        for row in plan.by_class
-        if row.objects and row.label not in judged
-    ]
-    missing = (
-        f"{join_names(unseen)} crossed the area. They do not count in this plan: nobody asked whether they are found."
-    )
-    return Fact("Finds", " ".join(lines)), *((Fact("Not looked at", missing, alarm=True),) if unseen else ())
+    judged = {row.label for row in plan.class_ap}
+    missing = [_count_found(row) for row in plan.class_ap if not row.weight]
+    present = [row for row in plan.by_class if row.objects and row.label not in judged]
+    unknown = [f"{row.objects:,} {PLURALS[row.label]}" for row in present]
+    said = [f"These did not count in the choice. Found are {'. '.join(missing)}."] if missing else []
+    said += [f"The detector does not know {join_names(unknown)} that crossed the area."] if unknown else []
+    return Fact("Finds", " ".join(lines)), *((Fact("Does not count", " ".join(said), alarm=True),) if said else ())
+
+
+def _count_found(row: content.ClassAP) -> str:
+    """Count what is found, missed and reported in error of one class."""
+    each = row.judged
+    found = round(each.recall * each.vehicles)
+    text = f"{found:,} of {each.vehicles:,} {PLURALS[row.label]}; {each.vehicles - found:,} are missed"
+    if each.precision:
+        false = round(found / each.precision - found)
+        text += f", and {false or 'no'} {'report is' if false == 1 else 'reports are'} false"
+    return text
 
 
 def _describe_blind(plan: content.Plan) -> Fact | None:
@@ -130,21 +147,61 @@ def _describe_links(plan: content.Plan) -> Fact | None:
     load = (
         f"{number(fullest.peak_mbit_s, 2)} of {number(fullest.capacity_mbit_s, 2)} Mbit/s at {RATE:g} frames a second"
     )
+    less = _describe_cheaper_scheme(plan)
     if narrow:
-        return Fact("Links", f"Too narrow at {join_names(narrow)}; {fullest.pole} needs {load}.", alarm=True)
-    return Fact("Links", f"Every link carries its load. The fullest, {fullest.pole}, needs {load}.")
+        return Fact("Links", f"Too narrow at {join_names(narrow)}; {fullest.pole} needs {load}.{less}", alarm=True)
+    return Fact("Links", f"Every link carries its load. The fullest, {fullest.pole}, needs {load}.{less}")
 
 
-def _describe_confidence(plan: content.Plan, chosen: content.PlanOption) -> Fact:
+def _describe_cheaper_scheme(plan: content.Plan) -> str:
+    """Name the scheme that sends least of those as good as the plan's own."""
+    rows = [row for row in plan.schemes if row.iou == plan.iou]
+    own = next((row for row in rows if row.scheme == plan.scheme), None)
+    least = min((row for row in rows if row.as_good), key=lambda row: row.kbit_per_sensor, default=own)
+    if own is None or least is None or least.kbit_per_sensor >= own.kbit_per_sensor:
+        return ""
+    sent = " instead of ".join(number(row.kbit_per_sensor, 1) for row in (least, own))
+    found = f"AP {number(least.judged.ap)} instead of {number(own.judged.ap)}"
+    return (
+        f" {SENDS[least.scheme]} would do as well: {found}, for "
+        f"{sent} kbit per sensor and frame (--scheme {least.scheme})."
+    )
+
+
+def _describe_confidence(plan: content.Plan, chosen: content.PlanOption) -> tuple[Fact, ...]:
     judged = chosen.counted
     if judged is None:
-        return Fact("How sure", "The detector did not judge this set.", alarm=True)
-    return Fact(
-        "How sure",
-        f"AP {number(judged.ap)}, {content.CONFIDENCE:.0%} interval {interval_text(judged)}, from "
-        f"{count_text(judged.frames, 'frame')} of simulated traffic; nothing was measured on the street. More --frames "
-        "narrow the interval; a recording from the site would test the detector itself.",
-    )
+        return (Fact("How sure", "The detector did not judge this set.", alarm=True),)
+    ends = f"{content.CONFIDENCE:.0%} interval {interval_text(judged)}"
+    lines = [
+        f"AP {number(judged.ap)}, {'no interval' if math.isnan(judged.low) else ends}, from "
+        f"{count_text(judged.frames, 'frame')} of simulated traffic; nothing was measured on the street.",
+        _say_frames(plan, judged),
+    ]
+    if plan.confidence is not None:
+        lines.append(
+            f"{percent(plan.confidence)} sure that no other set that was compared, of as many sensors, is better by "
+            f"more than {AP_TOLERANCE:g}."
+        )
+    lines.append("A recording from the site would test the detector itself.")
+    drawn = [
+        f"Mounted anew {len(each.aps)} times with errors of profile {each.profile}, the sensors reach AP "
+        f"{number(each.mean)} in the mean; one time in ten it falls below {number(each.tenth)}."
+        for each in plan.by_draw
+    ]
+    return Fact("How sure", " ".join(filter(None, lines))), *((Fact("Mounting", " ".join(drawn)),) if drawn else ())
+
+
+def _say_frames(plan: content.Plan, judged: content.Judgement) -> str:
+    """Say how many frames would narrow the interval."""
+    asked = plan.question.get("width")
+    width, ends = asked if isinstance(asked, float) else USUAL_WIDTH, judged.high - judged.low
+    if math.isnan(ends):
+        return f"An interval needs {FEWEST_BLOCKS * BLOCK_FRAMES} --frames or more."
+    if ends <= width:
+        return ""
+    frames = frames_for_width(judged.frames, ends, width)
+    return f"Some {frames:,} frames would narrow it to {width:g} (--width {width:g})."
 
 
 def _describe_drawn(plan: content.Plan) -> Fact | None:
@@ -172,7 +229,8 @@ def _describe_price(plan: content.Plan) -> Fact:
 
 def _describe_next(plan: content.Plan, chosen: content.PlanOption) -> Fact:
     first = plan.order[0].sensor if plan.order else chosen.sensors[0]
-    missing = any(row.objects for row in plan.by_class if row.label not in {each.label for each in plan.class_ap})
+    counted = {each.label for each in plan.class_ap if each.weight}
+    missing = any(row.objects for row in plan.by_class if row.label not in counted)
     again = "Plan again with --classes for all road users that matter. " if missing else ""
     return Fact(
         "Next",

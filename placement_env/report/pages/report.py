@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from placement_env.analysis.intervals import AP_TOLERANCE
 from placement_env.cases import IoUs, iou_text
 from placement_env.classes import join_names
 from placement_env.handover.ground import Ground
@@ -100,12 +101,11 @@ def others_section(plan: content.Plan, chosen: content.PlanOption) -> Content:
     fronts = [each for each in plan.front if each not in close and each.sensors != chosen.sensors]
     if not (close or fronts):
         return say("No other judged set comes near the chosen one, costs less or sends less.")
-    cheaper = sum(each.price < chosen.price for each in close)
     conclusion = (
-        f"The judged traffic cannot tell {count_text(len(close), 'other set')} from the chosen one; "
-        f"{cheaper or 'none'} of them {'is' if cheaper < 2 else 'are'} cheaper."
+        f"On the same frames, {count_text(len(close), 'other set')} cannot be told from the best one; none is cheaper "
+        "than the chosen set."
         if close
-        else "The judged traffic tells every other set from the chosen one."
+        else "On the same frames, no other set is surely within 0.01 of the best."
     )
     best, judged = max(
         ((each, each.counted) for each in (mine, *fronts) if each.counted is not None),
@@ -122,7 +122,9 @@ def others_section(plan: content.Plan, chosen: content.PlanOption) -> Content:
     )
     shown = sorted((mine, *close, *fronts), key=lambda each: (each.price, -(each.counted.ap if each.counted else 0.0)))
     kept = {id(each) for each in (mine, *close[:MOST_SETS], *fronts[:MOST_SETS])}
-    caption = "The chosen set, sets that cannot be told from it, and sets that no other beats in AP, kbit and price"
+    caption = (
+        "The chosen set, sets that cannot be told from the best, and sets that no other beats in AP, kbit and price"
+    )
     sets = _option_table(caption, plan, chosen, [each for each in shown if id(each) in kept])
     return say(conclusion, *_explain_traffic(plan, chosen), drawing, *sets)
 
@@ -459,7 +461,7 @@ def _compare_schemes(plan: content.Plan, judged: Sequence[content.SchemeFigures]
     sent += "the least" if mine is least else f"{least.scheme} fusion, the least, {number(least.kbit_per_sensor, 0)}"
     if mine is best:
         return f"{mine.scheme.capitalize()} fusion, as planned, has the highest AP, {ap_figure(mine.judged)}; {sent}."
-    apart = "their intervals overlap" if content.overlap(mine.judged, best.judged) else "their intervals do not overlap"
+    apart = "on the same frames they cannot be told apart" if best.as_good else "the difference is no chance"
     return (
         f"{best.scheme.capitalize()} fusion has the highest AP, {number(best.judged.ap)} "
         f"({interval_text(best.judged)}), against {number(mine.judged.ap)} ({interval_text(mine.judged)}) with "
@@ -520,10 +522,9 @@ def failures_section(plan: content.Plan, chosen: content.PlanOption) -> Content:
             f" If {count_text(count, 'sensor')} {'fails' if count == 1 else 'fail'}, the worst loss is that of "
             f"{join_names(case.failed)}: {ap_text(case.judged)} is left."
         )
-    harmless = sum(content.overlap(each.judged, intact) for each in plan.failures)
+    harmless = sum(intact.ap - each.judged.ap <= AP_TOLERANCE for each in plan.failures)
     caption = (
-        f"In {harmless} of {count_text(len(plan.failures), 'case')} the loss is so small that the interval still "
-        "overlaps that of the whole set."
+        f"In {harmless} of {count_text(len(plan.failures), 'case')} no more than {AP_TOLERANCE:g} of the AP is lost."
     )
     left = list_aps((f"without {join_names(each.failed)}", each.judged) for each in plan.failures)
     columns = (*text_columns("Failed"), *JUDGED_COLUMNS, Column("lost", "AP", 3))
@@ -539,12 +540,12 @@ def order_section(plan: content.Plan) -> Content:
     first, last = plan.order[0], plan.order[-1]
     then = "" if last is first else f"; the last, {last.sensor}, brings it to {ap_text(last.judged)}"
     price = price_text(first.price, plan.currency)
-    enough = next(i for i, each in enumerate(plan.order, 1) if content.overlap(each.judged, last.judged))
+    rest = [last.judged.ap - each.judged.ap for each in plan.order]
+    enough = next(i for i, missing in enumerate(rest, 1) if missing <= AP_TOLERANCE)
     caption = (
-        "Every sensor adds more than the intervals leave open."
+        f"Every sensor adds more than {AP_TOLERANCE:g} of AP."
         if enough == len(plan.order)
-        else f"From {count_text(enough, 'sensor')} on, the interval overlaps that of all: the gain from more is "
-        "uncertain."
+        else f"From {count_text(enough, 'sensor')} on, more sensors add no more than {AP_TOLERANCE:g} of AP."
     )
     aps = list_aps((each.sensor, each.judged) for each in plan.order)
     columns = (Column("Step", digits=0), *text_columns("Sensor"), price_column("spent", plan.currency), *JUDGED_COLUMNS)

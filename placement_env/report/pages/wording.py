@@ -58,8 +58,8 @@ def list_aps(judged: Iterable[tuple[str, content.Judgement]]) -> str:
 
 
 def interval_text(judged: content.Judgement) -> str:
-    """Both ends of the interval."""
-    return f"{number(judged.low)}–{number(judged.high)}"
+    """Both ends of the interval, or that there is none."""
+    return "no interval" if math.isnan(judged.low) else f"{number(judged.low)}–{number(judged.high)}"
 
 
 def use_pole_names(plan: content.Plan, site: Site) -> tuple[content.Plan, Site]:

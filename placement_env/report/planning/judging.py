@@ -4,35 +4,46 @@ AP and its resamples are reduced over the cases as `placement_env.cases` says; i
 of the resample. Recall, precision and counts are those of the worst case, or means over cases.
 
 Sets of one size race each other until the best of them is known well enough (`placement_env.racing.race_until`), so
-that small and cheap sets stay in; the best few of each size are judged on all frames. Without a requirement the answer
-is the set with the highest AP. With one it is the cheapest set, by price, number of sensors, then kbit, whose interval
-lies above it; failing that, the cheapest whose AP reaches it; failing that, the set with the highest AP. Among sets of
-equal AP the higher mean AP over the detector's IoU thresholds wins, then the cheaper set. AP is that over the cases of
-the plan (`PlanOption.counted`).
+that small and cheap sets stay in; the best few of each size are judged on all frames. The best of them has the greatest
+mean AP over the detector's IoU thresholds of those whose AP is within `AP_TOLERANCE` of the highest. Without a
+requirement the answer is the cheapest set that cannot be told from it (`is_as_good`: on the same frames, its whole
+interval of the loss lies within the tolerance). With one it is the cheapest set whose AP reaches it; sets are judged by
+price until one does. If none does, it is the best set. AP is that over the cases of the plan (`PlanOption.counted`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal, NamedTuple
 
 import numpy as np
 
-from placement_env.analysis.intervals import BLOCK_FRAMES, Draws, Tally, block_draws, draws_of_blocks, figure_interval
+from placement_env.analysis.intervals import (
+    AP_TOLERANCE,
+    BLOCK_FRAMES,
+    Draws,
+    Tally,
+    block_draws,
+    count_blocks,
+    draws_of_blocks,
+    figure_interval,
+    is_as_good,
+)
+from placement_env.analysis.shrinkage import shrink
 from placement_env.cases import USUAL_CASES, Cases
 from placement_env.classes import Classes, Combine
-from placement_env.fidelity.detector import IOUS, Detected, Outcome
+from placement_env.fidelity.detector import Detected, Outcome
 from placement_env.fidelity.preparation import Preparation
 from placement_env.objective import Objective
-from placement_env.report.content import CONFIDENCE, ClassAP, Judgement, PlanOption, overlap
+from placement_env.report.content import CONFIDENCE, ClassAP, Judgement, PlanOption
 from placement_env.search.exact.exhaustive import find_front
 from placement_env.search.portfolio.entrants import Entrants
-from placement_env.search.portfolio.evaluators import CasesEvaluator, DetectorEvaluator, Report
+from placement_env.search.portfolio.evaluators import CasesEvaluator, DetectorEvaluator, Report, race_order
 from placement_env.search.portfolio.portfolio import contest
 from toolkit.arrays import Bool, Float64, Int64
-from toolkit.objects import HEAVY, LABELS
+from toolkit.objects import HEAVY, LABELS, known_labels
 from toolkit.runtime.run import Run
 
 NOUNS = {name: "heavy vehicle" if name == LABELS[HEAVY] else name for name in LABELS}
@@ -49,6 +60,11 @@ class SetJudgement(NamedTuple):
     left: Judgement | None = None
     over_levels: Judgement | None = None
     over_errors: Judgement | None = None
+
+    @property
+    def counted(self) -> Judgement:
+        """Result by which sets are compared, over all requested cases."""
+        return self.over_errors or self.left or self.over_levels or self.judged
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,25 +130,38 @@ class Judge:
         self, sets: Bool[np.ndarray, "n C"], cases: Cases | None = None, *, progress: Report | None = None
     ) -> list[Judgement]:
         """Judge sets over cases, by default those of `intact`. progress: called with the frames done."""
+        return self.judge_drawn(sets, cases or self.intact, progress)[0]
+
+    def judge_drawn(
+        self, sets: Bool[np.ndarray, "n C"], cases: Cases, progress: Report | None = None
+    ) -> tuple[list[Judgement], _Figures]:
+        """Judge sets over cases; also the AP of each resample, which is of the same frames for all sets."""
         if not len(sets):
-            return []
-        cases = cases or self.intact
+            return [], np.zeros((0, 0))
         found = self._at_profiles(sets, cases, progress)
         over = _reduce(found, cases.errors_by)
         over[..., DRAWS] = cases.over_errors(found[..., DRAWS])
-        return [_judgement(each, self.detected.classes) for each in over]
+        return [_judgement(each, self.detected.classes) for each in over], over[..., DRAWS]
 
     def judge_cases(
         self, sets: Bool[np.ndarray, "n C"], stage: Callable[[str], Report | None] = lambda _: None
-    ) -> list[SetJudgement]:
-        """Judge sets intact and in all cases. stage: makes a progress callback from a name."""
-        nothing, first = [None] * len(sets), replace(self.cases, errors=self.cases.profiles[0])
-        judged = self.judge(sets, progress=stage("chosen set"))
-        left = self.judge(sets, first, progress=stage("failures")) if first.failing else nothing
-        over_levels = self.judge(sets, replace(first, failing=0)) if self.levels else nothing
-        several = len(self.profiles) > 1
-        over_errors = self.judge(sets, self.cases, progress=stage("errors")) if several else nothing
-        return [SetJudgement(*each) for each in zip(judged, left, over_levels, over_errors, strict=True)]
+    ) -> tuple[list[SetJudgement], _Figures]:
+        """Judge sets intact and in all cases. stage: makes a progress callback from a name.
+
+        Also returns the AP by which sets are compared in each resample, [n, resamples].
+        """
+        first = replace(self.cases, errors=self.cases.profiles[0])
+        judged, draws = self.judge_drawn(sets, self.intact, stage("chosen set"))
+        left: Sequence[Judgement | None] = [None] * len(sets)
+        over_levels, over_errors = left, left
+        if self.levels:
+            over_levels, draws = self.judge_drawn(sets, replace(first, failing=0))
+        if first.failing:
+            left, draws = self.judge_drawn(sets, first, stage("failures"))
+        if len(self.profiles) > 1:
+            over_errors, draws = self.judge_drawn(sets, self.cases, stage("errors"))
+        each = zip(judged, left, over_levels, over_errors, strict=True)
+        return [SetJudgement(*figures) for figures in each], draws
 
     def by_level(self, chosen: tuple[int, ...]) -> list[Judgement | None]:
         """Judge one intact set at each level of traffic. None for a level without objects."""
@@ -147,6 +176,10 @@ class Judge:
         found = self._at_profiles(row, self.cases)[:, 0]
         return {name: _judgement(at, self.detected.classes) for name, at in zip(self.cases.names, found, strict=True)}
 
+    def of_classes(self, classes: Classes) -> Judge:
+        """Judge of other classes at the first error profile."""
+        return replace(self, profiles=(self.detected.of_classes(classes),), cases=self.intact, levels=())
+
     def by_class(self, chosen: tuple[int, ...]) -> tuple[ClassAP, ...]:
         """Judge one set for each class that counts."""
         classes, every = self.detected.classes, np.arange(self.frames)
@@ -160,6 +193,13 @@ class Judge:
             )
             for k, (name, weight) in enumerate(zip(classes.names, classes.weights, strict=True))
         )
+
+    def by_other_class(self, chosen: tuple[int, ...]) -> tuple[ClassAP, ...]:
+        """Judge one set for each class that does not count but is there, and that the detector knows."""
+        known, names = known_labels(self.detected.detector) or (), self.detected.classes.names
+        others = tuple(name for name in LABELS if name in known and name not in names)
+        found = self.of_classes(Classes(others)).by_class(chosen) if others else ()
+        return tuple(replace(each, weight=0.0) for each in found if each.judged.vehicles)
 
     def _at_profiles(
         self, sets: Bool[np.ndarray, "n C"], cases: Cases, progress: Report | None = None
@@ -230,25 +270,36 @@ def _reduce(figures: Float64[np.ndarray, "cases *rest figures"], by: Combine) ->
 
 def _judgement(figures: _Figures, classes: Classes) -> Judgement:
     ap, recall, precision, vehicles, frames = figures[: DRAWS.start].tolist()
-    low, high = figure_interval(ap, figures[DRAWS], confidence=CONFIDENCE)
+    blocks = count_blocks(int(frames))
+    low, high = figure_interval(ap, figures[DRAWS], blocks=blocks, objects=int(vehicles), confidence=CONFIDENCE)
     kind = NOUNS[classes.names[0]] if len(classes) == 1 else "object"
     defined = None if np.isnan(precision) else precision
     return Judgement(ap, low, high, recall, defined, int(vehicles), int(frames), kind)
 
 
 KEPT = 3  # sets of each number of sensors that are judged on all frames
+FIRST_LOOK = 12  # frames on which all sets are looked at that may reach a requirement
+DOUBT = 0.1  # AP by which a first look may underrate a set
 
-Rule = Literal["best", "interval", "estimate", "none"]
+Rule = Literal["best", "as good", "cheapest", "none"]
 
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    """The answer among options: all entrants in their order, judged or not. chosen: index of the answer."""
+    """The answer among options: all entrants in their order, judged or not.
+
+    chosen, best: indices of the answer and of the best set; alike: of sets that cannot be told from the best, without
+    the answer; confidence: least with which a race ended, that no set of as many sensors is better by more than
+    `AP_TOLERANCE`; None where sets were judged by price.
+    """
 
     options: tuple[PlanOption, ...]
     sets: Bool[np.ndarray, "n C"]
     chosen: int
+    best: int
+    alike: tuple[int, ...]
     rule: Rule
+    confidence: float | None = None
 
     @property
     def option(self) -> PlanOption:
@@ -259,6 +310,39 @@ class Choice:
     def members(self) -> tuple[int, ...]:
         """Indices of the candidates of the answer, ascending."""
         return tuple(np.flatnonzero(self.sets[self.chosen]).tolist())
+
+    @property
+    def near_optimal(self) -> tuple[PlanOption, ...]:
+        """Sets that cannot be told from the best, cheap ones first."""
+        return tuple(sorted((self.options[i] for i in self.alike), key=_thrift))
+
+
+class _Options:
+    """Options of a choice, which are judged when they are asked for."""
+
+    def __init__(self, objective: Objective, found: Entrants, judge: Judge) -> None:
+        self.found, self.judge = found, judge
+        self.draws: dict[int, Float64[np.ndarray, " resamples"]] = {}
+        self.options: list[PlanOption] = []
+        for i, score in enumerate(map(objective.score, map(np.flatnonzero, found.sets))):
+            names = tuple(objective.names[c].replace("/", "-") for c in score.subset)  # as files name sensors
+            predicted = round(
+                float(found.predicted[i]), 6
+            )  # as found: scored beside other sets it may round differently
+            figures = score.price, score.kbit_per_sensor, score.kbit, predicted
+            poles = tuple(objective.candidates.mounts[m].name for m in objective.candidates.mount[list(score.subset)])
+            self.options.append(PlanOption(names, *figures, judged=None, searches=found.searches[i], poles=poles))
+
+    def judge_rows(self, rows: Sequence[int]) -> None:
+        """Judge sets on all frames, unless they are judged."""
+        new = [i for i in rows if i not in self.draws]
+        if not new:
+            return
+        mean_ap = self.judge.evaluator.mean_ap(self.found.sets[new], np.arange(self.judge.frames)).tolist()
+        judged_sets, draws = self.judge.judge_cases(self.found.sets[new])
+        for i, judged, mean, drawn in zip(new, judged_sets, mean_ap, draws, strict=True):
+            self.options[i] = replace(self.options[i], mean_ap=mean, **judged._asdict())
+            self.draws[i] = drawn
 
 
 def choose_set(
@@ -271,51 +355,64 @@ def choose_set(
     run: Run = Run(),
 ) -> Choice:
     """Choose among the entrants, at least one. confidence: at which a race of one size ends."""
-    options = []
-    for i, score in enumerate(map(objective.score, map(np.flatnonzero, found.sets))):
-        names = tuple(objective.names[c].replace("/", "-") for c in score.subset)  # as files name sensors
-        predicted = round(float(found.predicted[i]), 6)  # as found: scored beside other sets it may round differently
-        figures = score.price, score.kbit_per_sensor, score.kbit, predicted
-        poles = tuple(objective.candidates.mounts[m].name for m in objective.candidates.mount[list(score.subset)])
-        options.append(PlanOption(names, *figures, judged=None, searches=found.searches[i], poles=poles))
-    sizes, evaluator = found.sets.sum(axis=1), judge.evaluator
+    known = _Options(objective, found, judge)
+    if min_ap is not None and (reached := _find_cheapest(known, min_ap, run)) is not None:
+        return Choice(tuple(known.options), found.sets, reached, reached, (), "cheapest")
+    sizes, evaluator, sure = found.sets.sum(axis=1), judge.evaluator, 1.0
     report = run.stage("judging", len(np.unique(sizes)))
     for done, size in enumerate(np.unique(sizes), 1):
         places = np.flatnonzero(sizes == size)
         ran = contest(objective, found.sets[places], evaluator, confidence=confidence, seed=run.seed)
-        kept = places[ran.ranking[:KEPT]]
-        estimates = judge.detected.estimates(found.sets[kept])
-        mean_ap = np.mean([estimates[iou].ap for iou in IOUS], axis=0).tolist()
-        for i, judged, mean in zip(kept.tolist(), judge.judge_cases(found.sets[kept]), mean_ap, strict=True):
-            options[i] = replace(options[i], mean_ap=mean, **judged._asdict())
+        known.judge_rows(places[ran.ranking[:KEPT]].tolist())
+        sure = min(sure, ran.confidence)
         if report is not None:
             report(done)
-    return Choice(tuple(options), found.sets, *choose(tuple(options), min_ap))
+    options = tuple(known.options)
+    best, alike = choose(options, known.draws)
+    chosen = best
+    rule: Rule = "best" if min_ap is None else "none"
+    if min_ap is None and alike[0] != best:
+        chosen, rule = alike[0], "as good"
+    return Choice(options, found.sets, chosen, best, tuple(i for i in alike if i != chosen), rule, sure)
 
 
-def choose(options: tuple[PlanOption, ...], min_ap: float | None) -> tuple[int, Rule]:
-    """Return the index of the answer among options, and the rule that chose it."""
+def _find_cheapest(known: _Options, min_ap: float, run: Run) -> int | None:
+    """Return the cheapest set whose AP reaches the requirement, None if none does. Sets are judged by price."""
+    found, judge = known.found, known.judge
+    order = race_order(judge.frames, seed=run.seed)[:FIRST_LOOK]
+    seen = judge.evaluator.evaluate(found.sets, order, run.stage("first look", len(order)))
+    likely = shrink(seen.ap, seen.resamples, found.predicted, len(np.unique(order // BLOCK_FRAMES))).figure
+    rows = np.lexsort((-likely, np.array([option.price for option in known.options]))).tolist()
+    report = run.stage("judging by price", len(rows))
+    for done, i in enumerate(rows, 1):
+        if likely[i] >= min_ap - DOUBT:
+            known.judge_rows([i])
+            counted = known.options[i].counted
+            if counted is not None and counted.ap >= min_ap:
+                return i
+        if report is not None:
+            report(done)
+    return None
 
-    def thrift(entry: tuple[int, PlanOption, Judgement]) -> tuple[float, int, float, float]:
-        _, option, judgement = entry
-        return option.price, len(option.sensors), option.kbit_per_sensor, -judgement.ap
 
-    judged = [(i, option, option.counted) for i, option in enumerate(options) if option.counted is not None]
-    if min_ap is not None:
-        sure = [entry for entry in judged if entry[2].low >= min_ap]
-        reaching = [entry for entry in judged if entry[2].ap >= min_ap]
-        if sure or reaching:
-            return min(sure or reaching, key=thrift)[0], "interval" if sure else "estimate"
-    best = min(judged, key=lambda entry: (-entry[2].ap, -(entry[1].mean_ap or 0.0), *thrift(entry)))[0]
-    return best, "best" if min_ap is None else "none"
+def _thrift(option: PlanOption) -> tuple[float, int, float, float]:
+    return option.price, len(option.sensors), -(option.mean_ap or 0.0), option.kbit_per_sensor
 
 
-def near_optimal(options: tuple[PlanOption, ...], chosen: int) -> tuple[PlanOption, ...]:
-    """Judged sets whose interval overlaps the chosen one's, cheap sets first."""
-    best = options[chosen].counted
-    others = [(option, option.counted) for i, option in enumerate(options) if i != chosen and option.counted]
-    near = [(option, judged) for option, judged in others if best and overlap(judged, best)]
-    return tuple(option for option, _ in sorted(near, key=lambda each: (each[0].price, -each[1].ap)))
+def choose(
+    options: Sequence[PlanOption], draws: Mapping[int, Float64[np.ndarray, " resamples"]]
+) -> tuple[int, tuple[int, ...]]:
+    """Return the index of the best option, and those that cannot be told from it, itself too, cheap ones first.
+
+    draws: resampled AP of each judged option, on the same frames.
+    """
+    judged = {i: counted for i in sorted(draws) if (counted := options[i].counted) is not None}
+    highest = max(each.ap for each in judged.values())
+    close = [i for i, each in judged.items() if each.ap >= highest - AP_TOLERANCE]
+    best = min(close, key=lambda i: (-(options[i].mean_ap or 0.0), *_thrift(options[i])))
+    blocks = count_blocks(judged[best].frames)
+    alike = [i for i in judged if i == best or is_as_good(draws[i], draws[best], blocks)]
+    return best, tuple(sorted(alike, key=lambda i: (*_thrift(options[i]), i != best)))
 
 
 def find_front_options(options: tuple[PlanOption, ...]) -> tuple[PlanOption, ...]:

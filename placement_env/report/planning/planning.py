@@ -8,6 +8,7 @@ belong to the group of their box's centre, a hit to the group of the vehicle it 
 from __future__ import annotations
 
 import json
+import math
 import platform
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -19,7 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from placement_env.analysis.approaches import compass, find_approaches, find_streets
-from placement_env.analysis.intervals import BLOCK_FRAMES, RESAMPLES, Tally
+from placement_env.analysis.intervals import BLOCK_FRAMES, RESAMPLES, Tally, count_blocks, frames_for_width, is_as_good
 from placement_env.analysis.worth import estimate_worth, exact_worth
 from placement_env.candidates.candidates import Candidates
 from placement_env.candidates.pool import NoCandidates
@@ -28,6 +29,7 @@ from placement_env.classes import Classes
 from placement_env.fidelity.coverage import LEAST
 from placement_env.fidelity.detector import FALSE_ALARM, IGNORED, IOUS, Detected
 from placement_env.fidelity.preparation import Preparation, check_scorable
+from placement_env.fidelity.renders import Renders
 from placement_env.fidelity.traffic import Traffic
 from placement_env.handover.exchange import EXCHANGE_FILES, write_exchange
 from placement_env.handover.ground import Ground, ground_shares, visible_ground
@@ -55,6 +57,7 @@ from toolkit.objects import LABELS, Detector, label_index
 from toolkit.points import count_on_ground, has_centre_inside
 from toolkit.runtime.files import replace_infinite, write_text, writing_together
 from toolkit.runtime.run import Run
+from toolkit.sensors.error_profiles import only_own_noise
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.files import format_site
 from toolkit.sites.origins import count_things
@@ -210,6 +213,30 @@ def by_errors(judge: judging.Judge, chosen: tuple[int, ...]) -> tuple[content.Br
     return tuple(_row(*row, _count_points(at, chosen)) for row, at in rows)
 
 
+def by_draw(judge: judging.Judge, chosen: tuple[int, ...]) -> tuple[content.DrawnErrors, ...]:
+    """Judge a set at each error profile in several draws of the errors, each for all frames."""
+    rows = []
+    for detected in judge.profiles:
+        renders = detected.renders
+        if not isinstance(renders, Renders) or only_own_noise(renders.errors):
+            continue
+        aps = [_judge_draw(judge, detected, renders, chosen, seed) for seed in range(1, ERROR_DRAWS + 1)]
+        mean, tenth = float(np.mean(aps)), float(np.quantile(aps, 0.1))
+        rows.append(content.DrawnErrors(renders.errors.name, tuple(aps), mean, tenth, min(judge.frames, DRAWN_FRAMES)))
+    return tuple(rows)
+
+
+def _judge_draw(
+    judge: judging.Judge, detected: Detected, renders: Renders, chosen: tuple[int, ...], seed: int
+) -> float:
+    drawn = renders.draw_once(seed, chosen, min(judge.frames, DRAWN_FRAMES))
+    known = {name: getattr(detected, name) for name in ("codec", "memo", "processes", "classes")}
+    ious = judge.cases.ious
+    again = Detected(drawn, detected.detector, detected.scheme, **known).at(ious[0], ious)
+    figures = again.estimates(np.ones((1, len(chosen)), np.bool_))
+    return float(np.mean([figures[iou].ap[0] for iou in ious]))
+
+
 def by_class(
     judge: judging.Judge, chosen: tuple[int, ...], labels: Sequence[str] = LABELS
 ) -> tuple[content.ClassSeen, ...]:
@@ -255,6 +282,8 @@ def thin(cloud: Float32[np.ndarray, "n 3"], points: int, seed: list[int]) -> Flo
     return cloud[np.sort(np.random.default_rng(seed).choice(len(cloud), points, replace=False))]
 
 
+ERROR_DRAWS, DRAWN_FRAMES = 10, 60  # draws of errors that the chosen set is judged in, and frames of each at most
+MOST_FRAMES = 1200  # that a plan takes to reach a width
 ALL_SUBSETS = 6  # sensors up to which every subset is judged by the detector
 PACKAGES = ("numpy", "torch", "open3d-cpu", "open3d", "eclipse-sumo", "libsumo", "ortools", "shapely")
 
@@ -282,7 +311,7 @@ def build_plan(findings: Findings, final: judging.Judge, ground: Ground) -> cont
     candidates, site, seed = objective.candidates, question.site, question.run.seed
     members = choice.members
     chosen = ChosenSet(members, choice.option.sensors, final, objective, question.run)
-    (judged,) = final.judge_cases(choice.sets[choice.chosen][None], chosen.stage)
+    ((judged,), _) = final.judge_cases(choice.sets[choice.chosen][None], chosen.stage)
     outcomes = final.outcomes(members)
     kbit = float(np.mean([outcome.bits.sum() for outcome in outcomes])) / 1000
     option = replace(choice.option, **judged._asdict(), kbit=kbit, kbit_per_sensor=kbit / len(members))
@@ -302,9 +331,11 @@ def build_plan(findings: Findings, final: judging.Judge, ground: Ground) -> cont
         currency=question.currency,
         verdict=sentences.build_verdict(question, choice.option, option, findings.excluded),
         chosen=option,
+        best=choice.options[choice.best],
+        confidence=choice.confidence,
         sensors=sensors,
         considered=tuple(considered),
-        near_optimal=judging.near_optimal(choice.options, choice.chosen),
+        near_optimal=choice.near_optimal,
         front=judging.find_front_options(choice.options),
         schemes=chosen.schemes(),
         by_zone=by_zone(scored, site, seed),
@@ -312,8 +343,9 @@ def build_plan(findings: Findings, final: judging.Judge, ground: Ground) -> cont
         by_approach=by_approach(scored, site, seed),
         by_level=by_level(scored, final, members),
         by_errors=by_errors(final, members),
+        by_draw=by_draw(final, members),
         by_class=by_class(final, members),
-        class_ap=final.by_class(members),
+        class_ap=(*final.by_class(members), *final.by_other_class(members)),
         worth=chosen.worth(),
         failures=chosen.failures(),
         links=link_loads(sensors, limited=question.setting.fusion.sends_points),
@@ -363,10 +395,8 @@ class ChosenSet:
         rows[:, list(self.members)] = subsets
         return rows
 
-    def _judge(
-        self, subsets: Bool[np.ndarray, "n k"], stage: str, cases: Cases | None = None
-    ) -> list[content.Judgement]:
-        return self.judge.judge(self.rows(subsets), cases, progress=self.stage(stage))
+    def _judge(self, subsets: Bool[np.ndarray, "n k"], stage: str) -> list[content.Judgement]:
+        return self.judge.judge(self.rows(subsets), progress=self.stage(stage))
 
     def _aps(self, subsets: Bool[np.ndarray, "n k"], stage: str) -> Float64[np.ndarray, " n"]:
         """AP of subsets, by the detector for small sets, else by the objective."""
@@ -377,15 +407,17 @@ class ChosenSet:
     def schemes(self) -> tuple[content.SchemeFigures, ...]:
         """The set under every scheme at every IoU."""
         known, intact, figures = self.judge.detected, self.judge.intact, []
-        whole, ious = np.ones((1, len(self.members)), np.bool_), intact.ious
+        whole, ious = self.rows(np.ones((1, len(self.members)), np.bool_)), intact.ious
+        _, (own,) = self.judge.judge_drawn(whole, intact)
         for name in PAPER_SCHEMES:
             alike = {each: getattr(known, each) for each in ("codec", "memo", "processes", "classes")}
             other = Detected(known.renders, known.detector, name, **alike).at(ious[0], ious)
-            at = replace(self, judge=replace(self.judge, profiles=(other,)))
-            kbit = float(np.mean([outcome.bits.mean() for outcome in at.judge.outcomes(self.members)])) / 1000
+            at = replace(self.judge, profiles=(other,))
+            kbit = float(np.mean([outcome.bits.mean() for outcome in at.outcomes(self.members)])) / 1000
             for iou in sorted({*IOUS, *ious}) if len(ious) == 1 else (*IOUS, ious):
-                (judged,) = at._judge(whole, "fusion schemes", replace(intact, iou=iou))
-                figures.append(content.SchemeFigures(name, iou, judged, kbit))
+                (judged,), (drawn,) = at.judge_drawn(whole, replace(intact, iou=iou), self.stage("fusion schemes"))
+                good = iou == intact.threshold and is_as_good(drawn, own, count_blocks(self.judge.frames))
+                figures.append(content.SchemeFigures(name, iou, judged, kbit, good))
         return tuple(figures)
 
     def worth(self) -> tuple[content.SensorWorth, ...]:
@@ -492,21 +524,43 @@ def plan(question: Question) -> content.Planned:
     candidates = pool.select(kept)
     objective = Objective.of_moved(prepared, candidates, seen.select(kept), AP_ONLY)
     sizes = tuple(range(1, _most_sensors(question, candidates) + 1))
-    found = keep_entrants(objective, Effort(sizes), first.memo, depends_on=traffic.digest(), seed=first.seed)
-    judged_on = [Preparation(question.judged(candidates), question.part(name)) for name in ("comparison", "judgement")]
-    judge, final = (judging.Judge.of(each, question.run.seed) for each in judged_on)
-    for each in (judge, final):
-        if each.absent:
-            return _refuse(question, sentences.refuse_traffic(question, each.absent, each.frames, "judging"), pool)
+    found = keep_entrants(
+        objective, Effort(sizes, min_ap=question.min_ap), first.memo, depends_on=traffic.digest(), seed=first.seed
+    )
+    compared = Preparation(question.judged(candidates), question.part("comparison"))
+    judge = judging.Judge.of(compared, question.run.seed)
+    if judge.absent:
+        return _refuse(question, sentences.refuse_traffic(question, judge.absent, judge.frames, "judging"), pool)
     choice = judging.choose_set(
         objective, found, judge, min_ap=question.min_ap, confidence=question.confidence, run=question.run
     )
-    parts = [traffic, *(each.traffic for each in judged_on)]
+    judged, final = judge_finally(question, candidates, choice.sets[choice.chosen])
+    if final.absent:
+        return _refuse(question, sentences.refuse_traffic(question, final.absent, final.frames, "judging"), pool)
+    parts = [traffic, compared.traffic, judged.traffic]
     findings = Findings(question, found, choice, objective, prepared.network, excluded, parts)
     ground = visible_ground(question.site, [candidates.sensors[c] for c in choice.members])
     answer = build_plan(findings, final, ground)
     moments = pick_moments(final.detected, choice.members, seed=question.run.seed)
     return content.Planned(answer, mounted_site(question.site, candidates, choice.members), candidates, ground, moments)
+
+
+def judge_finally(
+    question: Question, candidates: Candidates, chosen: Bool[np.ndarray, " C"]
+) -> tuple[Preparation, judging.Judge]:
+    """Prepare the traffic of the last part and its judge, with frames enough for the question's width."""
+    run, width = question.part("judgement"), question.width
+    while True:
+        prepared = Preparation(question.judged(candidates), run)
+        judge, frames = judging.Judge.of(prepared, question.run.seed), prepared.frames
+        if width is None or judge.absent or frames >= MOST_FRAMES:
+            return prepared, judge
+        ((found,), _) = judge.judge_cases(chosen[None])
+        ends = found.counted.high - found.counted.low
+        if ends <= width:
+            return prepared, judge
+        needed = 2 * frames if math.isnan(ends) else frames_for_width(frames, ends, width)
+        run = replace(run, frames=min(MOST_FRAMES, max(needed, frames + frames // 4 + BLOCK_FRAMES)))
 
 
 def count_origins(site: Site, candidates: Candidates) -> dict[str, dict[str, int]]:

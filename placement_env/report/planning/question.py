@@ -86,7 +86,8 @@ class Question:
     three parts of traffic; its frames are those of each part, None for `PART_FRAMES`. sensors: largest number, None for
     as many as the money buys; min_ap: AP that the cheapest set must reach, None for the best set within the budget;
     max_kbit: most that one sensor may send in the average frame; confidence: that no set of as many sensors is better
-    by more than 0.01, at which a comparison ends.
+    by more than 0.01, at which a comparison ends; width: widest interval of the stated AP, for which the last part of
+    the traffic gets as many frames as it takes, None for a fixed number.
 
     Raises ValueError in one line if a field does not fit.
     """
@@ -97,6 +98,7 @@ class Question:
     min_ap: float | None = None
     max_kbit: float | None = None
     confidence: float = 0.95
+    width: float | None = None
 
     def __post_init__(self) -> None:
         failing = self.cases.failing
@@ -112,6 +114,8 @@ class Question:
             raise ValueError(f"min_ap must lie above 0 and up to 1, got {self.min_ap}: AP 0.9 is 0.9")
         if not 0 < self.confidence < 1:
             raise ValueError(f"confidence must lie between 0 and 1, got {self.confidence}: 0.95 is usual")
+        if self.width is not None and not 0 < self.width < 1:
+            raise ValueError(f"width of the interval must lie between 0 and 1, got {self.width}: 0.02 is narrow")
         given = self.setting.candidates
         if given is None or isinstance(given, str | Path):
             stock = Stock(candidates="paper" if given is None else given)
@@ -191,6 +195,7 @@ class Question:
             "frames": [self.part(name).frames for name in PART_FRAMES],
             "seed": self.run.seed,
             "confidence": self.confidence,
+            "width": self.width,
         }
 
 

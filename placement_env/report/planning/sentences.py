@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
+from placement_env.analysis.intervals import describe_interval
 from placement_env.cases import iou_text
-from placement_env.classes import VEHICLES
-from placement_env.fidelity.coverage import LEAST
+from placement_env.classes import VEHICLES, join_names
 from placement_env.report.content import Judgement, Plan, PlanOption, Verdict
 from placement_env.report.pages.document import count_text
 from placement_env.report.planning.judging import Rule
@@ -17,6 +18,10 @@ from toolkit.detection.scheme import scheme_codec
 from toolkit.objects import LABELS
 from toolkit.sites.origins import count_things, describe_things
 from toolkit.sites.site import Site
+
+
+def _describe_ends(judged: Judgement) -> str:
+    return f"{'' if math.isnan(judged.low) else '95 % interval '}{describe_interval(judged.low, judged.high)}"
 
 
 def refuse_question(question: Question) -> tuple[str, ...]:
@@ -55,7 +60,7 @@ def build_verdict(question: Question, compared: PlanOption, final: PlanOption, e
     count, price = count_text(len(final.sensors), "sensor"), describe_money(final.price, question.currency)
     vehicles, frames = count_text(judged.vehicles, judged.kind), count_text(judged.frames, "frame")
     result = (
-        f"AP {judged.ap:.3f} (95 % interval {judged.low:.3f} to {judged.high:.3f}, {vehicles} in {frames})"
+        f"AP {judged.ap:.3f} ({_describe_ends(judged)}, {vehicles} in {frames})"
         f"{describe_cases(question)} at IoU {iou_text(question.cases.threshold)} with {count} for {price}"
     )
     least = question.min_ap
@@ -77,8 +82,9 @@ def explain_shortfall(
     before = f" and {best.counted.ap:.3f} in the traffic it was chosen on" if best.counted else ""
     reasons = [
         f"The best set found, {count_text(len(best.sensors), 'sensor')} for {price}, has AP {final.ap:.3f} "
-        f"({final.low:.3f} to {final.high:.3f}){describe_cases(question)} on {count_text(final.vehicles, final.kind)} "
-        f"in the final traffic{before}; {question.min_ap:g} is required at IoU {iou_text(question.cases.threshold)}."
+        f"({describe_interval(final.low, final.high)}){describe_cases(question)} on "
+        f"{count_text(final.vehicles, final.kind)} in the final traffic{before}; {question.min_ap:g} is "
+        f"required at IoU {iou_text(question.cases.threshold)}."
     ]
     if question.sensors is not None and len(best.sensors) >= question.sensors:
         reasons.append(f"The budget of {count_text(question.sensors, 'sensor')} is used up: more might reach it.")
@@ -89,12 +95,13 @@ def explain_shortfall(
 
 
 RULES: dict[Rule, str] = {
-    "best": "It has the highest AP of the judged sets; ties are broken by the mean AP at IoU 0.7, 0.8 and 0.9, then by "
-    "price.",
-    "interval": "It is the cheapest of the judged sets whose whole 95 % interval lies above the required AP.",
-    "estimate": "It is the cheapest of the judged sets whose AP reaches the requirement; no judged set has its whole "
-    "95 % interval above it.",
-    "none": "None of the judged sets reaches the requirement; it has the highest AP of them.",
+    "best": "It is the best of the judged sets: of those within 0.01 of the highest AP it has the greatest mean AP "
+    "over IoU 0.7, 0.8 and 0.9. No cheaper set is as good.",
+    "as good": "It is the cheapest of the judged sets that cannot be told from the best: on the same frames its AP is "
+    "surely within 0.01 of it.",
+    "cheapest": "It is the cheapest set that reaches the required AP: sets were judged by price, from the lowest on, "
+    "until one did.",
+    "none": "None of the judged sets reaches the requirement; it is the best of them.",
 }
 
 
@@ -104,7 +111,7 @@ def explain_choice(
     """Explain why this set, with figures. chosen: as it was when sets were compared; considered: sets scored."""
     judged = sum(option.judged is not None for option in plan.considered)
     searches = " and ".join(chosen.searches) or "a neighbour of a search's answer"
-    second, near = chosen.counted, len(plan.near_optimal)
+    second, near, best = chosen.counted, len(plan.near_optimal), plan.best
     lines = [
         f"{considered:,} sets were scored by the {fidelity}; {len(plan.considered)} of them raced by the detector on "
         f"traffic that no search saw, and {judged} were judged on all of it.",
@@ -114,15 +121,16 @@ def explain_choice(
         lines.append(f"The AP by which sets are compared is {'' if question.cases.failing else 'that '}{cases}.")
     figures = second and (
         f"; its predicted AP is {chosen.predicted:.3f}, its AP among the judged sets {second.ap:.3f} "
-        f"({second.low:.3f} to {second.high:.3f})"
+        f"({describe_interval(second.low, second.high)})"
     )
     lines.append(f"It comes from {searches}{figures or ''}.")
-    lines.append(
-        f"{count_text(near, 'other judged set')} {'has' if near == 1 else 'have'} an interval that overlaps its own: "
-        "the detector cannot tell them apart on this traffic."
-        if near
-        else "No other judged set has an interval that overlaps its own."
-    )
+    if rule == "as good" and best is not None and best.counted is not None and second is not None:
+        price = describe_money(best.price, question.currency)
+        more = f"{best.counted.ap:.3f} for {price}, {best.counted.ap - second.ap:+.3f}"
+        lines.append(f"The best set, {count_text(len(best.sensors), 'sensor')}, has AP {more}.")
+    if rule in ("best", "as good"):
+        others = "No other judged set" if not near else count_text(near, "other judged set")
+        lines.append(f"{others} cannot be told from the best on the same frames.")
     at = [row for row in plan.schemes if row.iou == plan.iou]
     own = next((row for row in at if row.scheme == plan.scheme), None)
     others = ", ".join(
@@ -156,8 +164,8 @@ def list_assumptions(question: Question, fidelity: str, detector: str, *, sample
         f"{iou_text(cases.threshold)} in {setting.fusion.name} fusion.",
         f"Searches, comparison and judgement each have their own traffic (seeds {searched}, {compared} and {judged}): "
         "no AP stated for the chosen set is from traffic that it was searched or chosen on.",
-        "Intervals are from a bootstrap over blocks of 4 frames, the life of an object; they hold for this detector in "
-        "this kind of traffic, not for other weather, traffic or sensors.",
+        "Intervals are from a bootstrap over blocks of 4 frames, the life of an object, widened for few blocks; they "
+        "hold for this detector in this kind of traffic, not for other weather, traffic or sensors.",
         f"kbit {_describe_codec(question)}; links are compared with them at 10 frames a second.",
         _describe_errors(question),
     ]
@@ -168,8 +176,7 @@ def list_assumptions(question: Question, fidelity: str, detector: str, *, sample
         )
     if others:
         lines.append(
-            f"No AP is asked for {', '.join(others)}: for these the share on which the set has at least {LEAST:g} "
-            "points is stated, which is coverage and not AP."
+            f"{join_names(others)} did not count in the choice; the AP stated for them is that of the same detections."
         )
     if stock.catalogue is None:
         lines.append("No catalogue was given: sensors cost nothing besides their poles, prices are in ordinary poles.")
@@ -216,8 +223,9 @@ def _describe_errors(question: Question) -> str:
         f"and pictures are with profile {cases.names[0]}, the first one given, unless another stands beside it."
     )
     return (
-        f"Sets are compared and judged with the sensors' errors {which}; searches, and the kbit they weigh, know the "
-        f"noise of the sensors' models alone.{first if len(cases.names) > 1 else ''}"
+        f"Sets are compared and judged with the sensors' errors {which}, drawn anew for every 4 frames as if the "
+        "sensors were mounted again; searches, and the kbit they weigh, know the noise of the sensors' models "
+        f"alone.{first if len(cases.names) > 1 else ''}"
     )
 
 
@@ -229,7 +237,6 @@ def list_unknowns(final: Judgement) -> tuple[str, ...]:
         "Rain, fog, dirt, glare, and what grows, parks or is built there later.",
         "Power, permits, and what it costs to run the sensors.",
     ]
-    if final.low == final.high:
-        agree = "all samples of this traffic agree, but more traffic might not"
-        lines.append(f"How far AP {final.ap:.3f} may be off: {agree}.")
+    if math.isnan(final.low):
+        lines.append(f"How far AP {final.ap:.3f} may be off: {describe_interval(final.low, final.high)}.")
     return tuple(lines)

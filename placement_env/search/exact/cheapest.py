@@ -125,24 +125,27 @@ def search(
     seconds: float | None = None,
     evaluations: int | None = None,
     demand: Demand = Demand(),
+    effort: float | None = None,
 ) -> Result:
     """The cheapest set of at most `budget` sensors that meets a demand; the certificate is of the price.
 
     Fewest sensors decide among equally cheap sets; the empty set answers where none meets it. seconds: 60 if None, of
-    which the bound may take `BOUNDING` under conditions; evaluations: of the search for an answer by a surrogate.
-    Raises ValueError for fidelities other than coverage and surrogate (early, late fusion), ImportError without
-    OR-Tools.
+    which the bound may take `BOUNDING` under conditions; evaluations: of the search for an answer by a surrogate;
+    effort: OR-Tools' deterministic seconds of each programme, None for unlimited. Raises ValueError for fidelities
+    other than coverage and surrogate (early, late fusion), ImportError without OR-Tools.
     """
     progress = Progress(objective, budget, SECONDS if seconds is None else seconds, evaluations)
     prices = Prices.in_units(objective, max(float(objective.candidates.prices.max(initial=0.0)), 1e-300) / PRICE_UNITS)
     if isinstance(objective.scored_by, Coverage):
-        return _by_coverage(progress, objective.scored_by, prices, demand, seed)
+        return _by_coverage(progress, objective.scored_by, prices, demand, SolverLimits(seed=seed, effort=effort))
     if not isinstance(objective.scored_by, Surrogate):
         raise ValueError(f"the cheapest set is known by --fidelity coverage or surrogate, got {objective.fidelity}")
-    return _by_surrogate(progress, objective.scored_by, prices, demand, seed)
+    return _by_surrogate(progress, objective.scored_by, prices, demand, SolverLimits(seed=seed, effort=effort))
 
 
-def _by_coverage(progress: Progress, coverage: Coverage, prices: Prices, demand: Demand, seed: int) -> Result:
+def _by_coverage(
+    progress: Progress, coverage: Coverage, prices: Prices, demand: Demand, limits: SolverLimits
+) -> Result:
     objective = progress.objective
     if objective.visibility is None or coverage.views != 1 or len(objective.classes.names) > 1:
         raise ValueError("the cheapest coverage needs to know what each candidate sees, one view and one class")
@@ -156,12 +159,14 @@ def _by_coverage(progress: Progress, coverage: Coverage, prices: Prices, demand:
     gain = np.append(threshold[0, : len(seen.frame)], needs.max() - needs)[None]
     levels = Levels(known, threshold, gain, np.hstack([parties, np.eye(len(needs), dtype=np.bool_)]))
     programme = Programme.of(objective, progress.budget, levels, failing=demand.failing)
-    found = _solve(progress, programme, int(needs.max()), prices, seed)
+    found = _solve(progress, programme, int(needs.max()), prices, limits)
     what = f"covers {demand.at_least:.0%} of the objects{demand.describe(len(parties))}"
     return _result(progress, found, prices.unit, what)
 
 
-def _by_surrogate(progress: Progress, surrogate: Surrogate, prices: Prices, demand: Demand, seed: int) -> Result:
+def _by_surrogate(
+    progress: Progress, surrogate: Surrogate, prices: Prices, demand: Demand, limits: SolverLimits
+) -> Result:
     objective, shares, plain = progress.objective, [surrogate], demand == Demand(demand.at_least)
     if max(demand.parts, demand.levels) > 1:
         if objective.visibility is None:
@@ -180,13 +185,13 @@ def _by_surrogate(progress: Progress, surrogate: Surrogate, prices: Prices, dema
     levels = (join_levels([build_levels(share, above=each) for share in shares]) for each in (True, False))
     above, steps = (Programme.of(objective, progress.budget, each, lost=lost) for each in levels)
     need, until = math.floor(demand.at_least * GAINS), 1.0 if plain else BOUNDING
-    relaxed = _solve(progress, above, need, prices, seed, until)
+    relaxed = _solve(progress, above, need, prices, limits, until)
     if relaxed.chosen is None and relaxed.optimal:
         return _result(progress, relaxed, prices.unit, what)
     asked = demand.at_least
     answer: list[int] | None = None
     for _ in range(TRIES):
-        found = _solve(progress, steps, math.ceil(asked * GAINS), prices, seed)
+        found = _solve(progress, steps, math.ceil(asked * GAINS), prices, limits)
         if found.chosen is None or progress.spent:
             break
         short = demand.at_least - reach(found.chosen)
@@ -200,7 +205,7 @@ def _by_surrogate(progress: Progress, surrogate: Surrogate, prices: Prices, dema
             scored_by = DemandFidelity(surrogate, shares, demand)
             setting = replace(objective.setting, candidates=objective.candidates, fidelity=scored_by)
             scored = Objective(setting, objective.run, visibility=objective.visibility)
-        chosen = list(swap.search(scored, progress.budget, seed=seed, starts=2, evaluations=20_000).best.subset)
+        chosen = list(swap.search(scored, progress.budget, seed=limits.seed, starts=2, evaluations=20_000).best.subset)
         answer = chosen if chosen and reach(chosen) >= demand.at_least - MET else None
     if answer is None:
         return _result(progress, Solved(None, 0, relaxed.bound, False), prices.unit, what)
@@ -212,7 +217,7 @@ def _by_surrogate(progress: Progress, surrogate: Surrogate, prices: Prices, dema
 
 
 def _solve(
-    progress: Progress, programme: Programme, need: int, prices: Prices, seed: int, until: float = 1.0
+    progress: Progress, programme: Programme, need: int, prices: Prices, limits: SolverLimits, until: float = 1.0
 ) -> Solved:
     """The cheapest set that meets the need, in the rest of a share of the time, in all cases that may be `lost`.
 
@@ -222,7 +227,7 @@ def _solve(
     alone = progress.objective.candidates.places[mount] == 1  # a failing sensor takes all candidates of such a pole
     while True:
         left = max(0.1, until * progress.limits.seconds - progress.limits.elapsed)
-        found = solve(programme, SolverLimits(left, seed), at_least=need, cost=prices)
+        found = solve(programme, replace(limits, seconds=left), at_least=need, cost=prices)
         bound = max(bound, found.bound)
         if found.chosen is None:
             return found._replace(bound=bound)

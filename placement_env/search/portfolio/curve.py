@@ -13,20 +13,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from placement_env.analysis.intervals import figure_interval
 from placement_env.checks import check_whole
 from placement_env.objective import Objective
 from placement_env.search.checkpoint import NOWHERE, Checkpoint, KeptState
 from placement_env.search.portfolio.entrants import Effort, Entrants, keep_entrants
 from placement_env.search.portfolio.evaluators import Schedule, race_order
-from placement_env.search.portfolio.portfolio import (
-    INTERVAL_SHARE,
-    SEARCHES,
-    SET_FRAMES,
-    Judging,
-    aps_at_profiles,
-    contest,
-)
+from placement_env.search.portfolio.portfolio import SEARCHES, SET_FRAMES, Judging, aps_at_profiles, contest
 from placement_env.search.progress import Limits, as_rows
 from placement_env.search.result import ProfileAP
 
@@ -108,7 +100,7 @@ def budget_curve(
     price = objective.price(rows)
     points = []
     for place, (won, ap) in enumerate(zip(winners, judged.ap.tolist(), strict=True)):
-        low, high = figure_interval(ap, judged.resamples[place], confidence=INTERVAL_SHARE)
+        low, high = final.interval(ap, judged.resamples[place], order[: judged.frames])
         rivals = (price <= price[place]) & (np.arange(len(rows)) != place)
         point = CurvePoint(
             sensors=len(won["subset"]),

@@ -2,7 +2,9 @@
 
 No fast score is right everywhere, and a search exploits the errors of its score. So greedy and swap use the objective,
 swap also perception entropy (Ma, Liu, Li), CP-SAT coverage. Every set is tried where candidates are few, and where
-prices differ a thrifty search looks for cheaper sets. Neighbours join their answers: the best by the objective, and
+prices differ a thrifty search looks for cheaper sets. Where an AP is required, cheap sets join that reach it, or some
+AP around it, since the objective may be off: the exact search's and swap's, in which more AP than that gains nothing.
+Neighbours join their answers: the best by the objective, and
 those that no other beats in the objective's reward, perception entropy and coverage at once.
 """
 
@@ -19,10 +21,12 @@ import numpy as np
 
 from placement_env.fidelity.coverage import Coverage
 from placement_env.fidelity.perception_entropy import PerceptionEntropy
+from placement_env.fidelity.surrogate import Surrogate
 from placement_env.objective import Objective
+from placement_env.protocol import Estimate, Fidelity
 from placement_env.search import greedy, swap
 from placement_env.search.checkpoint import NOWHERE, Checkpoint, KeptState
-from placement_env.search.exact import cpsat, exhaustive
+from placement_env.search.exact import cheapest, cpsat, exhaustive
 from placement_env.search.progress import as_rows
 from placement_env.search.result import Result
 from placement_env.search.verification import neighbours
@@ -37,6 +41,8 @@ EXHAUSTIVE_SETS = 20_000  # that are all scored, at most
 SOLVING = 10.0  # s of CP-SAT's deterministic time for each number of sensors
 THRIFT = 0.02  # AP that the mean price of a candidate costs in the thrifty search
 NEIGHBOURS_AT_ONCE = 50_000
+AROUND = (-0.05, 0.0, 0.05, 0.1)  # AP beside a required one that cheap sets are to reach
+SOLVING_CHEAPEST = 5.0  # s of CP-SAT's deterministic time for each programme
 FRONT_OF = 400  # best neighbours of an answer by reward, searched for the front
 
 
@@ -57,13 +63,26 @@ class Entrants:
 class Effort:
     """Limits of the searches. sizes: most sensors of each run; neighbours: number that join the answers of each size.
 
-    seconds, evaluations: of each search at each size, None for its default.
+    min_ap: required AP that cheap sets are to reach, None for none; seconds, evaluations: of each search at each size,
+    None for its default.
     """
 
     sizes: tuple[int, ...]
     seconds: float | None = None
     evaluations: int | None = None
     neighbours: int = ENTRANTS
+    min_ap: float | None = None
+
+
+class _EnoughAP:
+    """Score sets by their AP, of which more than enough gains nothing."""
+
+    def __init__(self, fidelity: Fidelity, enough: float) -> None:
+        self.name, self._fidelity, self._enough = fidelity.name, fidelity, enough
+
+    def __call__(self, subsets: Bool[np.ndarray, "n C"], /) -> Estimate:
+        found = self._fidelity(subsets)
+        return found._replace(ap=np.minimum(found.ap, self._enough))
 
 
 def keep_entrants(
@@ -144,9 +163,22 @@ def _searches(
         solving = 600.0 if seconds is None else seconds
         yield "cpsat", partial(cpsat.search, objective, size, seed=seed, seconds=solving, effort=SOLVING)
     prices = objective.candidates.prices
+    thrift = Weights(price=THRIFT / max(float(prices.mean()), 1e-300))
     if np.ptp(prices) > 0:
-        thrifty = objective.weighed(Weights(price=THRIFT / float(prices.mean())))
+        thrifty = objective.weighed(thrift)
         yield "thrifty swap", partial(swapping, thrifty, size, checkpoint=checkpoint.part(f"{size}.thrifty"))
+    if effort.min_ap is None or size < max(effort.sizes):
+        return
+    for asked in (each for each in np.round(effort.min_ap + np.array(AROUND), 6).tolist() if 0 < each < 1):
+        enough = replace(objective.setting, candidates=objective.candidates, weights=thrift)
+        enough = replace(enough, fidelity=_EnoughAP(objective.scored_by, asked))
+        scored = Objective(enough, objective.run, visibility=objective.visibility)
+        part = checkpoint.part(f"{size}.{asked:g}")
+        yield f"swap for AP {asked:g}", partial(swapping, scored, size, evaluations=most // 3, checkpoint=part)
+        if find_spec("ortools") and isinstance(objective.scored_by, Surrogate):
+            demand, until = cheapest.Demand(asked), 600.0 if seconds is None else seconds
+            solve = partial(cheapest.search, seed=seed, seconds=until, demand=demand, effort=SOLVING_CHEAPEST)
+            yield f"cheapest for AP {asked:g}", partial(solve, objective, size)
 
 
 def entropy_objective(objective: Objective) -> Objective | None:

@@ -15,9 +15,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from placement_env.analysis.intervals import BLOCK_FRAMES, Tally, draws_of_blocks
+from placement_env.analysis.intervals import BLOCK_FRAMES, Interval, Tally, draws_of_blocks, figure_interval
 from placement_env.cases import USUAL_CASES, Cases
-from placement_env.fidelity.detector import Detected
+from placement_env.fidelity.detector import IOUS, Detected
 from placement_env.fidelity.preparation import Preparation
 from placement_env.fidelity.seeing import see
 from placement_env.fidelity.visibility import Visibility, of_frames
@@ -89,6 +89,21 @@ class CasesEvaluator:
     def count_objects(self, frames: Frames) -> int:
         """Number of objects to be found in these frames."""
         return self.profiles[0].count_objects(frames)
+
+    def interval(self, ap: float, resamples: Float64[np.ndarray, " resamples"], frames: Frames) -> Interval:
+        """Interval of an AP on these frames, NaN on too few of them."""
+        blocks = len(np.unique(frames // BLOCK_FRAMES)) // max(1, len(self.levels))
+        if isinstance(self.profiles[0], FastEvaluator):
+            blocks = min(blocks, BATCHES)
+        return figure_interval(ap, resamples, blocks=blocks, objects=self.count_objects(frames))
+
+    def mean_ap(self, sets: Sets, frames: Frames) -> Float64[np.ndarray, " n"]:
+        """Mean AP of intact sets over IoU thresholds at the first error profile; 0 without a detector."""
+        profile = self.profiles[0]
+        if not isinstance(profile, DetectorEvaluator):
+            return np.zeros(len(sets))
+        estimates = profile.detected.estimates(sets, frames.tolist())
+        return np.asarray(np.mean([estimates[iou].ap for iou in IOUS], axis=0))
 
     def evaluate(self, sets: Sets, frames: Frames, progress: Report | None = None) -> Evaluated:
         """Figures of the sets on these frames. progress: called with the number of frames done."""
@@ -223,6 +238,10 @@ class TimedEvaluator:
     def frames(self) -> int:
         """Number of frames."""
         return self.evaluator.frames
+
+    def mean_ap(self, sets: Sets, frames: Frames) -> Float64[np.ndarray, " n"]:
+        """Mean AP over the detector's IoU thresholds, whatever time is left."""
+        return self.evaluator.mean_ap(sets, frames)
 
     def evaluate(self, sets: Sets, frames: Frames, progress: Report | None = None) -> Evaluated:
         """Evaluate the sets on as many frames as time allows."""

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from placement_env.analysis.intervals import BLOCK_FRAMES, figure_interval
+from placement_env.analysis.intervals import AP_TOLERANCE, BLOCK_FRAMES
 from placement_env.checks import check_whole
 from placement_env.fidelity.preparation import Preparation
 from placement_env.objective import Objective
@@ -38,11 +38,9 @@ from placement_env.setting import Setting
 from toolkit.arrays import Float64
 
 RACE_FRAMES, JUDGED_FRAMES = 96, 120
-AP_TOLERANCE = 0.01  # lead in AP that the race ignores
 FIRST, ETA = 12, 2  # frames of the race's first rung, and by how much the next ones are longer
 LEAST_RACED = 24  # fewest frames of a race: on fewer the luckiest of many wins
 SET_FRAMES = 1600.0  # set-frames that a race may score without a time limit
-INTERVAL_SHARE = 0.95  # confidence of the stated AP's interval
 SEARCHES = 5  # searches that share their time
 
 
@@ -135,7 +133,11 @@ def contest(
     seed: int = 0,
     most: float = SET_FRAMES,
 ) -> Contest:
-    """Race sets by their reward, of an evaluator's AP and the objective's prediction. most: set-frames to be scored."""
+    """Race sets by their reward, of an evaluator's AP and the objective's prediction. most: set-frames to be scored.
+
+    Of the sets that end within `AP_TOLERANCE` of the first, that of the greatest mean AP over the detector's IoU
+    thresholds wins, then the cheapest.
+    """
 
     def rewards(rows: Sets, frames: Frames) -> Resampled:
         found = evaluator.evaluate(rows, frames, objective.run.stage("racing", len(frames)))
@@ -145,7 +147,14 @@ def contest(
 
     order, first = race_order(evaluator.frames, seed=seed), min(FIRST, evaluator.frames)
     rules = RaceRules(confidence, AP_TOLERANCE, first, ETA, least=LEAST_RACED, most=most)
-    return race_until(rewards, sets, order, rules, predicted=objective.scores(sets).reward)
+    ran = race_until(rewards, sets, order, rules, predicted=objective.scores(sets).reward)
+    close = np.flatnonzero((ran.frames == ran.frames[0]) & (ran.expected >= ran.expected[0] - AP_TOLERANCE))
+    rows = sets[ran.ranking[close]]
+    mean_ap = evaluator.mean_ap(rows, order[: ran.frames[0]]) if len(close) > 1 else np.zeros(1)
+    won = int(close[np.lexsort((objective.price(rows), -mean_ap))[0]])
+    first = np.r_[won, np.delete(np.arange(len(ran.ranking)), won)]
+    own = ("ranking", "figures", "frames", "expected")
+    return replace(ran, **{name: getattr(ran, name)[first] for name in own})
 
 
 def weigh_costs(objective: Objective, sets: Sets, kbit: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, " n"]:
@@ -164,7 +173,7 @@ def _assess(
     judged, frames = _judge_in_time(found.sets[rows], final, schedule, report)
     contenders = []
     for row, ap, resamples in zip(rows.tolist(), judged.ap.tolist(), judged.resamples, strict=False):
-        interval = figure_interval(ap, resamples, confidence=INTERVAL_SHARE)
+        interval = final.interval(ap, resamples, frames)
         members = tuple(np.flatnonzero(found.sets[row]).tolist())
         contenders.append(Contender(found.searches[row], members, float(found.predicted[row]), ap, *interval))
     own, chosen = contenders[0], found.sets[[winner]]
@@ -198,7 +207,7 @@ def aps_at_profiles(final: CasesEvaluator, sets: Sets, frames: Frames) -> list[t
     found = []
     for n in range(len(sets)):
         each = zip(final.cases.names, aps[:, n].tolist(), resamples[:, n], strict=True)
-        intervals = ((name, ap, *figure_interval(ap, drawn, confidence=INTERVAL_SHARE)) for name, ap, drawn in each)
+        intervals = ((name, ap, *final.interval(ap, drawn, frames)) for name, ap, drawn in each)
         found.append(tuple(ProfileAP(*figures) for figures in intervals))
     return found
 

@@ -2,8 +2,19 @@
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
-from placement_env.analysis.intervals import Interval, Tally, block_draws, figure_interval, percentiles, ratio_interval
+from placement_env.analysis.intervals import (
+    Interval,
+    Tally,
+    block_draws,
+    draws_of_blocks,
+    figure_interval,
+    frames_for_width,
+    is_as_good,
+    percentiles,
+    ratio_interval,
+)
 from placement_env.fidelity.detector import FALSE_ALARM, IGNORED, Outcome
 from toolkit.detection.metrics import average_precision, precision_recall
 
@@ -65,22 +76,17 @@ def test_blocks_ratios_and_percentiles_of_what_is_defined():
     assert (block_draws(40, seed=1) != block_draws(40, seed=2)).any()
     scores, hits = [[0.9, 0.8]] * 8, [[True, True]] * 8
     assert ap_interval(scores, hits, [2] * 8) == Interval(1.0, 1.0)
-    assert ap_interval([[]] * 8, [[]] * 8, [2] * 8) == Interval(0.0, 0.0)
-    scores, hits = [[0.9], [0.8, 0.7]], [[True], [False, True]]
-    low, high = ap_interval(scores, hits, [1, 1])
-    assert low == high == pytest.approx((1 + 2 / 3) / 2)
     low, high = ap_interval([[0.5]] * 4, [[False]] * 4, [0] * 4)
     assert np.isnan([low, high]).all()
     low, high = ap_interval([[0.5], []], [[True], []], [1, 0], draws=block_draws(2, block=1))
     assert (low, high) == (1.0, 1.0)
-    assert ap_interval([[0.5]], [[True]], [1]) == Interval(1.0, 1.0)
-    found, there = np.array([1, 0, 2, 3, 1.0]), np.array([1, 2, 2, 3, 4.0])
-    draws = block_draws(5, block=2, resamples=1000, seed=3)
-    figures = np.array([row @ found / (row @ there) for row in draws])
-    assert ratio_interval(found, there, draws=draws) == pytest.approx(np.quantile(figures, [0.025, 0.975]))
+    found, there = np.tile([1, 0, 2, 3, 1.0], 10), np.tile([1, 2, 2, 3, 4.0], 10)
+    figures = np.array([row @ found / (row @ there) for row in block_draws(50, seed=3)])
+    assert ratio_interval(found, there, seed=3) == pytest.approx(percentiles(figures, 13))
     assert np.isnan(ratio_interval([0, 0], [0, 0])).all()
-    assert figure_interval(0.1, np.full(9, 0.5)) == Interval(0.1, 0.5)
-    assert figure_interval(0.9, np.full(9, 0.5)) == Interval(0.5, 0.9)
+    assert np.isnan(ratio_interval(found[:36], there[:36])).all()  # nine blocks
+    assert figure_interval(0.1, np.full(9, 0.5), blocks=12) == Interval(0.1, 0.5)
+    assert figure_interval(0.9, np.full(9, 0.5), blocks=12) == Interval(0.5, 0.9)
     assert percentiles(np.array([np.nan, 0.0, 1.0, 2.0, 3.0, 4.0]), confidence=0.5) == Interval(1.0, 3.0)
     with pytest.raises(ValueError, match="one part and one whole per frame"):
         ratio_interval([1.0, 2.0], [1.0])
@@ -99,15 +105,13 @@ def test_tallies_of_frames_cover_as_often_as_they_say():
     tally = Tally(
         np.array([0.9, 0.8, 0.7, 0.6]), np.array([True, False, True, True]), np.array([2, 0, 0, 2]), np.array([1, 0, 3])
     )
-    frames = [[0.8, 0.7], [], [0.9, 0.6]], [[False, True], [], [True, True]], [1, 0, 3]
-    assert tally.interval(seed=3) == ap_interval(*frames, seed=3)
-    assert tally.interval(seed=3, confidence=0.5) == ap_interval(*frames, seed=3, confidence=0.5)
+    assert np.isnan(tally.interval(seed=3)).all()  # one block
     assert tally.ap == pytest.approx(0.25 + 0.5 * 0.75)
     empty = Tally(np.array([0.5]), np.array([False]), np.array([1]), np.zeros(3, int))
     assert np.isnan([empty.ap, empty.recall, *empty.interval()]).all()
     assert empty.precision == 0.0
     silent = Tally(np.zeros(0), np.zeros(0, bool), np.zeros(0, int), np.array([2, 1]))
-    assert (silent.ap, silent.recall, silent.interval()) == (0.0, 0.0, (0.0, 0.0))
+    assert (silent.ap, silent.recall) == (0.0, 0.0)
     assert np.isnan(silent.precision)
     bits = np.array([96])
     outcomes = [
@@ -119,6 +123,12 @@ def test_tallies_of_frames_cover_as_often_as_they_say():
     assert (tally.hit.tolist(), tally.frame.tolist()) == ([True, False, True], [0, 0, 1])
     assert (tally.recall, tally.precision) == pytest.approx((2 / 3, 2 / 3))
     assert Tally.of(outcomes, np.array([1, 2]), 1).hit.tolist() == [False, False, False]
+    # Wilson's interval where all blocks agree, for a quarter of the vehicles: they live four frames
+    perfect = Tally(np.full(80, 0.9), np.ones(80, bool), np.repeat(np.arange(40), 2), np.full(40, 2))
+    low, high = perfect.interval()
+    assert [low, high] == pytest.approx([20 / (20 + norm.ppf(0.975) ** 2), 1.0])
+    none = Tally(np.zeros(0), np.zeros(0, bool), np.zeros(0, int), np.full(40, 2))
+    assert none.interval() == pytest.approx((0.0, 1 - low))
     # 200 recordings of independent blocks, of which the vehicles of one are found or missed together.
     rng, covered = np.random.default_rng(0), 0
     for seed in range(200):
@@ -133,3 +143,30 @@ def test_tallies_of_frames_cover_as_often_as_they_say():
     values = [[0.9] * int(f) for f in found], [[True] * int(f) for f in found], [1] * 100
     (low, high), (low_of_1, high_of_1) = (ap_interval(*values, draws=block_draws(100, block=n)) for n in (4, 1))
     assert high - low > 1.5 * (high_of_1 - low_of_1)
+
+
+@pytest.mark.parametrize("blocks", [10, 15, 30])
+def test_few_blocks_are_covered_as_often_as_many(blocks):
+    """Means of normal blocks, whose interval by Student's t is known: coverage is 95 % but for chance."""
+    rng, covered, trials = np.random.default_rng(blocks), 0, 1000
+    draws = draws_of_blocks(np.arange(blocks), resamples=2000) / blocks
+    for _ in range(trials):
+        own = rng.normal(size=blocks)
+        low, high = percentiles(draws @ own, blocks)
+        covered += low <= 0.0 <= high
+    assert 0.93 <= covered / trials <= 0.975
+
+
+def test_a_figure_is_as_good_by_its_paired_loss_alone():
+    rng = np.random.default_rng(2)
+    best = rng.normal(0.9, 0.1, 1000)
+    assert is_as_good(best - 0.009, best, 30)
+    assert not is_as_good(best - 0.011, best, 30)
+    assert is_as_good(best + 0.5, best, 30)  # better
+    assert not is_as_good(best - rng.normal(0.0, 0.01, 1000), best, 30)  # may be worse by more
+    assert not is_as_good(best, best, 9)
+
+
+@pytest.mark.parametrize(("width", "frames"), [(0.02, 40), (0.04, 160), (0.03, 92)])
+def test_frames_grow_with_the_square_of_the_width(width, frames):
+    assert frames_for_width(40, width, 0.02) == frames

@@ -62,8 +62,11 @@ def test_schemes_are_compared_at_the_iou_of_the_plan(example):
     section = read(report.schemes_section, replace(example.plan, schemes=mine))
     assert section.conclusion == (
         "Early fusion has the highest AP, 0.900 (0.880–0.920), against 0.800 (0.780–0.820) with late fusion as "
-        "planned, and their intervals do not overlap; late fusion sends 300 kbit per sensor and frame, the least."
+        "planned, and the difference is no chance; late fusion sends 300 kbit per sensor and frame, the least."
     )
+    alike = (replace(mine[0], as_good=True), *mine[1:])
+    said = read(report.schemes_section, replace(example.plan, schemes=alike)).conclusion
+    assert "and on the same frames they cannot be told apart" in said
     assert section.blocks[1].caption == "Early fusion sends 5.0 times as much as late fusion."
     best = read(report.schemes_section, replace(example.plan, schemes=mine[1:2]))
     assert best.conclusion.startswith("Late fusion, as planned, has the highest AP, 0.800")
@@ -155,18 +158,18 @@ def test_failures_and_the_order_of_building(example):
         "d3: AP 0.780 (0.750–0.810, 412 vehicles) is left. If 2 sensors fail, the worst loss is that of d0 and d3: AP "
         "0.520 (0.490–0.550, 412 vehicles) is left."
     )
-    assert section.blocks[0].caption == (
-        "In 3 of 6 cases the loss is so small that the interval still overlaps that of the whole set."
-    )
+    assert section.blocks[0].caption == ("In 0 of 6 cases no more than 0.01 of the AP is lost.")
     assert [cell.text for cell in section.blocks[1].rows[0]][-1] == "0.052"
     section = read(report.order_section, example.plan)
     assert section.conclusion == (
         "Build d3 first: for 1.50 EUR it alone gives AP 0.710 (0.680–0.740, 412 vehicles); the last, d5, brings it to "
         "AP 0.962 (0.932–0.992, 412 vehicles)."
     )
-    assert section.blocks[0].caption == (
-        "From 3 sensors on, the interval overlaps that of all: the gain from more is uncertain."
-    )
+    assert section.blocks[0].caption == ("Every sensor adds more than 0.01 of AP.")
+    *others, last = example.plan.order
+    level = replace(example.plan, order=(*others, replace(last, judged=others[-1].judged)))
+    caption = read(report.order_section, level).blocks[0].caption
+    assert caption == "From 3 sensors on, more sensors add no more than 0.01 of AP."
     one = read(report.order_section, replace(example.plan, order=example.plan.order[:1]))
     assert one.conclusion.endswith("412 vehicles).")
-    assert one.blocks[0].caption == "Every sensor adds more than the intervals leave open."
+    assert one.blocks[0].caption == "Every sensor adds more than 0.01 of AP."

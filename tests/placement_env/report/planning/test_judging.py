@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from placement_env.analysis.intervals import Tally
+from placement_env.analysis.intervals import Tally, percentiles
 from placement_env.cases import Cases
 from placement_env.classes import VEHICLES, Classes
 from placement_env.fidelity.detector import Detected
@@ -16,7 +16,8 @@ def test_a_set_is_judged_as_the_detector_scores_it_at_any_iou(street):
         np.array([[1, 0, 0, 0], [1, 1, 0, 0], [1, 1, 1, 0], [0, 0, 0, 0]], bool)
     )
     assert (first.ap, first.recall, first.precision, first.vehicles, first.frames) == (0.5, 0.5, 1.0, 32, 8)
-    assert (both.ap, both.low, both.high) == (0.75, 0.75, 0.75)  # all frames are alike
+    assert both.ap == 0.75
+    assert np.isnan([both.low, both.high]).all()  # two blocks
     assert all_of_them.precision == 0.8  # the ghost in every frame
     assert all_of_them.ap == pytest.approx(0.8)  # it is believed most
     assert (none.ap, none.recall, none.precision) == (0.0, 0.0, None)
@@ -29,15 +30,16 @@ def test_a_set_is_judged_as_the_detector_scores_it_at_any_iou(street):
     for _ in range(2):  # nothing is detected twice
         street.judge.judge(np.array([[0, 1, 1, 0]], bool), progress=calls.append)
     assert calls == list(range(1, 9))
-    (judged,) = street.judge.judge_cases(np.array([[1, 0, 0, 1]], bool))
+    ((judged,), draws) = street.judge.judge_cases(np.array([[1, 0, 0, 1]], bool))
     assert judged[1:] == (None, None, None)
+    assert (draws == judged.judged.ap).all()  # all frames are alike
     assert street.judge.by_errors((0, 1)) == {}
 
 
 def test_the_interval_holds_the_ap_and_depends_on_the_seed_alone():
     rng = np.random.default_rng(3)
-    frame = np.repeat(np.arange(20), 3)
-    tally = Tally(rng.random(60), rng.random(60) < frame / 20, frame, np.full(20, 4))
+    frame = np.repeat(np.arange(80), 3)
+    tally = Tally(rng.random(240), rng.random(240) < frame / 80, frame, np.full(80, 4))
     first, again, other = (judge_tallies([[tally]], VEHICLES, seed) for seed in (1, 1, 2))
     assert first == again
     assert (first.low, first.high) != (other.low, other.high)
@@ -80,13 +82,14 @@ def test_several_classes_are_judged_together_and_each_by_itself(walked, combine)
     assert (walker.label, walker.iou, walker.weight) == ("pedestrian", 0.5, 0.5)
     assert vehicle.judged.ap == 0.75
     assert (walker.judged.ap, walker.judged.vehicles, walker.judged.kind) == (0.375, 8, "pedestrian")
-    assert (walker.judged.low, walker.judged.high) == (0.0, 0.75)
     assert both.ap == {"mean": 0.5625, "worst": 0.375}[combine]
     assert (both.vehicles, both.kind, both.precision) == (40, "object", 1.0)
     assert both.ap == pytest.approx(float(judge.detected(np.array([[1, 1, 0, 0]], bool)).ap[0]), abs=1e-12)
+    _, (draws,) = judge.judge_drawn(np.array([[1, 1, 0, 0]], bool), judge.cases)
+    (walker,) = judge.of_classes(Classes(("pedestrian",))).judge_drawn(np.array([[1, 1, 0, 0]], bool), judge.cases)[1]
+    assert sorted(set(walker.round(6))) == [0.0, 0.375, 0.75]  # found in three frames of the first of two blocks
     if combine == "mean":  # vehicles are found alike in every frame, so all that varies is the walker
-        assert both.low == pytest.approx((0.75 + walker.judged.low) / 2)
-        assert both.high == pytest.approx((0.75 + walker.judged.high) / 2)
+        assert draws == pytest.approx((0.75 + walker) / 2)
 
 
 def test_vehicles_alone_and_classes_without_objects(walked, street):
@@ -106,14 +109,14 @@ def test_several_thresholds_give_means_of_ap_and_resamples(street):
     cases = Cases(iou=(0.7, 0.9))
     judge = Judge((street.detected.at(0.7, cases.ious),), cases)
     (both,) = judge.judge(np.array([[1, 1, 0, 0]], bool))
-    assert (both.ap, both.low, both.high, both.vehicles) == (0.75, 0.75, 0.75, 32)
+    assert (both.ap, both.vehicles) == (0.75, 32)
     assert judge.by_class((0, 1))[0].iou == (0.7, 0.9)
     rng = np.random.default_rng(5)
-    frame = np.repeat(np.arange(20), 3)
-    scores, hit = rng.random(60), rng.random(60) < frame / 20
+    frame = np.repeat(np.arange(60), 3)
+    scores, hit = rng.random(180), rng.random(180) < frame / 60
     loose, strict = (
-        Tally(scores, hit, frame, np.full(20, 4)),
-        Tally(scores, hit & (scores > 0.5), frame, np.full(20, 4)),
+        Tally(scores, hit, frame, np.full(60, 4)),
+        Tally(scores, hit & (scores > 0.5), frame, np.full(60, 4)),
     )
     found = judge_tallies([[loose], [strict]], VEHICLES, 1)
     one, other = (judge_tallies([[each]], VEHICLES, 1) for each in (loose, strict))
@@ -121,16 +124,18 @@ def test_several_thresholds_give_means_of_ap_and_resamples(street):
     assert found.recall == pytest.approx((one.recall + other.recall) / 2)
     assert found.precision == pytest.approx(np.mean([loose.precision, strict.precision]))
     draws = (loose.resamples(seed=1) + strict.resamples(seed=1)) / 2
-    assert (found.low, found.high) == pytest.approx(tuple(np.quantile(draws, [0.025, 0.975])))
-    assert found.vehicles == 80
+    assert (found.low, found.high) == pytest.approx(percentiles(draws, 15))
+    assert found.vehicles == 240
 
 
 @pytest.mark.parametrize(("combine", "ap"), [("worst", 0.25), ("mean", 0.375)])
 def test_what_is_left_when_one_fails(street, combine, ap):
     """Post 0 finds two of four cars, post 3 one of these two; a set of one has nothing left."""
     judge = Judge((street.detected,), Cases(failing=1, failures=combine))
-    pair, alone = (each.left for each in judge.judge_cases(np.array([[1, 0, 0, 1], [1, 0, 0, 0]], bool)))
-    assert (pair.ap, pair.recall, pair.low, pair.high) == (ap, ap, ap, ap)
+    found, draws = judge.judge_cases(np.array([[1, 0, 0, 1], [1, 0, 0, 0]], bool))
+    pair, alone = (each.left for each in found)
+    assert (pair.ap, pair.recall) == (ap, ap)
+    assert (draws == np.array([[ap], [0.0]])).all()
     assert (alone.ap, alone.recall, alone.precision, alone.vehicles) == (0.0, 0.0, None, 32)
     (intact,) = judge.judge(np.array([[1, 0, 0, 1]], bool))
     assert intact.ap == 0.5
@@ -163,15 +168,13 @@ def test_levels_of_traffic_are_judged_by_themselves(rush, failing, levels, over,
     judge = rush(Cases(failing=failing, levels=2, levels_by=levels))
     sets = np.array([[1, 1, 0, 0], [0, 1, 0, 0]], bool)
     both, alone = judge.judge(sets)
-    assert (both.ap, both.low, both.high) == (
-        0.625,
-        0.5,
-        0.75,
-    )  # two blocks, of which one is drawn twice every other time
-    assert (alone.ap, alone.low, alone.high) == (0.5, 0.5, 0.5)
-    found = judge.judge_cases(sets)
+    assert (both.ap, alone.ap) == (0.625, 0.5)
+    drawn = judge.judge_drawn(sets, judge.intact)[1]
+    assert [sorted(set(each.round(6))) for each in drawn] == [[0.5, 0.625, 0.75], [0.5]]  # of two blocks
+    found, draws = judge.judge_cases(sets)
     both, alone = (each.over_levels for each in found)
-    assert (both.ap, both.low, both.high, both.recall) == (over, over, over, over)
+    assert (both.ap, both.recall) == (over, over)
+    assert (draws == [[over], [0.5]] if left is None else draws == [[left], [0.0]]).all()
     assert alone.ap == 0.5
     assert (both.vehicles, both.frames) == ((16, 4) if levels == "worst" else (32, 8))
     thin, dense = judge.by_level((0, 1))
@@ -184,11 +187,10 @@ def test_levels_of_traffic_are_judged_by_themselves(rush, failing, levels, over,
 
 def test_the_interval_over_levels_is_of_the_worst_in_each_resample(rush, street):
     mixed = rush(Cases(levels=2), (np.array([0, 1, 4, 5]), np.array([2, 3, 6, 7])))
-    (both,) = mixed.judge(np.array([[1, 1, 0, 0]], bool), mixed.cases)
+    (both,), (draws,) = mixed.judge_drawn(np.array([[1, 1, 0, 0]], bool), mixed.cases)
     first, second = mixed.by_level((0, 1))
     assert (first.ap, second.ap, both.ap) == (0.625, 0.625, 0.625)
-    assert both.low == min(first.low, second.low) == 0.5
-    assert both.high <= min(first.high, second.high)
+    assert sorted(set(draws.round(6))) == [0.5, 0.625, 0.75]
 
 
 def test_a_level_with_nothing_to_find_says_nothing(street):
@@ -244,23 +246,23 @@ def test_error_profiles_are_judged_by_themselves(hazy, failing, levels, combine,
     """Of four cars 0 and 1 find three; in the haze two in the last four frames, and without 0 none there."""
     judge = hazy(LEVELS if levels == 2 else (), failing=failing, levels=levels, errors_by=combine)
     assert [each.ap for each in judge.judge(SETS)] == [0.75, 0.25]  # at the first profile
-    both, alone = (each.over_errors for each in judge.judge_cases(SETS))
+    both, alone = (each.over_errors for each in judge.judge_cases(SETS)[0])
     assert both.ap == pytest.approx(over)
     assert alone.ap == (0.0 if failing or combine == "worst" else 0.125)
     each = judge.by_errors((0, 1))
     assert {name: judged.ap for name, judged in each.items()} == pytest.approx({"paper": paper, "poor": poor})
     assert both.recall == pytest.approx(over)
-    assert both.low <= both.ap <= both.high
     assert judge.evaluator.evaluate(SETS, np.arange(8)).ap == pytest.approx([both.ap, alone.ap], abs=1e-5)
 
 
 def test_the_interval_over_profiles_is_of_the_worst_in_each_resample(hazy):
     judge = hazy()
-    (both,) = judge.judge(SETS[:1], judge.cases)
+    (both,), (draws,) = judge.judge_drawn(SETS[:1], judge.cases)
     exact, rough = judge.by_errors((0, 1)).values()
-    assert (exact.low, exact.high) == (0.75, 0.75)
-    assert (rough.low, rough.ap, rough.high) == (both.low, both.ap, both.high) == (0.5, 0.625, 0.75)
+    assert (exact.ap, rough.ap, both.ap) == (0.75, 0.625, 0.625)
+    assert sorted(set(draws.round(6))) == [0.5, 0.625, 0.75]
     average = hazy(errors_by="mean")
-    (mean,) = average.judge(SETS[:1], average.cases)
-    assert (mean.low, mean.ap, mean.high) == (0.625, 0.6875, 0.75)
+    (mean,), (drawn,) = average.judge_drawn(SETS[:1], average.cases)
+    assert mean.ap == 0.6875
+    assert drawn == pytest.approx((0.75 + draws) / 2)
     assert (mean.precision, mean.vehicles, mean.frames) == (1.0, 32, 8)

@@ -47,7 +47,8 @@ def test_a_plan_has_all_its_parts_with_traffic_of_their_own(planned):
     assert len(made.chosen.sensors) == len(made.sensors) == len(planned.site.sensors) == 2
     assert made.chosen.sensors == tuple(sensor.name for sensor in made.sensors)
     judged = made.chosen.judged
-    assert (judged.frames, judged.low <= judged.ap <= judged.high) == (5, True)
+    assert judged.frames == 5
+    assert np.isnan([judged.low, judged.high]).all()
     assert judged.vehicles > 10
     assert {(row.scheme, row.iou) for row in made.schemes} == {
         (s, i) for s in ("early", "late", "hybrid") for i in (0.7, 0.8, 0.9)
@@ -100,7 +101,7 @@ def test_other_detector_other_figures(asked):
     made = plan(asked(detector=Blind(), min_ap=0.5)).plan
     assert (made.detector, made.chosen.judged.ap, made.chosen.judged.precision) == ("Blind", 0.0, None)
     assert made.verdict.met is False
-    assert "AP 0.000 (0.000 to 0.000)" in made.verdict.reasons[0]
+    assert "AP 0.000 (no interval from fewer than 40 frames)" in made.verdict.reasons[0]
     assert len(made.chosen.sensors) == 1  # of equal sets the cheapest
 
 

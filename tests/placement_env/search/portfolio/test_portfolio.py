@@ -5,10 +5,11 @@ import time
 import numpy as np
 import pytest
 
+from placement_env.analysis.intervals import AP_TOLERANCE, figure_interval
 from placement_env.cases import Cases
 from placement_env.objective import Objective
 from placement_env.protocol import Estimate
-from placement_env.racing import RaceRules, race_until
+from placement_env.racing import Contest, RaceRules, race_until
 from placement_env.search.portfolio import portfolio
 from placement_env.search.portfolio.evaluators import CasesEvaluator, DetectorEvaluator, Evaluated, Schedule, race_order
 from placement_env.search.portfolio.portfolio import Judging
@@ -40,6 +41,12 @@ class Truth:
         if progress is not None:
             progress(len(frames))
         return Evaluated(ap, 100.0 * sets.sum(axis=1), ap[:, None] + np.outer(np.arange(len(sets)), draws))
+
+    def interval(self, ap, resamples, frames):
+        return figure_interval(ap, resamples, blocks=len(frames) / 4)
+
+    def mean_ap(self, sets, frames):
+        return sets @ VALUE
 
     def at_thresholds(self, sets, frames, progress=None):
         found = self.evaluate(sets, frames, progress)
@@ -161,6 +168,7 @@ def test_sets_race_by_ap_less_costs_in_the_order_of_a_seed(street, monkeypatch):
 
     def noted(rewards, sets, order, rules, *, predicted):
         given.update(rewards=rewards, sets=sets, order=order, rules=rules, predicted=predicted)
+        return Contest(np.array([0, 1]), predicted, np.array([7, 7]), 1.0, 14, np.array([0.5, 0.4]))
 
     monkeypatch.setattr(portfolio, "race_until", noted)
     weights = Weights(comm=0.001, price=0.01)
@@ -248,5 +256,5 @@ def test_the_race_has_the_rules_that_are_asked(seconds, most, deceived, monkeypa
     judging = Judging(evaluators=(Truth(), Truth()), confidence=0.6)
     portfolio.search(deceived, 2, seed=5, seconds=seconds, judging=judging)
     ((rules, order),) = asked
-    assert (rules.confidence, rules.tolerance, rules.most) == (0.6, portfolio.AP_TOLERANCE, most)
+    assert (rules.confidence, rules.tolerance, rules.most) == (0.6, AP_TOLERANCE, most)
     assert order.tolist() == race_order(48, seed=5).tolist()
