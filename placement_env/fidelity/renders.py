@@ -22,7 +22,7 @@ from placement_env.fidelity.traffic import Traffic, build_renderer
 from toolkit.arrays import Float32, Int64, Shaped
 from toolkit.calibration.empty_scene import EmptyScene, SceneLearner, Scenes
 from toolkit.datasets.dataset import CoopDataset
-from toolkit.datasets.readings import ReadRecording, Reads, read_frame, redraw, with_errors
+from toolkit.datasets.readings import ReadRecording, Reads, block_seed, read_frame, with_errors
 from toolkit.detection.view import Captured
 from toolkit.frame import Frame
 from toolkit.objects import Objects
@@ -133,7 +133,7 @@ class Renders:
         pixels, depth = packed.frame(k)
         image.ravel()[pixels] = depth
         frame = Frame((sensor,), (image,), now.objects, now.time, k)
-        seed = redraw(self._noise_seed or 0, k // LIFE) if self.redrawn else self._noise_seed or 0
+        seed = block_seed(self._noise_seed or 0, k // LIFE) if self.redrawn else self._noise_seed or 0
         return with_errors(frame, self.errors, seed, velocities=speed, numbers=[_seed(sensor)])
 
     def _of_candidate(self, c: int) -> _Packed:

@@ -86,6 +86,14 @@ class BreakdownRow:
 
 
 @dataclass(frozen=True)
+class DrawingResult:
+    """Result at one drawing of what no map knows. judged: the chosen set; poles: of the set chosen at it alone."""
+
+    judged: Judgement
+    poles: tuple[str, ...]
+
+
+@dataclass(frozen=True)
 class ClassSeen:
     """Coverage of one class."""
 
@@ -173,11 +181,11 @@ class Plan:
     mean; currency: of all prices, "" for units of one ordinary pole; chosen: None if no set may be built; best: the set
     that is best where price does not count; near_optimal: other sets that cannot be told from it on the same frames,
     cheap ones first; confidence: least with which a race of one size ended; front: sets that no other beats in AP, kbit
-    per sensor and price at once, by price; by_draw: at each error profile with errors; running: what the
-    catalogue's rates add to the price; poles_unused: names; origins: number of things at the site by origin ("mapped",
-    "surveyed", "drawn") and kind; head: title, client, date and author, those that the catalogue gives; blind_streets:
-    m² of lanes that no sensor sees, by street; assumptions, unknown: sentences; provenance: digests of all inputs,
-    seeds, versions.
+    per sensor and price at once, by price; by_draw: at each error profile with errors; by_drawing: at
+    each of several drawings of the site, on the traffic of the comparison; running: what the catalogue's rates add to
+    the price; poles_unused: names; origins: number of things at the site by origin ("mapped", "surveyed", "drawn") and
+    kind; head: title, client, date and author, those that the catalogue gives; blind_streets: m² of lanes that no
+    sensor sees, by street; assumptions, unknown: sentences; provenance: digests of all inputs, seeds, versions.
     """
 
     question: dict[str, object]
@@ -202,6 +210,7 @@ class Plan:
     by_level: tuple[BreakdownRow, ...] = ()
     by_errors: tuple[BreakdownRow, ...] = ()
     by_draw: tuple[DrawnErrors, ...] = ()
+    by_drawing: tuple[DrawingResult, ...] = ()
     by_class: tuple[ClassSeen, ...] = ()
     class_ap: tuple[ClassAP, ...] = ()
     worth: tuple[SensorWorth, ...] = ()

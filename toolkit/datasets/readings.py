@@ -72,7 +72,7 @@ def read_frame(
     return with_errors(frame, errors, noise_seed, velocities=speed)
 
 
-def redraw(seed: int, block: int) -> int:
+def block_seed(seed: int, block: int) -> int:
     """Seed of the errors of one block of frames, as if all sensors were mounted anew."""
     return int(np.random.default_rng([seed, block]).integers(2**31))
 

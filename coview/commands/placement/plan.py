@@ -41,8 +41,11 @@ class Goal:
     """Confidence, at the end of a comparison, that no set of as many sensors is better by more than 0.01."""
     width: float | None = None
     """Width of the 95 % interval of the stated AP: 0.02 takes as many frames as that needs, up to 1,200."""
+    drawings: int = 1
+    """At an imported site, number of drawings of what its map does not show, over which sets are compared."""
 
     def __post_init__(self) -> None:
+        check_least("--drawings", self.drawings, 1)
         named = {"--budget": self.budget, "--money": self.money, "--min-ap": self.min_ap, "--max-kbit": self.max_kbit}
         for option, value in named.items():
             check_least(option, value, 0)
@@ -137,7 +140,7 @@ def plan(
         most_price=math.inf if goal.money is None else goal.money,
     )
     sensors = USUAL_SENSORS if goal.budget is None and goal.money is None else goal.budget
-    question = Question(setting, run, sensors, goal.min_ap, goal.max_kbit, goal.confidence, goal.width)
+    question = Question(setting, run, sensors, goal.min_ap, goal.max_kbit, goal.confidence, goal.width, goal.drawings)
     with suppress(NoCandidates):  # the plan says why there are none
         _ = setting.pool
     claimed = claim(out, asked, check, overwrite=output.overwrite or _says_no(out / "plan.json"))

@@ -27,7 +27,7 @@ from placement_env.analysis.intervals import BLOCK_FRAMES, Tally
 from placement_env.report.content import Judgement
 from toolkit.arrays import Float32
 from toolkit.calibration.empty_scene import Scenes
-from toolkit.datasets.readings import ReadRecording, Reads, read_frame, redraw
+from toolkit.datasets.readings import ReadRecording, Reads, block_seed, read_frame
 from toolkit.detection.link.channel import STALE, Lagged, Tracks, delay_frames
 from toolkit.detection.metrics import matches
 from toolkit.detection.scheme import Chained
@@ -284,7 +284,7 @@ class _RedrawnErrors(RecordingView):
     seed: int
 
     def __getitem__(self, index: int) -> Frame:
-        seed = redraw(self.seed, index // BLOCK_FRAMES)
+        seed = block_seed(self.seed, index // BLOCK_FRAMES)
         return read_frame(self.recording, index, errors=self.errors, noise_seed=seed)
 
 

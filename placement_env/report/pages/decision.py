@@ -212,7 +212,19 @@ def _describe_drawn(plan: content.Plan) -> Fact | None:
     others = sum(drawn.values()) - sum(drawn[kind] for kind in common)
     things = describe_things({kind: drawn[kind] for kind in common}) + (f" and {others} other things" if others else "")
     text = f"Drawn at random, in no map: {things}. They hide road users; survey what really stands there."
-    return Fact("Not surveyed", text, alarm=True)
+    return Fact("Not surveyed", f"{text} {_describe_drawings(plan)}", alarm=True)
+
+
+def _describe_drawings(plan: content.Plan) -> str:
+    """Say which poles are in the answer however the unknown things are drawn."""
+    if not plan.by_drawing:
+        return "With --drawings 3 the plan says which poles depend on them."
+    count, aps = len(plan.by_drawing), [each.judged.ap for each in plan.by_drawing]
+    kept = [f"{pole} in {sum(pole in each.poles for each in plan.by_drawing)}" for pole in _poles(plan)]
+    return (
+        f"Of {count} drawings, each with an answer of its own, {join_names(kept)} use these poles. The set has AP "
+        f"{number(min(aps))} to {number(max(aps))} among them."
+    )
 
 
 def _describe_price(plan: content.Plan) -> Fact:

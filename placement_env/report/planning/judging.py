@@ -37,7 +37,7 @@ from placement_env.classes import Classes, Combine
 from placement_env.fidelity.detector import Detected, Outcome
 from placement_env.fidelity.preparation import Preparation
 from placement_env.objective import Objective
-from placement_env.report.content import CONFIDENCE, ClassAP, Judgement, PlanOption
+from placement_env.report.content import CONFIDENCE, ClassAP, DrawingResult, Judgement, PlanOption
 from placement_env.search.exact.exhaustive import find_front
 from placement_env.search.portfolio.entrants import Entrants
 from placement_env.search.portfolio.evaluators import CasesEvaluator, DetectorEvaluator, Report, race_order
@@ -72,13 +72,15 @@ class Judge:
     """The detector on one part of the traffic.
 
     profiles: at each error profile of the cases, matched at all their IoU thresholds; seed: of the bootstrap; levels:
-    frames of each level of traffic, none if traffic is undivided.
+    frames of each level of traffic, none if traffic is undivided; drawings: judges of the same candidates at other
+    drawings of the site, over which figures of sets are means.
     """
 
     profiles: tuple[Detected, ...]
     cases: Cases = USUAL_CASES
     seed: int = 0
     levels: tuple[Int64[np.ndarray, " _"], ...] = ()
+    drawings: tuple[Judge, ...] = ()
 
     @classmethod
     def of(cls, prepared: Preparation, seed: int) -> Judge:
@@ -120,7 +122,12 @@ class Judge:
     def evaluator(self) -> CasesEvaluator:
         """Evaluator for races of sets, over the same cases."""
         profiles = tuple(DetectorEvaluator(each, self.cases.ious, self.seed) for each in self.profiles)
-        return CasesEvaluator(profiles, self.cases, self.levels)
+        return CasesEvaluator(profiles, self.cases, self.levels, tuple(each.evaluator for each in self.drawings))
+
+    @property
+    def alone(self) -> tuple[Judge, ...]:
+        """Judge of each drawing of the site by itself."""
+        return replace(self, drawings=()), *self.drawings
 
     def outcomes(self, chosen: tuple[int, ...]) -> list[Outcome]:
         """Outcomes of one set in every frame."""
@@ -138,7 +145,7 @@ class Judge:
         """Judge sets over cases; also the AP of each resample, which is of the same frames for all sets."""
         if not len(sets):
             return [], np.zeros((0, 0))
-        found = self._at_profiles(sets, cases, progress)
+        found = _reduce(np.array([each._at_profiles(sets, cases, progress) for each in self.alone]), "mean")
         over = _reduce(found, cases.errors_by)
         over[..., DRAWS] = cases.over_errors(found[..., DRAWS])
         return [_judgement(each, self.detected.classes) for each in over], over[..., DRAWS]
@@ -178,7 +185,8 @@ class Judge:
 
     def of_classes(self, classes: Classes) -> Judge:
         """Judge of other classes at the first error profile."""
-        return replace(self, profiles=(self.detected.of_classes(classes),), cases=self.intact, levels=())
+        profiles = (self.detected.of_classes(classes),)
+        return replace(self, profiles=profiles, cases=self.intact, levels=(), drawings=())
 
     def by_class(self, chosen: tuple[int, ...]) -> tuple[ClassAP, ...]:
         """Judge one set for each class that counts."""
@@ -315,6 +323,24 @@ class Choice:
     def near_optimal(self) -> tuple[PlanOption, ...]:
         """Sets that cannot be told from the best, cheap ones first."""
         return tuple(sorted((self.options[i] for i in self.alike), key=_thrift))
+
+
+def choose_at_drawings(judge: Judge, choice: Choice, min_ap: float | None) -> tuple[DrawingResult, ...]:
+    """Judge the answer, and choose among the judged sets, at each drawing of the site by itself."""
+    if not judge.drawings:
+        return ()
+    rows = [i for i, option in enumerate(choice.options) if option.judged is not None]
+    sets, results = choice.sets[rows], []
+    for each in judge.alone:
+        found, draws = each.judge_cases(sets)
+        figures = zip(rows, found, each.evaluator.mean_ap(sets, np.arange(each.frames)).tolist(), strict=True)
+        options = [replace(choice.options[i], mean_ap=mean, **judged._asdict()) for i, judged, mean in figures]
+        place = choose(options, dict(enumerate(draws)))[1][0]
+        if min_ap is not None:
+            reaching = [n for n, judged in enumerate(found) if judged.counted.ap >= min_ap]
+            place = min(reaching, key=lambda n: _thrift(options[n]), default=place)
+        results.append(DrawingResult(found[rows.index(choice.chosen)].counted, options[place].poles))
+    return tuple(results)
 
 
 class _Options:

@@ -47,7 +47,7 @@ from placement_env.report.pages.report import REPORT_FILES, write_report
 from placement_env.report.planning import judging, sentences
 from placement_env.report.planning.question import PART_FRAMES, Question
 from placement_env.search.order import describe_exclusions
-from placement_env.search.portfolio.entrants import Effort, Entrants, keep_entrants
+from placement_env.search.portfolio.entrants import Effort, Entrants, join_entrants, keep_entrants
 from placement_env.setting import AP_ONLY
 from placement_env.subsets import all_subsets
 from toolkit.arrays import Bool, Float32, Float64, Int64
@@ -293,7 +293,8 @@ class Findings:
     """Everything that led to the chosen set.
 
     objective: of the searches; network: shipped one that detects if the question has no detector; excluded: sentences
-    on what excludes candidates; traffic: of searches, comparison and judgement.
+    on what excludes candidates; traffic: of searches, comparison and judgement; drawings: results at each, where there
+    are several.
     """
 
     question: Question
@@ -303,6 +304,7 @@ class Findings:
     network: str
     excluded: tuple[str, ...]
     traffic: Sequence[Traffic]
+    drawings: tuple[content.DrawingResult, ...] = ()
 
 
 def build_plan(findings: Findings, final: judging.Judge, ground: Ground) -> content.Plan:
@@ -344,6 +346,7 @@ def build_plan(findings: Findings, final: judging.Judge, ground: Ground) -> cont
         by_level=by_level(scored, final, members),
         by_errors=by_errors(final, members),
         by_draw=by_draw(final, members),
+        by_drawing=findings.drawings,
         by_class=by_class(final, members),
         class_ap=(*final.by_class(members), *final.by_other_class(members)),
         worth=chosen.worth(),
@@ -406,13 +409,14 @@ class ChosenSet:
 
     def schemes(self) -> tuple[content.SchemeFigures, ...]:
         """The set under every scheme at every IoU."""
-        known, intact, figures = self.judge.detected, self.judge.intact, []
+        judge, figures = replace(self.judge, drawings=()), []
+        known, intact = judge.detected, judge.intact
         whole, ious = self.rows(np.ones((1, len(self.members)), np.bool_)), intact.ious
-        _, (own,) = self.judge.judge_drawn(whole, intact)
+        _, (own,) = judge.judge_drawn(whole, intact)
         for name in PAPER_SCHEMES:
             alike = {each: getattr(known, each) for each in ("codec", "memo", "processes", "classes")}
             other = Detected(known.renders, known.detector, name, **alike).at(ious[0], ious)
-            at = replace(self.judge, profiles=(other,))
+            at = replace(judge, profiles=(other,))
             kbit = float(np.mean([outcome.bits.mean() for outcome in at.outcomes(self.members)])) / 1000
             for iou in sorted({*IOUS, *ious}) if len(ious) == 1 else (*IOUS, ious):
                 (judged,), (drawn,) = at.judge_drawn(whole, replace(intact, iou=iou), self.stage("fusion schemes"))
@@ -510,49 +514,59 @@ def plan(question: Question) -> content.Planned:
     except NoCandidates as error:
         return _refuse(question, (f"There is no candidate: {error}.",))
     check_scorable(question.judged(pool), "detector")
-    first = question.part("search")
-    prepared = Preparation(question.searched, first)
-    seen, traffic = prepared.visibility, prepared.traffic
-    missing = [LABELS[label] for label in question.setting.counted.labels if not (seen.labels == label).any()]
-    if missing:
-        return _refuse(question, sentences.refuse_traffic(question, missing, prepared.frames, "simulated"), pool)
-    everything = Objective.of_moved(prepared, pool, seen, AP_ONLY)
-    excluded = describe_exclusions(everything, question.max_kbit, question.currency)
-    kept = find_buildable(everything, question.max_kbit)
-    if not len(kept):
+    first, asked = question.part("search"), question.at_drawings
+    prepared = [Preparation(each.searched, first) for each in asked]
+    for each in prepared:
+        there = each.visibility.labels
+        missing = [LABELS[label] for label in question.setting.counted.labels if not (there == label).any()]
+        if missing:
+            return _refuse(question, sentences.refuse_traffic(question, missing, each.frames, "simulated"), pool)
+    everything = [Objective.of_moved(each, each.setting.pool, each.visibility, AP_ONLY) for each in prepared]
+    excluded = describe_exclusions(everything[0], question.max_kbit, question.currency)
+    objectives = _keep_buildable(prepared, everything, question.max_kbit)
+    if not len(objectives[0].candidates):
         return _refuse(question, excluded, pool)
-    candidates = pool.select(kept)
-    objective = Objective.of_moved(prepared, candidates, seen.select(kept), AP_ONLY)
-    sizes = tuple(range(1, _most_sensors(question, candidates) + 1))
-    found = keep_entrants(
-        objective, Effort(sizes, min_ap=question.min_ap), first.memo, depends_on=traffic.digest(), seed=first.seed
-    )
-    compared = Preparation(question.judged(candidates), question.part("comparison"))
-    judge = judging.Judge.of(compared, question.run.seed)
+    objective, candidates = objectives[0], objectives[0].candidates
+    effort = Effort(tuple(range(1, _most_sensors(question, candidates) + 1)), min_ap=question.min_ap)
+    each_found = [
+        keep_entrants(scored, effort, first.memo, depends_on=each.traffic.digest(), seed=first.seed)
+        for scored, each in zip(objectives, prepared, strict=True)
+    ]
+    found = join_entrants(objectives, each_found)
+    compared, judge = _prepare_judge(question, objectives, question.part("comparison"))
     if judge.absent:
         return _refuse(question, sentences.refuse_traffic(question, judge.absent, judge.frames, "judging"), pool)
     choice = judging.choose_set(
         objective, found, judge, min_ap=question.min_ap, confidence=question.confidence, run=question.run
     )
-    judged, final = judge_finally(question, candidates, choice.sets[choice.chosen])
+    judged, final = judge_finally(question, objectives, choice.sets[choice.chosen])
     if final.absent:
         return _refuse(question, sentences.refuse_traffic(question, final.absent, final.frames, "judging"), pool)
-    parts = [traffic, compared.traffic, judged.traffic]
-    findings = Findings(question, found, choice, objective, prepared.network, excluded, parts)
+    parts = [prepared[0].traffic, compared.traffic, judged.traffic]
+    drawings = judging.choose_at_drawings(judge, choice, question.min_ap)
+    findings = Findings(question, found, choice, objective, prepared[0].network, excluded, parts, drawings)
     ground = visible_ground(question.site, [candidates.sensors[c] for c in choice.members])
     answer = build_plan(findings, final, ground)
     moments = pick_moments(final.detected, choice.members, seed=question.run.seed)
     return content.Planned(answer, mounted_site(question.site, candidates, choice.members), candidates, ground, moments)
 
 
+def _prepare_judge(question: Question, objectives: Sequence[Objective], run: Run) -> tuple[Preparation, judging.Judge]:
+    """Prepare one part of the traffic at the first drawing, and the judge over all drawings."""
+    pairs = zip(question.at_drawings, objectives, strict=True)
+    prepared = [Preparation(each.judged(objective.candidates), run) for each, objective in pairs]
+    first, *others = (judging.Judge.of(each, question.run.seed) for each in prepared)
+    return prepared[0], replace(first, drawings=tuple(others))
+
+
 def judge_finally(
-    question: Question, candidates: Candidates, chosen: Bool[np.ndarray, " C"]
+    question: Question, objectives: Sequence[Objective], chosen: Bool[np.ndarray, " C"]
 ) -> tuple[Preparation, judging.Judge]:
     """Prepare the traffic of the last part and its judge, with frames enough for the question's width."""
     run, width = question.part("judgement"), question.width
     while True:
-        prepared = Preparation(question.judged(candidates), run)
-        judge, frames = judging.Judge.of(prepared, question.run.seed), prepared.frames
+        prepared, judge = _prepare_judge(question, objectives, run)
+        frames = prepared.frames
         if width is None or judge.absent or frames >= MOST_FRAMES:
             return prepared, judge
         ((found,), _) = judge.judge_cases(chosen[None])
@@ -566,6 +580,20 @@ def judge_finally(
 def count_origins(site: Site, candidates: Candidates) -> dict[str, dict[str, int]]:
     """Count the things of a site by origin and kind, its poles those of the candidates."""
     return count_things(replace(site, mounts=candidates.mounts))
+
+
+def _keep_buildable(
+    prepared: Sequence[Preparation], everything: Sequence[Objective], max_kbit: float | None
+) -> list[Objective]:
+    """Objectives of the candidates that may be built at every drawing of the site, in the same order."""
+    rows = [{each.names[c]: int(c) for c in find_buildable(each, max_kbit)} for each in everything]
+    names = [name for name in rows[0] if all(name in other for other in rows[1:])]
+    kept = []
+    for each, places in zip(prepared, rows, strict=True):
+        chosen = np.array([places[name] for name in names], np.int64)
+        pool, seen = each.setting.pool.select(chosen), each.visibility.select(chosen)
+        kept.append(Objective.of_moved(each, pool, seen, AP_ONLY))
+    return kept
 
 
 def find_buildable(objective: Objective, max_kbit: float | None) -> Int64[np.ndarray, " n"]:

@@ -19,10 +19,12 @@ from placement_env.fidelity.preparation import check_scorable
 from placement_env.setting import Setting
 from toolkit.detection.provenance import detector_origin
 from toolkit.runtime.run import Run
+from toolkit.sites.maps import redraw
 from toolkit.sites.site import Site
 
 PART_FRAMES = {"search": 60, "comparison": 60, "judgement": 120}  # usual numbers for the three parts of traffic
 USUAL_SENSORS = 4
+DRAWING_SEED = 7000  # before the seeds of other drawings
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -87,7 +89,8 @@ class Question:
     as many as the money buys; min_ap: AP that the cheapest set must reach, None for the best set within the budget;
     max_kbit: most that one sensor may send in the average frame; confidence: that no set of as many sensors is better
     by more than 0.01, at which a comparison ends; width: widest interval of the stated AP, for which the last part of
-    the traffic gets as many frames as it takes, None for a fixed number.
+    the traffic gets as many frames as it takes, None for a fixed number; drawings: of what no map knows at the site,
+    over which sets are searched, compared and judged.
 
     Raises ValueError in one line if a field does not fit.
     """
@@ -99,6 +102,7 @@ class Question:
     max_kbit: float | None = None
     confidence: float = 0.95
     width: float | None = None
+    drawings: int = 1
 
     def __post_init__(self) -> None:
         failing = self.cases.failing
@@ -116,6 +120,9 @@ class Question:
             raise ValueError(f"confidence must lie between 0 and 1, got {self.confidence}: 0.95 is usual")
         if self.width is not None and not 0 < self.width < 1:
             raise ValueError(f"width of the interval must lie between 0 and 1, got {self.width}: 0.02 is narrow")
+        check_whole("drawings", self.drawings, least=1)
+        if self.drawings > 1 and self.site.furnished == "none":
+            raise ValueError(f"nothing was drawn at site {self.site.name!r}: leave --drawings out")
         given = self.setting.candidates
         if given is None or isinstance(given, str | Path):
             stock = Stock(candidates="paper" if given is None else given)
@@ -161,6 +168,12 @@ class Question:
             return replace(plain, fidelity="coverage")
         return replace(plain, fidelity="surrogate")
 
+    @cached_property
+    def at_drawings(self) -> tuple[Question, ...]:
+        """The question at each drawing of the site, the first as it is."""
+        sites = [redraw(self.site, DRAWING_SEED + n) for n in range(1, self.drawings)]
+        return (self, *(replace(self, setting=replace(self.setting, site=site), drawings=1) for site in sites))
+
     def judged(self, candidates: Candidates) -> Setting:
         """Setting of the judges, for candidates of the stock."""
         return replace(self.setting, candidates=candidates, fidelity="detector")
@@ -196,6 +209,7 @@ class Question:
             "seed": self.run.seed,
             "confidence": self.confidence,
             "width": self.width,
+            "drawings": self.drawings,
         }
 
 

@@ -185,6 +185,11 @@ def list_assumptions(question: Question, fidelity: str, detector: str, *, sample
         lines.append(f"The catalogue names no pole_price: {taken}.")
     if fidelity == "coverage":
         lines.append("There is no surrogate for this scheme and IoU, so searches went by coverage.")
+    if question.drawings > 1:
+        lines.append(
+            f"Figures of whole sets are means over {question.drawings} drawings of what no map knows; zones, classes, "
+            "schemes, kbit and pictures are of the first."
+        )
     if sampled:
         go = "the worth of each sensor and the order of building go by the fidelity of the searches"
         lines.append(f"For a set this large, {go}.")

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib.util import find_spec
@@ -110,6 +110,22 @@ def keep_entrants(
         names = np.array([json.dumps(each) for each in found.searches], np.str_)
         cache.put({key: (found.sets, found.predicted, names, np.array([found.considered]))})
     return found
+
+
+def join_entrants(objectives: Sequence[Objective], found: Sequence[Entrants]) -> Entrants:
+    """Entrants of several objectives over the same candidates as one; predictions are means over all objectives."""
+    if len(found) == 1:
+        return found[0]
+    searches: dict[bytes, dict[str, None]] = {}
+    for each in found:
+        for row, names in zip(each.sets, each.searches, strict=True):
+            searches.setdefault(row.tobytes(), {}).update(dict.fromkeys(names))
+    sets = np.array([np.frombuffer(row, np.bool_) for row in searches]).reshape(-1, found[0].sets.shape[1])
+    order = np.argsort(sets.sum(axis=1), kind="stable")
+    answers = [tuple(each) for each in searches.values()]
+    predicted = np.mean([each.scores(sets[order]).ap for each in objectives], axis=0)
+    considered = sum(each.considered for each in found)
+    return Entrants(sets[order], predicted, tuple(answers[i] for i in order), considered)
 
 
 def entrants(objective: Objective, effort: Effort, *, seed: int = 0, checkpoint: Checkpoint = NOWHERE) -> Entrants:

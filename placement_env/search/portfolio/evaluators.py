@@ -69,12 +69,14 @@ class CasesEvaluator:
     """Evaluate over cases. kbit are those of intact sets in all frames.
 
     levels: frames of each level of traffic, empty where it is undivided. A resample draws each level from its own
-    blocks, and the worst case is found within the resample.
+    blocks, and the worst case is found within the resample. drawings: evaluators of the same candidates at other
+    drawings of the site, over which figures are means.
     """
 
     profiles: tuple[DetectorEvaluator | FastEvaluator, ...]
     cases: Cases = USUAL_CASES
     levels: tuple[Int64[np.ndarray, " _"], ...] = ()
+    drawings: tuple[CasesEvaluator, ...] = ()
 
     @property
     def name(self) -> str:
@@ -103,7 +105,8 @@ class CasesEvaluator:
         if not isinstance(profile, DetectorEvaluator):
             return np.zeros(len(sets))
         estimates = profile.detected.estimates(sets, frames.tolist())
-        return np.asarray(np.mean([estimates[iou].ap for iou in IOUS], axis=0))
+        own = np.asarray(np.mean([estimates[iou].ap for iou in IOUS], axis=0))
+        return np.asarray(np.mean([own, *(each.mean_ap(sets, frames) for each in self.drawings)], axis=0))
 
     def evaluate(self, sets: Sets, frames: Frames, progress: Report | None = None) -> Evaluated:
         """Figures of the sets on these frames. progress: called with the number of frames done."""
@@ -132,7 +135,13 @@ class CasesEvaluator:
         ap, kbits, resamples = (np.array([[level[i] for level in each] for each in found]) for i in range(3))
         share = np.array([len(part) for part in parts]) / len(frames)
         kbit = np.array([share @ each for each in kbits[..., : len(sets)]])
-        return self.cases.at_profiles(ap, owners), kbit, self.cases.at_profiles(resamples, owners)
+        own = (self.cases.at_profiles(ap, owners), kbit, self.cases.at_profiles(resamples, owners))
+        if not self.drawings:
+            return own
+        ap, kbit, resamples = zip(
+            own, *(each.at_profiles(sets, frames, progress) for each in self.drawings), strict=True
+        )
+        return np.mean(ap, axis=0), np.mean(kbit, axis=0), np.mean(resamples, axis=0)
 
 
 @dataclass(frozen=True, eq=False)

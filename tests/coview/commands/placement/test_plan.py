@@ -151,7 +151,8 @@ def test_a_plan_for_several_classes_says_the_ap_of_each(tmp_path, run):
     made = json.loads((tmp_path / "out" / "plan.json").read_text(), parse_constant=pytest.fail)
     each = {row["label"]: row for row in made["class_ap"]}
     assert [each[name]["iou"] for name in ("vehicle", "pedestrian")] == [0.7, 0.5]
-    assert made["chosen"]["judged"]["ap"] == min(row["judged"]["ap"] for row in each.values())
+    assert made["chosen"]["judged"]["ap"] == min(row["judged"]["ap"] for row in each.values() if row["weight"])
+    assert [row["weight"] for row in made["class_ap"]] == [0.5, 0.5, *(0.0 for _ in made["class_ap"][2:])]
     assert made["chosen"]["judged"]["kind"] == "object"
     assert (made["question"]["classes"], made["question"]["combine"]) == (["vehicle", "pedestrian"], "worst")
     assert made["provenance"]["network"] == "tjunction"
