@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 
 from placement_env.candidates.candidates import Candidates
-from placement_env.cases import Cases
+from placement_env.cases import LEVEL_NAMES, Cases
 from placement_env.classes import VEHICLES
 from placement_env.fidelity.over_cases import ProfileFidelities, over_cases
 from placement_env.fidelity.traffic import FRAMES, scored
@@ -69,6 +69,17 @@ class Preparation:
         """Frames of each requested level; empty without levels."""
         count = self.setting.cases.levels
         return self.split(count) if count > 1 else ()
+
+    @property
+    def plain(self) -> Preparation:
+        """Same parts for intact sets in undivided traffic."""
+        cases = replace(self.setting.cases, failing=0, levels=1)
+        return replace(self, setting=replace(self.setting, cases=cases))
+
+    def count_at_levels(self) -> dict[str, int]:
+        """Objects that count at each level of traffic, by its name."""
+        names, frame = LEVEL_NAMES[self.setting.cases.levels], self.visibility.frame
+        return {name: int(np.isin(frame, part).sum()) for name, part in zip(names, self.levels, strict=False)}
 
     @cached_property
     def visibility(self) -> Visibility:

@@ -1,12 +1,15 @@
 """Greedy search: add the most useful sensor each time. Candidates are scored in full, or they race.
 
 A search goes on to `budget` sensors even where one loses, since a pair may gain where one does not, and answers with
-the best set on the way. With a monotone submodular objective (coverage, not AP, and no cost weights) a share of the
-optimum is sure: 1 - 1/e with every candidate on its own mount (Nemhauser, Wolsey, Fisher 1978), 1/2 where poses share
-mounts, a matroid (Fisher, Nemhauser, Wolsey 1978), none where links are shared. A bound from the data is usually far
-tighter ("online bound", Leskovec et al., KDD 2007): for the answer S and any feasible T of at most k sensors f(T) <=
-f(S) + sum over t in T of [f(S + t) - f(S)]. So no T has more than f(S) and the k largest gains, of which each mount
-gives as many as it carries.
+the best set on the way. Where money limits it and prices differ, it goes a second way by gain per price: the better of
+both, with the best single buy among its first steps, cannot be fooled by one dear sensor that uses up the money
+(Khuller, Moss, Naor 1999; Leskovec et al. 2007).
+
+With a monotone submodular objective (coverage, not AP, and no cost weights) a share of the optimum is sure: 1 - 1/e
+with every candidate on its own mount (Nemhauser, Wolsey, Fisher 1978), 1/2 where poses share mounts, a matroid (Fisher,
+Nemhauser, Wolsey 1978), none where links are shared. A bound from the data is usually far tighter ("online bound",
+Leskovec et al., KDD 2007): for the answer S and any feasible T of at most k sensors f(T) <= f(S) + sum over t in T of
+[f(S + t) - f(S)]. So no T has more than f(S) and the k largest gains, of which each mount gives as many as it carries.
 
 `with_first_sensors` gives a site without any sensors its first ones by greedy coverage, to try the site.
 """
@@ -31,7 +34,7 @@ from placement_env.search.progress import Progress, add_each, as_rows
 from placement_env.search.result import Certificate, Result
 from placement_env.setting import Setting
 from placement_env.subsets import MemberSums
-from toolkit.arrays import Bool
+from toolkit.arrays import Bool, Float64
 from toolkit.sites.site import Site
 
 TOLERANCE = 1e-6  # a gain that rises by no more is rounding: figures are sums of float32
@@ -53,6 +56,9 @@ def search(
     """
     progress = Progress(objective, budget, seconds, evaluations)
     chosen, rise = grow(progress)
+    prices = objective.candidates.prices
+    if math.isfinite(objective.most_price) and np.ptp(prices) > 0:
+        grow(progress, prices)
     if is_submodular(objective) if submodular is None else submodular:
         ratio = guarantee(objective) if len(chosen) == budget else 0.0
         known = certify(progress, chosen, ratio, rise)
@@ -65,8 +71,11 @@ def search(
     return progress.result("greedy", known)
 
 
-def grow(progress: Progress) -> tuple[list[int], float]:
-    """Greedy's candidates in order, as many as fit and the limits allow, and the largest growth of any gain."""
+def grow(progress: Progress, prices: Float64[np.ndarray, " C"] | None = None) -> tuple[list[int], float]:
+    """Greedy's candidates in order, as many as fit and the limits allow, and the largest growth of any gain.
+
+    prices: of the candidates, to take the greatest gain per price; None for the greatest gain.
+    """
     chosen: list[int] = []
     reward, rise = 0.0, 0.0
     gains = np.full(progress.size, np.inf)
@@ -77,7 +86,8 @@ def grow(progress: Progress) -> tuple[list[int], float]:
             break
         rise = max(rise, float((rewards[scored] - reward - gains[options[scored]]).max()))
         gains[options[scored]] = rewards[scored] - reward
-        best = int(rewards.argmax())
+        worth = rewards if prices is None else (rewards - reward) / np.maximum(prices[options], 1e-300)
+        best = int(worth.argmax())
         chosen.append(int(options[best]))
         reward = float(rewards[best])
     return chosen, rise

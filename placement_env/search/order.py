@@ -23,7 +23,7 @@ from placement_env.search.exact.cheapest import Demand
 from placement_env.search.methods import METHODS, check_search, load_search
 from placement_env.search.portfolio.curve import CurvePoint, budget_curve, list_amounts
 from placement_env.search.portfolio.portfolio import JUDGED_FRAMES, RACE_FRAMES, Judging
-from placement_env.search.result import Assessment, ProfileAP, Result
+from placement_env.search.result import Assessment, Contender, ProfileAP, Result
 from placement_env.search.verification import ap_at_profiles, verify_best
 from placement_env.setting import Setting
 from toolkit.detection.codec import PAPER
@@ -33,6 +33,8 @@ from toolkit.runtime.run import Run
 from toolkit.sensors.sensor import Sensor
 
 PORTFOLIO = "portfolio"
+FRESH_ERROR = 0.026, 0.077  # of the surrogate's AP, mean and largest of 36 cases, docs/figures.md
+FEWEST_AT_LEVEL = 100  # objects, below which a level of traffic is warned about
 UNFINISHED = ".parts"  # after the name of a folder: where the search for it is unfinished
 USUAL_FRAMES = 200
 Summary = dict[str, Any]  # JSON values
@@ -240,8 +242,7 @@ def _report_curve(order: SearchOrder, objective: Objective, points: tuple[CurveP
     lines = [f"best set {of}, by the {order.judge} on traffic that neither searches nor race saw:"]
     for point in points:
         lines.append(
-            f"  {point.sensors} for {describe_money(point.price, order.currency)}: AP {point.ap:.4f} "
-            f"({describe_interval(point.low, point.high, 4)}){'' if point.pays else ', no more than a cheaper one'}: "
+            f"  {point.sensors} for {describe_money(point.price, order.currency)}: {_judged(point, order.judge)}{'' if point.pays else ', no more than a cheaper one'}: "
             f"{', '.join(_names(objective, point.subset))}"
         )
         lines += [f"    at each error profile: {describe_profiles(point.by_errors)}"] if point.by_errors else []
@@ -269,13 +270,19 @@ def describe_sensors(names: Sequence[str], moved: Sequence[Sensor] = ()) -> list
     return [text.format(name, *sensor.position, *aim) for name, sensor, aim in rows]
 
 
+def _judged(each: Assessment | CurvePoint | Contender | ProfileAP, by: str) -> str:
+    """The figure that a fidelity gives, with its interval. Coverage is no AP."""
+    ends = describe_interval(each.low, each.high, 4)
+    return f"{'coverage' if by == 'coverage' else 'AP'} {each.ap:.4f} ({ends})"
+
+
 def describe_score(score: Score) -> str:
     """The figures of a set in one line."""
     each = ", ".join(f"{name} {ap:.4f}" for name, ap in score.class_ap.items()) if len(score.class_ap) > 1 else ""
-    return (
-        f"AP {score.ap:.4f}{each and f' ({each})'}, recall {score.recall:.4f}, {score.kbit_per_sensor:.1f} kbit per "
-        f"sensor, {score.kbit:.1f} kbit, price {score.price:g} ({score.fidelity})"
-    )
+    sent = f"{score.kbit_per_sensor:.1f} kbit per sensor, {score.kbit:.1f} kbit, price {score.price:g}"
+    if score.fidelity == "coverage":
+        return f"coverage {score.ap:.4f}{each and f' ({each})'}, {sent}"
+    return f"AP {score.ap:.4f}{each and f' ({each})'}, recall {score.recall:.4f}, {sent} ({score.fidelity})"
 
 
 def describe_assessment(assessment: Assessment) -> list[str]:
@@ -284,8 +291,7 @@ def describe_assessment(assessment: Assessment) -> list[str]:
     sure = "" if assessment.confidence >= assessment.asked else f", short of the {assessment.asked:.0%} asked for"
     lines = [
         f"by the {assessment.by} on {assessment.frames} frames that neither searches nor race saw{fresh}:",
-        f"  AP {assessment.ap:.4f} ({describe_interval(assessment.low, assessment.high, 4)}) on "
-        f"{assessment.objects} objects, {assessment.kbit:.1f} kbit; predicted "
+        f"  {_judged(assessment, assessment.by)} on {assessment.objects} objects, {assessment.kbit:.1f} kbit; predicted "
         f"{assessment.predicted:.4f}, after the race {assessment.expected:.4f}",
         f"  {assessment.confidence:.0%} sure that none of the {assessment.entrants} entrants is better by more than "
         f"{assessment.tolerance:g}{sure}",
@@ -293,7 +299,7 @@ def describe_assessment(assessment: Assessment) -> list[str]:
     if assessment.by_errors:
         lines.append(f"  the {assessment.errors_by} over error profiles: {describe_profiles(assessment.by_errors)}")
     return lines + [
-        f"  {' and '.join(each.searches)}: AP {each.ap:.4f} ({describe_interval(each.low, each.high, 4)}), predicted "
+        f"  {' and '.join(each.searches)}: {_judged(each, assessment.by)}, predicted "
         f"{each.predicted:.4f}, overrated by {each.curse:+.4f}"
         for each in assessment.contenders
     ]
@@ -301,9 +307,7 @@ def describe_assessment(assessment: Assessment) -> list[str]:
 
 def describe_profiles(by_errors: Sequence[ProfileAP]) -> str:
     """AP at each error profile by itself."""
-    return ", ".join(
-        f"{each.name} AP {each.ap:.4f} ({describe_interval(each.low, each.high, 4)})" for each in by_errors
-    )
+    return ", ".join(f"{each.name} {_judged(each, 'detector')}" for each in by_errors)
 
 
 def describe_by_errors(by_errors: Mapping[str, float]) -> list[str]:
@@ -318,9 +322,19 @@ def describe_doubts(objective: Objective, subset: Sequence[int]) -> list[str]:
     if not isinstance(surrogate, Doubting):
         return []
     spread = float(surrogate.spread(objective.row(subset)[None])[0]) if subset else np.nan
-    sure = [] if np.isnan(spread) else [f"the surrogate's AP is sure to about {spread:.3f} as far as its fit goes"]
+    mean, most = FRESH_ERROR
+    fit = "" if np.isnan(spread) else f"; its own resamples spread by {spread:.3f}"
+    sure = [f"at sites it was not fitted to, the surrogate's AP was off by {mean} in the mean and {most} at worst{fit}"]
     kinds = {type(sensor.model).__name__ for sensor in objective.candidates.sensors}
-    return [*sure, *(f"warning: {doubt}" for doubt in surrogate.doubts(kinds))]
+    return [*sure, *(f"warning: {doubt}" for doubt in (*surrogate.doubts(kinds), *_describe_few(objective)))]
+
+
+def _describe_few(objective: Objective) -> list[str]:
+    """Levels of traffic with too few objects."""
+    counts = {} if objective.preparation is None else objective.preparation.count_at_levels()
+    few = [f"{name} has {count}" for name, count in counts.items() if count < FEWEST_AT_LEVEL]
+    least = f"fewer than {FEWEST_AT_LEVEL} objects at a level say little: increase --frames"
+    return [f"{' and '.join(few)} objects to find; {least}"] if few else []
 
 
 def describe_empty(objective: Objective) -> str:

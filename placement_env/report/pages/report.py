@@ -102,8 +102,8 @@ def others_section(plan: content.Plan, chosen: content.PlanOption) -> Content:
     if not (close or fronts):
         return say("No other judged set comes near the chosen one, costs less or sends less.")
     conclusion = (
-        f"On the same frames, {count_text(len(close), 'other set')} cannot be told from the best one; none is cheaper "
-        "than the chosen set."
+        f"On the same frames, {count_text(len(close), 'other set')} {'is' if len(close) == 1 else 'are'} surely within "
+        "0.01 of the best; none is cheaper than the chosen set."
         if close
         else "On the same frames, no other set is surely within 0.01 of the best."
     )
@@ -122,9 +122,7 @@ def others_section(plan: content.Plan, chosen: content.PlanOption) -> Content:
     )
     shown = sorted((mine, *close, *fronts), key=lambda each: (each.price, -(each.counted.ap if each.counted else 0.0)))
     kept = {id(each) for each in (mine, *close[:MOST_SETS], *fronts[:MOST_SETS])}
-    caption = (
-        "The chosen set, sets that cannot be told from the best, and sets that no other beats in AP, kbit and price"
-    )
+    caption = "The chosen set, sets that are as good as the best, and sets that no other beats in AP, kbit and price"
     sets = _option_table(caption, plan, chosen, [each for each in shown if id(each) in kept])
     return say(conclusion, *_explain_traffic(plan, chosen), drawing, *sets)
 

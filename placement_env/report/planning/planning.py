@@ -324,6 +324,7 @@ def build_plan(findings: Findings, final: judging.Judge, ground: Ground) -> cont
     considered = sorted(
         choice.options, key=lambda each: (not each.counted, -(each.counted.ap if each.counted else each.predicted))
     )
+    levels = by_level(scored, final, members)
     plan = content.Plan(
         question=question.as_dict(),
         site=site.name,
@@ -343,7 +344,7 @@ def build_plan(findings: Findings, final: judging.Judge, ground: Ground) -> cont
         by_zone=by_zone(scored, site, seed),
         by_range=by_range(scored, [candidates.sensors[c] for c in members], seed),
         by_approach=by_approach(scored, site, seed),
-        by_level=by_level(scored, final, members),
+        by_level=levels,
         by_errors=by_errors(final, members),
         by_draw=by_draw(final, members),
         by_drawing=findings.drawings,
@@ -361,7 +362,7 @@ def build_plan(findings: Findings, final: judging.Judge, ground: Ground) -> cont
         origins=count_origins(site, candidates),
         head=question.stock.head,
         assumptions=sentences.list_assumptions(question, objective.fidelity, detector, sampled=not chosen.small),
-        unknown=sentences.list_unknowns(option.counted or judged.judged),
+        unknown=sentences.list_unknowns(judged.counted, levels),
         provenance=trace_plan(findings, candidates, final.detected.detector),
     )
     count, fidelity = findings.found.considered, objective.fidelity
@@ -532,6 +533,12 @@ def plan(question: Question) -> content.Planned:
         keep_entrants(scored, effort, first.memo, depends_on=each.traffic.digest(), seed=first.seed)
         for scored, each in zip(objectives, prepared, strict=True)
     ]
+    if not question.cases.plain:  # what is best intact, in all traffic, may be best at its worst too
+        for scored, each in zip(objectives, prepared, strict=True):
+            intact = Objective.of_moved(each.plain, scored.candidates, scored.visibility or each.visibility, AP_ONLY)
+            each_found.append(
+                keep_entrants(intact, effort, first.memo, depends_on=each.traffic.digest(), seed=first.seed)
+            )
     found = join_entrants(objectives, each_found)
     compared, judge = _prepare_judge(question, objectives, question.part("comparison"))
     if judge.absent:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from placement_env.analysis.intervals import describe_interval
 from placement_env.cases import iou_text
 from placement_env.classes import VEHICLES, join_names
-from placement_env.report.content import Judgement, Plan, PlanOption, Verdict
+from placement_env.report.content import BreakdownRow, Judgement, Plan, PlanOption, Verdict
 from placement_env.report.pages.document import count_text
 from placement_env.report.planning.judging import Rule
 from placement_env.report.planning.question import Question
@@ -119,8 +119,9 @@ def explain_choice(
     ]
     if cases := describe_cases(question).strip(", "):
         lines.append(f"The AP by which sets are compared is {'' if question.cases.failing else 'that '}{cases}.")
+    score = "coverage" if fidelity == "coverage" else "predicted AP"
     figures = second and (
-        f"; its predicted AP is {chosen.predicted:.3f}, its AP among the judged sets {second.ap:.3f} "
+        f"; its {score} is {chosen.predicted:.3f}, its AP among the judged sets {second.ap:.3f} "
         f"({describe_interval(second.low, second.high)})"
     )
     lines.append(f"It comes from {searches}{figures or ''}.")
@@ -129,8 +130,8 @@ def explain_choice(
         more = f"{best.counted.ap:.3f} for {price}, {best.counted.ap - second.ap:+.3f}"
         lines.append(f"The best set, {count_text(len(best.sensors), 'sensor')}, has AP {more}.")
     if rule in ("best", "as good"):
-        others = "No other judged set" if not near else count_text(near, "other judged set")
-        lines.append(f"{others} cannot be told from the best on the same frames.")
+        others = f"{count_text(near, 'other judged set')} {'is' if near == 1 else 'are'}" if near else "No other is"
+        lines.append(f"{others} surely within 0.01 of the best on the same frames.")
     at = [row for row in plan.schemes if row.iou == plan.iou]
     own = next((row for row in at if row.scheme == plan.scheme), None)
     others = ", ".join(
@@ -234,14 +235,17 @@ def _describe_errors(question: Question) -> str:
     )
 
 
-def list_unknowns(final: Judgement) -> tuple[str, ...]:
-    """Questions that the plan cannot answer."""
+def list_unknowns(final: Judgement, levels: Sequence[BreakdownRow] = ()) -> tuple[str, ...]:
+    """Questions that the plan cannot answer. levels: of traffic."""
     lines = [
         "How the detector does on real measurements of this place.",
         "Whether a set that no search looked at would do better: nothing is proven optimal.",
         "Rain, fog, dirt, glare, and what grows, parks or is built there later.",
         "Power, permits, and what it costs to run the sensors.",
     ]
+    few = [f"{row.name} ({row.judged.vehicles})" for row in levels if row.judged and row.judged.vehicles < 100]
+    if few:
+        lines.append(f"What holds at {join_names(few)}: fewer than 100 to find say little; increase --frames.")
     if math.isnan(final.low):
         lines.append(f"How far AP {final.ap:.3f} may be off: {describe_interval(final.low, final.high)}.")
     return tuple(lines)

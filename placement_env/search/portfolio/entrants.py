@@ -113,7 +113,7 @@ def keep_entrants(
 
 
 def join_entrants(objectives: Sequence[Objective], found: Sequence[Entrants]) -> Entrants:
-    """Entrants of several objectives over the same candidates as one; predictions are means over all objectives."""
+    """Entrants of several searches over the same candidates as one; predictions are means over the objectives."""
     if len(found) == 1:
         return found[0]
     searches: dict[bytes, dict[str, None]] = {}

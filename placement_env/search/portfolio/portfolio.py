@@ -20,7 +20,7 @@ from placement_env.objective import Objective
 from placement_env.protocol import FidelityName
 from placement_env.racing import Contest, RaceRules, Resampled, race_until
 from placement_env.search.checkpoint import NOWHERE, Checkpoint
-from placement_env.search.portfolio.entrants import ENTRANTS, Effort, Entrants, keep_entrants
+from placement_env.search.portfolio.entrants import ENTRANTS, Effort, Entrants, join_entrants, keep_entrants
 from placement_env.search.portfolio.evaluators import (
     CasesEvaluator,
     Evaluated,
@@ -102,6 +102,11 @@ def search(
     racing, final = judging.build_evaluators(objective, schedule, seed=seed)
     effort = Effort((budget,), schedule.searching(SEARCHES), evaluations, judging.neighbours)
     found = keep_entrants(objective, effort, seed=seed, checkpoint=checkpoint)
+    if objective.preparation is not None and not objective.setting.cases.plain:
+        made = objective.preparation  # what is best intact, in all traffic, may be best at its worst too
+        intact = Objective(replace(made.plain.setting, candidates=objective.candidates), made.run)
+        others = keep_entrants(intact, effort, seed=seed, checkpoint=checkpoint.part("intact"))
+        found = join_entrants([objective], [found, others])
     limits.count = found.considered
 
     def answer(subset: list[int], note: str) -> Result:

@@ -106,7 +106,7 @@ def test_values_value_text():
 def test_the_chosen_set_stands_beside_front_and_alternatives(example):
     section = read(report.others_section, example.plan)
     assert section.conclusion == (
-        "On the same frames, 1 other set cannot be told from the best one; none is cheaper than the chosen set."
+        "On the same frames, 1 other set is surely within 0.01 of the best; none is cheaper than the chosen set."
     )
     assert [row[0].text for row in section.blocks[-1].rows] == [
         *("d3", "d0 and d3", "d0, d1 and d3", "d0, d1, d3 and d5 (chosen)", "d0, d2, d3 and d5")
