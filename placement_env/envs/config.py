@@ -30,8 +30,9 @@ class EnvConfig:
     """Configuration that all environments share. Raises ValueError where a field does not fit.
 
     site, scheme: one or several, None for the setting's; budget: sensors to place; failures: number of failed
-    candidates. Episodes draw one of several sites and schemes, a number from (lowest, highest), and the failed
-    candidates, by the environment's own generator; options of `reset` come first.
+    candidates; traffics: number of independent simulations of the traffic, None to simulate anew for every episode, so
+    that nothing is learnt of single vehicles. Episodes draw one of several sites, schemes and traffics, a number from
+    (lowest, highest), and the failed candidates, by the environment's own generator; options of `reset` come first.
     """
 
     setting: Setting = Setting()
@@ -40,8 +41,12 @@ class EnvConfig:
     scheme: Scheme | str | Sequence[Scheme | str] | None = None
     budget: int | Sequence[int] = 4
     failures: int | Sequence[int] = 0
+    traffics: int | None = 1
 
     def __post_init__(self) -> None:
+        check_whole("traffics", 1 if self.traffics is None else self.traffics, least=1)
+        if self.traffics != 1 and self.setting.fidelity == "table":
+            raise ValueError("a table is of its own traffic: leave traffics out, or take another fidelity")
         check_range("budget", self.budget, least=1, unit="sensor")
         check_range("failures", self.failures, least=0, unit="candidates")
         if not self.sites:
@@ -78,8 +83,9 @@ class EnvConfig:
 
     @property
     def leaves_open(self) -> bool:
-        """True where an episode draws its scheme, budget or failed candidates."""
-        return len(self.schemes) > 1 or len({*self.budgets}) > 1 or self.failure_counts[1] > 0
+        """True where an episode draws its scheme, budget, failed candidates or traffic."""
+        several = self.traffics != 1 or len(self.schemes) > 1
+        return several or len({*self.budgets}) > 1 or self.failure_counts[1] > 0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

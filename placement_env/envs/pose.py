@@ -11,7 +11,7 @@ from gymnasium.spaces import Box
 from placement_env.candidates.candidates import Candidates, aim_sensor
 from placement_env.envs.config import PoseConfig
 from placement_env.envs.env import Ends, PlacementEnv, PlacementVectorEnv, Task
-from placement_env.envs.scenario import Episode, EpisodeSource, Options, Scenario, poses
+from placement_env.envs.scenario import Episode, EpisodeSource, Options, Scenario, keep_few, poses
 from placement_env.fidelity.preparation import Preparation
 from placement_env.fidelity.seeing import see
 from placement_env.fidelity.visibility import Visibility
@@ -76,7 +76,7 @@ class _PoseScenarios(EpisodeSource):
                     f"{self.slots} and {config.failure_counts[1]} failures: lower them"
                 )
         self.check_scorable()
-        self._made: dict[tuple[int, str], Preparation] = {}
+        self._made: dict[tuple[int, str, int], Preparation] = {}
 
     def draw(self, rng: np.random.Generator, options: Options | None) -> _PoseEpisode:
         """Draw sensors that have not failed, on different mounts. Raises ValueError if there are too few."""
@@ -84,11 +84,10 @@ class _PoseScenarios(EpisodeSource):
         budget = conditions.budget
         if budget > self.slots:
             raise ValueError(f"budget must lie in 1..{self.slots}, the sensors that an action moves, got {budget}")
-        key = conditions.site, conditions.scheme.digest
-        if key not in self._made:
-            setting = self.setting(conditions.site, conditions.scheme)
-            self._made[key] = Preparation(setting, replace(self.config.run, workers=1, ray=None))
-        preparation = self._made[key]
+        if conditions.key not in self._made:
+            setting, run = self.setting(conditions.site, conditions.scheme), self.config.run.part(conditions.traffic)
+            keep_few(self._made, conditions.key, Preparation(setting, replace(run, workers=1, ray=None)))
+        preparation = self._made[conditions.key]
         candidates = preparation.setting.pool
         names = [sensor.name for sensor in candidates.sensors]
         failed = {find_index(member, names) for member in conditions.failed}

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -29,7 +29,12 @@ PLACES = 512
 STATIC = ("x", "y", "z", "cos heading", "sin heading", "tilt", "field of view", "lidar", "price", "kbit", "seen")
 REACH = 30.0  # m within which a sensor sees the spots in its field of view, where no traffic is known
 Options = Mapping[str, Any]  # of `reset`
+Key = TypeVar("Key")
+Made = TypeVar("Made")
 OPTIONS = ("site", "scheme", "budget", "failed")
+FIRST_TRAFFIC = 10  # part of the run whose traffic is the second of several: searches race on earlier parts
+OTHER_TRAFFICS = 1 << 20  # to draw from where no episode is to see another's traffic
+KEPT_SCENARIOS = 64  # held in memory where episodes draw their traffic
 
 
 class Scenario:
@@ -114,12 +119,21 @@ class Episode:
 
 
 class Conditions(NamedTuple):
-    """Conditions of an episode, drawn or given by options. site: its number; failed: candidates, by index or name."""
+    """Conditions of an episode, drawn or given by options.
+
+    site: its number; failed: candidates, by index or name; traffic: its number, of the parts of the run.
+    """
 
     site: int
     scheme: Scheme
     budget: int
     failed: Iterable[int | str]
+    traffic: int = 0
+
+    @property
+    def key(self) -> tuple[int, str, int]:
+        """What scenarios are kept by."""
+        return self.site, self.scheme.digest, self.traffic
 
 
 class EpisodeSource:
@@ -185,7 +199,10 @@ class EpisodeSource:
             count = len(self.candidates(site))
             number = min(_within(config.failure_counts, rng), count)
             failed = sorted(rng.choice(count, number, replace=False).tolist())
-        return Conditions(site, find_scheme(scheme), int(budget), failed)
+        count = OTHER_TRAFFICS if config.traffics is None else config.traffics
+        number = _within((0, count - 1), rng)
+        traffic = FIRST_TRAFFIC + number if number else 0
+        return Conditions(site, find_scheme(scheme), int(budget), failed, traffic)
 
 
 class Scenarios(EpisodeSource):
@@ -202,7 +219,7 @@ class Scenarios(EpisodeSource):
             raise ValueError(f"slots must hold all {max(map(len, whole))} candidates, got {self.slots}")
         if objective is None:
             self.check_scorable()
-        self._made: dict[tuple[int, str], Scenario] = {}
+        self._made: dict[tuple[int, str, int], Scenario] = {}
         self._always: Episode | None = None  # if nothing is drawn, all episodes without options start alike
 
     def draw(self, rng: np.random.Generator, options: Options | None) -> Episode:
@@ -214,11 +231,11 @@ class Scenarios(EpisodeSource):
         if objective and ("site" in options or other):
             raise ValueError("an environment made from an objective keeps its site and scheme: make it from a site")
         conditions = self.draw_conditions(rng, options)
-        key = conditions.site, conditions.scheme.digest
-        if key not in self._made:
-            made = objective or Objective(self.setting(conditions.site, conditions.scheme), self.config.run)
-            self._made[key] = Scenario(made, self.slots)
-        scenario = self._made[key]
+        if conditions.key not in self._made:
+            run = self.config.run.part(conditions.traffic)
+            made = objective or Objective(self.setting(conditions.site, conditions.scheme), run)
+            keep_few(self._made, conditions.key, Scenario(made, self.slots))
+        scenario = self._made[conditions.key]
         shape = scenario.objective.candidates.shape
         if self.factored and any(size > known for size, known in zip(shape, self.shape, strict=True)):
             raise ValueError(
@@ -230,6 +247,13 @@ class Scenarios(EpisodeSource):
         if not options and not self.config.leaves_open and self.drawn == 1:
             self._always = episode
         return episode
+
+
+def keep_few(made: dict[Key, Made], key: Key, value: Made) -> None:
+    """Keep a value, and forget the oldest of many."""
+    made[key] = value
+    if len(made) > KEPT_SCENARIOS:
+        del made[next(iter(made))]
 
 
 def _load(site: Site | str) -> Site:

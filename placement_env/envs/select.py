@@ -110,8 +110,9 @@ class SensorSelectEnv(PlacementEnv):
 
     ## Arguments
     config: a `placement_env.envs.config.SelectConfig`; or its fields by name. site, scheme: one or several; budget:
-    sensors to place; failures: candidates that have failed. Each episode draws one of several, and a number from a
-    budget or failures given as (lowest, highest). actions: flat or factored; slots: for candidates, None for as many as
+    sensors to place; failures: candidates that have failed; traffics: number of simulations of the traffic, None for a
+    new one in every episode. Each episode draws one of several, and a number from a budget or failures given as
+    (lowest, highest). actions: flat or factored; slots: for candidates, None for as many as
     the largest of the sites needs; objective: in place of a site and all that follows; the fields of
     `placement_env.setting.Setting` (fidelity, weights, candidates, classes, ...) and of `toolkit.runtime.run.Run`
     (frames, seed, cache, workers, ray), and iou. `reset` takes the options site, scheme, budget and failed.

@@ -241,10 +241,9 @@ def _report_curve(order: SearchOrder, objective: Objective, points: tuple[CurveP
     of = "of each number of sensors" if math.isinf(objective.most_price) else "for each amount of money"
     lines = [f"best set {of}, by the {order.judge} on traffic that neither searches nor race saw:"]
     for point in points:
-        lines.append(
-            f"  {point.sensors} for {describe_money(point.price, order.currency)}: {_judged(point, order.judge)}{'' if point.pays else ', no more than a cheaper one'}: "
-            f"{', '.join(_names(objective, point.subset))}"
-        )
+        price, pays = describe_money(point.price, order.currency), "" if point.pays else ", no more than a cheaper one"
+        names = ", ".join(_names(objective, point.subset))
+        lines.append(f"  {point.sensors} for {price}: {_judged(point, order.judge)}{pays}: {names}")
         lines += [f"    at each error profile: {describe_profiles(point.by_errors)}"] if point.by_errors else []
     return Answer(objective, replace_infinite(summary), tuple(lines), True, points=points)
 
@@ -291,8 +290,8 @@ def describe_assessment(assessment: Assessment) -> list[str]:
     sure = "" if assessment.confidence >= assessment.asked else f", short of the {assessment.asked:.0%} asked for"
     lines = [
         f"by the {assessment.by} on {assessment.frames} frames that neither searches nor race saw{fresh}:",
-        f"  {_judged(assessment, assessment.by)} on {assessment.objects} objects, {assessment.kbit:.1f} kbit; predicted "
-        f"{assessment.predicted:.4f}, after the race {assessment.expected:.4f}",
+        f"  {_judged(assessment, assessment.by)} on {assessment.objects} objects, {assessment.kbit:.1f} kbit; "
+        f"predicted {assessment.predicted:.4f}, after the race {assessment.expected:.4f}",
         f"  {assessment.confidence:.0%} sure that none of the {assessment.entrants} entrants is better by more than "
         f"{assessment.tolerance:g}{sure}",
     ]

@@ -11,18 +11,19 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from importlib.util import find_spec
 from numbers import Integral
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Self, TypeVar
 
 from toolkit.runtime.parallel import spread
 
 if TYPE_CHECKING:
     from toolkit.runtime.cache import Cache
 
+PART_SEEDS = 1_000_003  # between the seeds of two parts of traffic
 Stages = Callable[[str, int, "int | None"], None]  # name of a stage, done, to do (None where unknown)
 
 _In = TypeVar("_In")
@@ -96,6 +97,16 @@ class Simulation(Processes):
         (24, 200)
         """
         return usual if self.frames is None else self.frames
+
+    def part(self, number: int, frames: int | None = None) -> Self:
+        """Run on another part of the traffic, which shares no seed with the parts of any run of a seed below a million.
+
+        number: 0 for this run's own traffic; frames: None for as many.
+
+        >>> Run(seed=2).part(1, 96).seed
+        1000005
+        """
+        return replace(self, seed=self.seed + PART_SEEDS * number, frames=self.frames if frames is None else frames)
 
 
 @dataclass(frozen=True, kw_only=True)

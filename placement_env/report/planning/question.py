@@ -179,9 +179,8 @@ class Question:
         return replace(self.setting, candidates=candidates, fidelity="detector")
 
     def part(self, name: str) -> Run:
-        """Run of one of the three parts of traffic. No part of another seed has the same traffic."""
-        seed = len(PART_FRAMES) * self.run.seed + list(PART_FRAMES).index(name)
-        return replace(self.run, seed=seed, frames=self.run.frames_or(PART_FRAMES[name]))
+        """Run of one of the three parts of traffic."""
+        return self.run.part(list(PART_FRAMES).index(name), self.run.frames_or(PART_FRAMES[name]))
 
     def as_dict(self) -> dict[str, object]:
         """Return every option, for plan.json."""

@@ -49,7 +49,7 @@ class Judging:
     """Race and assessment of a portfolio. Raises ValueError for a confidence that does not lie between 0 and 1.
 
     by: fidelity of both; confidence: at which the race ends, that no entrant is better by more than `AP_TOLERANCE`;
-    race_frames, final_frames: of their traffic, of the seeds after the objective's; neighbours: entrants that join the
+    race_frames, final_frames: of parts 1 and 2 of the traffic of the run; neighbours: entrants that join the
     answers; setting: asked of both, None for the objective's; evaluators: of both, in place of most of these.
     """
 
@@ -75,7 +75,7 @@ class Judging:
             raise ValueError("a portfolio needs fresh traffic, so an objective made from a site: Objective(site)")
         setting, run = self.setting or objective.setting.with_fidelity(self.by), objective.run
         parts = enumerate((self.race_frames, self.final_frames), 1)
-        runs = [replace(run, seed=run.seed + part, frames=schedule.frames(count)) for part, count in parts]
+        runs = [run.part(number, schedule.frames(count)) for number, count in parts]
         race, final = (build_evaluator(Preparation(setting, each), self.by, seed=seed) for each in runs)
         return race, final
 

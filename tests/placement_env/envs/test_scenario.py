@@ -144,3 +144,21 @@ def test_both_checkers_pass_where_episodes_differ(name: str, given: dict[str, An
     env = gym.make(name, disable_env_checker=True, **given)
     check_env(env.unwrapped, skip_render_check=True)
     check_env_sb3(env)
+
+
+def test_episodes_draw_their_traffic_where_asked():
+    own = {"site": "tjunction", "candidates": "paper", "fidelity": "coverage", "frames": 4, "budget": 2}
+    fixed, several, fresh = (gym.make(CHOOSING[0], **own, traffics=count) for count in (1, 2, None))
+
+    def seeds(env, episodes):
+        for seed in range(episodes):
+            env.reset(seed=seed)
+        return {made.objective.run.seed for made in env.unwrapped.task.scenarios._made.values()}
+
+    assert seeds(fixed, 3) == {0}
+    assert seeds(several, 8) == {0, 11 * 1_000_003}
+    assert len(seeds(fresh, 3)) == 3
+    with pytest.raises(ValueError, match="a table is of its own traffic"):
+        gym.make(CHOOSING[0], site="tjunction", fidelity="table", traffics=2)
+    with pytest.raises(ValueError, match="traffics must be a whole number of at least 1"):
+        gym.make(CHOOSING[0], site="tjunction", traffics=0)

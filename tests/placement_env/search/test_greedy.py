@@ -1,10 +1,14 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
+from placement_env.objective import Objective
+from placement_env.protocol import Estimate
 from placement_env.search import greedy
 from placement_env.search.exact import exhaustive
-from placement_env.setting import Weights
+from placement_env.setting import Setting, Weights
 
 
 @settings(max_examples=10, deadline=None)
@@ -48,6 +52,33 @@ def test_greedy_keeps_to_evaluations_and_seconds(make):
     assert found.certificate.bound == np.inf
     assert found.best.reward > 0
     assert greedy.search(make(20, 2), 5, seconds=1e-9).best.subset == ()
+
+
+class Worth:
+    """AP is the sum of what each candidate is worth."""
+
+    name = "worth"
+
+    def __init__(self, *worth):
+        self.worth = np.array(worth)
+
+    def __call__(self, subsets):
+        ap = subsets @ self.worth
+        return Estimate(ap, ap.copy(), np.ones(len(subsets)))
+
+
+def spend(make, worth, prices, money):
+    candidates = make(len(worth), 1).candidates
+    mounts = tuple(replace(mount, price=price) for mount, price in zip(candidates.mounts, prices, strict=True))
+    candidates = replace(candidates, mounts=mounts)
+    setting = Setting(candidates=candidates, fidelity=Worth(*worth), scheme="late", most_price=money)
+    return greedy.search(Objective(setting), len(worth)).best.subset
+
+
+def test_money_is_not_used_up_by_one_dear_sensor(make):
+    """The lidar alone adds most, but two cameras for about as much add more; and one sensor that is worth all."""
+    assert spend(make, (0.65, 0.4, 0.39), (10.0, 5.5, 5.5), 11.0) == (1, 2)
+    assert spend(make, (0.9, 0.1, 0.0), (10.0, 1.0, 9.0), 10.0) == (0,)
 
 
 @pytest.mark.parametrize("budget", [0, -1])

@@ -68,7 +68,7 @@ def test_a_plan_has_all_its_parts_with_traffic_of_their_own(planned):
     assert len(planned.moments) == 5
     assert made.detector == "tjunction"
     parts = planned.plan.provenance["traffic"]
-    assert [parts[name]["seed"] for name in ("search", "comparison", "judgement")] == [0, 1, 2]
+    assert [parts[name]["seed"] for name in ("search", "comparison", "judgement")] == [0, 1000003, 2000006]
     assert len({part["sha256"] for part in parts.values()}) == 3
     considered = planned.plan.considered
     assert {option.judged.frames for option in considered if option.judged} == {5}
@@ -114,8 +114,8 @@ def test_requirements_and_limits_decide_by_the_ap_of_an_evaluation(planned, aske
     made = plan(asked(max_kbit=most.kbit - 60.0, sensors=1)).plan
     assert made.sensors[0].name != most.name
     assert made.sensors[0].kbit < most.kbit
-    # As the detector gives it on the traffic of the third seed.
-    run = replace(asked().run, seed=2)
+    # As the detector gives it on the third part of the traffic.
+    run = asked().run.part(2)
     candidates = paper_candidates(SITE)
     detected = Preparation(Setting(SITE, candidates=candidates, fidelity="detector"), run).fidelity()
     row = np.isin([sensor.name for sensor in candidates.sensors], planned.plan.chosen.sensors)

@@ -5,7 +5,15 @@ import pytest
 
 from placement_env.objective import Objective
 from placement_env.search import swap
-from placement_env.search.portfolio.entrants import SWAP_EVALUATIONS, THRIFT, Effort, entrants, keep_entrants
+from placement_env.search.portfolio.entrants import (
+    SWAP_EVALUATIONS,
+    THRIFT,
+    Effort,
+    Entrants,
+    entrants,
+    join_entrants,
+    keep_entrants,
+)
 from placement_env.setting import Setting
 from toolkit.runtime.cache import Cache
 from toolkit.runtime.run import Run
@@ -51,6 +59,27 @@ def test_large_pools(make):
     assert [stage for stage in stages if stage[0] == "searching"] == [("searching", 1, 2), ("searching", 2, 2)]
     assert not any("exhaustive" in names for names in found.searches)
     assert 4 <= len(found.sets) <= 14
+
+
+def test_a_required_ap_brings_the_cheapest_sets_around_it(street):
+    """Sensors 0 and 1 cost 11, 2 costs 10.5; one finds half, two find three quarters, three find all."""
+    usual, asked = (entrants(street.objective, Effort((1, 2, 3), min_ap=each)) for each in (None, 0.5))
+    names = {name for each in asked.searches for name in each}
+    assert {"swap for AP 0.45", "swap for AP 0.5", "swap for AP 0.55", "swap for AP 0.6"} <= names
+    assert not any("for AP" in name for each in usual.searches for name in each)
+    reach = asked.predicted >= 0.5
+    assert street.objective.price(asked.sets[reach]).min() == 11.0
+
+
+def test_entrants_of_several_searches_are_joined(street):
+    one, two = np.eye(4, dtype=bool)[[0, 1]], np.array([[0, 1, 0, 0], [1, 1, 0, 0]], bool)
+    found = [Entrants(one, np.zeros(2), (("greedy",), ()), 5), Entrants(two, np.zeros(2), (("swap",), ("greedy",)), 6)]
+    joined = join_entrants([street.objective, street.objective], found)
+    assert joined.sets.astype(int).tolist() == [[1, 0, 0, 0], [0, 1, 0, 0], [1, 1, 0, 0]]
+    assert joined.searches == (("greedy",), ("swap",), ("greedy",))
+    assert joined.predicted.tolist() == street.objective.scores(joined.sets).ap.tolist()
+    assert joined.considered == 11
+    assert join_entrants([street.objective], found[:1]) is found[0]
 
 
 def test_they_are_kept_under_all_that_they_depend_on(street, monkeypatch):
