@@ -1,7 +1,8 @@
 """Intervals of figures over frames, by a block bootstrap.
 
 Objects of the simulated traffic live four frames (paper section III; parked ones too), so frames are not independent
-but blocks of four are nearly: 0-3, 4-7 and so on. Blocks are drawn with replacement, as many as there are, and the
+but blocks of two lives are nearly: 0-7, 8-15 and so on; blocks of one, whose objects often live on in the next, would
+show a fifth too little spread. Blocks are drawn with replacement, as many as there are, and the
 interval holds the middle share of the figures of the draws (percentile bootstrap; Efron and Tibshirani 1993, chapter
 13; blocks: Künsch 1989). Few blocks spread too little when drawn, so the share is widened as Student's t and n/(n - 1)
 ask (expanded percentiles; Hesterberg 2015); fewer than `FEWEST_BLOCKS` have no interval (NaN). Where all draws agree,
@@ -28,7 +29,8 @@ from toolkit.detection.metrics import average_precision, precision_recall
 if TYPE_CHECKING:
     from placement_env.fidelity.detector import Outcome
 
-BLOCK_FRAMES = 4  # frames that an object lives
+LIFE = 4  # frames that an object lives
+BLOCK_FRAMES = 2 * LIFE
 FEWEST_BLOCKS = 10  # that have an interval
 RESAMPLES = 1000
 AP_TOLERANCE = 0.01  # difference in AP that does not matter
@@ -43,14 +45,17 @@ class Interval(NamedTuple):
     high: float
 
 
-def block_draws(frames: int, *, block: int = BLOCK_FRAMES, resamples: int = RESAMPLES, seed: int = 0) -> Draws:
+def block_draws(frames: int, *, block: int | None = None, resamples: int = RESAMPLES, seed: int = 0) -> Draws:
     """Count how often each resample draws each frame; frames of one block have equal counts.
 
-    >>> block_draws(6, resamples=3)
+    block: frames of one, None for `BLOCK_FRAMES`.
+
+    >>> block_draws(6, block=4, resamples=3)
     array([[1, 1, 1, 1, 1, 1],
            [1, 1, 1, 1, 1, 1],
            [0, 0, 0, 0, 2, 2]])
     """
+    block = BLOCK_FRAMES if block is None else block
     for name, value in (("frames", frames), ("block", block), ("resamples", resamples)):
         check_whole(name, value, least=1)
     return draws_of_blocks(np.arange(frames) // block, resamples=resamples, seed=seed)
@@ -73,7 +78,7 @@ def draws_of_blocks(blocks: Int64[np.ndarray, " frames"], *, resamples: int = RE
 def ratio_interval(parts: ArrayLike, wholes: ArrayLike, *, seed: int = 0, confidence: float = 0.95) -> Interval:
     """Return the interval of sum(parts) / sum(wholes), one of each per frame, such as recall or a mean.
 
-    >>> ratio_interval([1, 3] * 20, [2, 4] * 20)
+    >>> ratio_interval([1, 3] * 40, [2, 4] * 40)
     Interval(low=0.6666666666666666, high=0.6666666666666666)
     """
     part, whole = np.asarray(parts, np.float64), np.asarray(wholes, np.float64)
@@ -121,8 +126,8 @@ def figure_interval(
 ) -> Interval:
     """Return the interval of a share such as AP, widened to hold it.
 
-    objects: number that it is a share of, in all frames; where all resamples agree, as many as there are blocks of
-    frames of one object are independent.
+    objects: number that it is a share of, in all frames; where all resamples agree, as many as live one after another
+    count as independent.
 
     >>> figure_interval(0.9, np.full(1000, 0.5), blocks=15)
     Interval(low=0.5, high=0.9)
@@ -131,7 +136,7 @@ def figure_interval(
     """
     low, high = percentiles(resamples, blocks, confidence=confidence)
     if low == high and objects:
-        low, high = _wilson(figure, objects / BLOCK_FRAMES, confidence)
+        low, high = _wilson(figure, objects / LIFE, confidence)
     return Interval(min(low, figure), max(high, figure))
 
 
@@ -146,7 +151,7 @@ def describe_interval(low: float, high: float, digits: int = 3) -> str:
     """Words for an interval.
 
     >>> describe_interval(0.91, 0.95), describe_interval(math.nan, math.nan)
-    ('0.910 to 0.950', 'no interval from fewer than 40 frames')
+    ('0.910 to 0.950', 'no interval from fewer than 80 frames')
     """
     if math.isnan(low) or math.isnan(high):
         return f"no interval from fewer than {FEWEST_BLOCKS * BLOCK_FRAMES} frames"

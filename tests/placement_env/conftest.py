@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from placement_env.analysis import intervals
 from placement_env.candidates.candidates import Axes, Candidates
 from placement_env.candidates.pool import paper_candidates
 from placement_env.fidelity.detector import Detected
@@ -16,7 +17,9 @@ from placement_env.fidelity.traffic import Traffic
 from placement_env.fidelity.visibility import Visibility
 from placement_env.objective import Objective
 from placement_env.protocol import Estimate
+from placement_env.report.planning import judging
 from placement_env.report.planning.judging import Judge
+from placement_env.search.portfolio import evaluators, portfolio
 from placement_env.setting import Setting, Weights
 from toolkit.bodies.body import Body
 from toolkit.bodies.fleet import catalogue
@@ -166,7 +169,14 @@ class Known:
 
 
 @pytest.fixture
-def street():
+def blocks_of_four(monkeypatch):
+    """Small examples have blocks of one life, four frames."""
+    for module in (intervals, evaluators, portfolio, judging):
+        monkeypatch.setattr(module, "BLOCK_FRAMES", 4)
+
+
+@pytest.fixture
+def street(blocks_of_four):
     """Site, candidates, the objective of the searches and a judge."""
     posts = [(-15.0, -15.0), (15.0, -15.0), (15.0, 15.0), (-15.0, 15.0)]
     mounts = tuple(

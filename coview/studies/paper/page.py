@@ -58,7 +58,7 @@ def paper_page(
     parts = [
         f"<h1>{escape(title)}</h1>",
         f"<p>{sum(row.large for row in rows)} of {compared} AP values differ from the paper's by more than {LARGE:g}; "
-        "the reason stands in the row. Intervals are 95 % intervals of a bootstrap over blocks of four frames.</p>",
+        "the reason stands in the row. Intervals are 95 % intervals of a bootstrap over blocks of eight frames.</p>",
         "<nav>" + "".join(f'<a href="#{each.name}">{escape(each.title)}</a>' for each in experiments) + "</nav>",
         f"<table><caption>How the figures were computed</caption><tbody>{about}</tbody></table>",
         *(_section(each, pictures[each.name]) for each in experiments),

@@ -23,7 +23,7 @@ from coview.studies.stress.conditions import (
     make_conditions,
     make_systems,
 )
-from placement_env.analysis.intervals import BLOCK_FRAMES, Tally
+from placement_env.analysis.intervals import LIFE, Tally
 from placement_env.report.content import Judgement
 from toolkit.arrays import Float32
 from toolkit.calibration.empty_scene import Scenes
@@ -284,7 +284,7 @@ class _RedrawnErrors(RecordingView):
     seed: int
 
     def __getitem__(self, index: int) -> Frame:
-        seed = block_seed(self.seed, index // BLOCK_FRAMES)
+        seed = block_seed(self.seed, index // LIFE)
         return read_frame(self.recording, index, errors=self.errors, noise_seed=seed)
 
 

@@ -4,11 +4,12 @@ AP and its resamples are reduced over the cases as `placement_env.cases` says; i
 of the resample. Recall, precision and counts are those of the worst case, or means over cases.
 
 Sets of one size race each other until the best of them is known well enough (`placement_env.racing.race_until`), so
-that small and cheap sets stay in; the best few of each size are judged on all frames. The best of them has the greatest
-mean AP over the detector's IoU thresholds of those whose AP is within `AP_TOLERANCE` of the highest. Without a
-requirement the answer is the cheapest set that cannot be told from it (`is_as_good`: on the same frames, its whole
-interval of the loss lies within the tolerance). With one it is the cheapest set whose AP reaches it; sets are judged by
-price until one does. If none does, it is the best set. AP is that over the cases of the plan (`PlanOption.counted`).
+that small and cheap sets stay in; the winner of each size, and others near the best of all, are judged on all frames.
+The best of them has the greatest mean AP over the detector's IoU thresholds of those whose AP is within `TIE` of the
+highest. Without a requirement the answer is the cheapest set that cannot be told from it (`is_as_good`: on the same
+frames, its whole interval of the loss lies within the tolerance). With one it is the cheapest set whose AP reaches it;
+sets are judged by price until one does. If none does, it is the best set. AP is that over the cases of the plan
+(`PlanOption.counted`).
 """
 
 from __future__ import annotations
@@ -21,7 +22,6 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from placement_env.analysis.intervals import (
-    AP_TOLERANCE,
     BLOCK_FRAMES,
     Draws,
     Tally,
@@ -41,7 +41,7 @@ from placement_env.report.content import CONFIDENCE, ClassAP, DrawingResult, Jud
 from placement_env.search.exact.exhaustive import find_front
 from placement_env.search.portfolio.entrants import Entrants
 from placement_env.search.portfolio.evaluators import CasesEvaluator, DetectorEvaluator, Report, race_order
-from placement_env.search.portfolio.portfolio import contest
+from placement_env.search.portfolio.portfolio import TIE, contest
 from toolkit.arrays import Bool, Float64, Int64
 from toolkit.objects import HEAVY, LABELS, known_labels
 from toolkit.runtime.run import Run
@@ -285,7 +285,9 @@ def _judgement(figures: _Figures, classes: Classes) -> Judgement:
     return Judgement(ap, low, high, recall, defined, int(vehicles), int(frames), kind)
 
 
-KEPT = 3  # sets of each number of sensors that are judged on all frames
+RACED = 60  # frames of a race at most
+KEPT = 3  # sets of each number of sensors that are judged on all frames where they come within `REACH`
+REACH = 0.03  # AP below the best of a race that further frames may make up for
 FIRST_LOOK = 12  # frames on which all sets are looked at that may reach a requirement
 DOUBT = 0.1  # AP by which a first look may underrate a set
 
@@ -385,14 +387,18 @@ def choose_set(
     if min_ap is not None and (reached := _find_cheapest(known, min_ap, run)) is not None:
         return Choice(tuple(known.options), found.sets, reached, reached, (), "cheapest")
     sizes, evaluator, sure = found.sets.sum(axis=1), judge.evaluator, 1.0
+    winners, close = [], list[tuple[int, float]]()
     report = run.stage("judging", len(np.unique(sizes)))
     for done, size in enumerate(np.unique(sizes), 1):
         places = np.flatnonzero(sizes == size)
-        ran = contest(objective, found.sets[places], evaluator, confidence=confidence, seed=run.seed)
-        known.judge_rows(places[ran.ranking[:KEPT]].tolist())
+        ran = contest(objective, found.sets[places], evaluator, confidence=confidence, seed=run.seed, frames=RACED)
+        close += zip(places[ran.ranking[:KEPT]].tolist(), ran.expected[:KEPT].tolist(), strict=True)
+        winners.append(int(places[ran.ranking[0]]))
         sure = min(sure, ran.confidence)
         if report is not None:
             report(done)
+    most = max(expected for _, expected in close)
+    known.judge_rows(list(dict.fromkeys([*winners, *(i for i, expected in close if expected >= most - REACH)])))
     options = tuple(known.options)
     best, alike = choose(options, known.draws)
     chosen = best
@@ -434,7 +440,7 @@ def choose(
     """
     judged = {i: counted for i in sorted(draws) if (counted := options[i].counted) is not None}
     highest = max(each.ap for each in judged.values())
-    close = [i for i, each in judged.items() if each.ap >= highest - AP_TOLERANCE]
+    close = [i for i, each in judged.items() if each.ap >= highest - TIE]
     best = min(close, key=lambda i: (-(options[i].mean_ap or 0.0), *_thrift(options[i])))
     blocks = count_blocks(judged[best].frames)
     alike = [i for i in judged if i == best or is_as_good(draws[i], draws[best], blocks)]

@@ -22,7 +22,7 @@ from toolkit.runtime.run import Run
 from toolkit.sites.maps import redraw
 from toolkit.sites.site import Site
 
-PART_FRAMES = {"search": 60, "comparison": 60, "judgement": 120}  # usual numbers for the three parts of traffic
+PART_FRAMES = {"search": 60, "comparison": 120, "judgement": 120}  # usual numbers for the three parts of traffic
 USUAL_SENSORS = 4
 DRAWING_SEED = 7000  # before the seeds of other drawings
 

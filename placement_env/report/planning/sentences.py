@@ -95,7 +95,7 @@ def explain_shortfall(
 
 
 RULES: dict[Rule, str] = {
-    "best": "It is the best of the judged sets: of those within 0.01 of the highest AP it has the greatest mean AP "
+    "best": "It is the best of the judged sets: of those next to the highest AP it has the greatest mean AP "
     "over IoU 0.7, 0.8 and 0.9. No cheaper set is as good.",
     "as good": "It is the cheapest of the judged sets that cannot be told from the best: on the same frames its AP is "
     "surely within 0.01 of it.",
@@ -165,7 +165,7 @@ def list_assumptions(question: Question, fidelity: str, detector: str, *, sample
         f"{iou_text(cases.threshold)} in {setting.fusion.name} fusion.",
         f"Searches, comparison and judgement each have their own traffic (seeds {searched}, {compared} and {judged}): "
         "no AP stated for the chosen set is from traffic that it was searched or chosen on.",
-        "Intervals are from a bootstrap over blocks of 4 frames, the life of an object, widened for few blocks; they "
+        "Intervals are from a bootstrap over blocks of 8 frames, two lives of an object, widened for few blocks; they "
         "hold for this detector in this kind of traffic, not for other weather, traffic or sensors.",
         f"kbit {_describe_codec(question)}; links are compared with them at 10 frames a second.",
         _describe_errors(question),

@@ -27,7 +27,7 @@ from toolkit.runtime.run import Processes
 
 SEARCHING = 0.3  # share of a portfolio's time that its searches may take; races and judgement share the rest
 LONG_ENOUGH = 120.0  # s above which all frames are simulated; with less, a proportional part
-FEWEST = 2 * BLOCK_FRAMES  # frames of a part of traffic
+FEWEST = BLOCK_FRAMES  # frames of a part of traffic
 BATCHES = 12  # largest number of batches that a fast fidelity scores separately
 Sets = Bool[np.ndarray, "n C"]
 Frames = Int64[np.ndarray, " k"]

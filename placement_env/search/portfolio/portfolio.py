@@ -38,6 +38,7 @@ from placement_env.setting import Setting
 from toolkit.arrays import Float64
 
 RACE_FRAMES, JUDGED_FRAMES = 96, 120
+TIE = 0.75 * AP_TOLERANCE  # lead in AP that other IoU thresholds may outweigh; the rest is left to chance
 FIRST, ETA = 12, 2  # frames of the race's first rung, and by how much the next ones are longer
 LEAST_RACED = 24  # fewest frames of a race: on fewer the luckiest of many wins
 SET_FRAMES = 1600.0  # set-frames that a race may score without a time limit
@@ -137,10 +138,13 @@ def contest(
     confidence: float = 0.95,
     seed: int = 0,
     most: float = SET_FRAMES,
+    frames: int | None = None,
 ) -> Contest:
-    """Race sets by their reward, of an evaluator's AP and the objective's prediction. most: set-frames to be scored.
+    """Race sets by their reward, of an evaluator's AP and the objective's prediction.
 
-    Of the sets that end within `AP_TOLERANCE` of the first, that of the greatest mean AP over the detector's IoU
+    most: set-frames to be scored; frames: to race on at most, None for all of the evaluator's.
+
+    Of the sets that end within `TIE` of the first, that of the greatest mean AP over the detector's IoU
     thresholds wins, then the cheapest.
     """
 
@@ -150,10 +154,10 @@ def contest(
         blocks = float(len(np.unique(frames[: found.frames] // BLOCK_FRAMES)))
         return Resampled(found.ap - cost, found.resamples - cost[:, None], found.frames, blocks)
 
-    order, first = race_order(evaluator.frames, seed=seed), min(FIRST, evaluator.frames)
+    order, first = race_order(evaluator.frames, seed=seed)[:frames], min(FIRST, evaluator.frames)
     rules = RaceRules(confidence, AP_TOLERANCE, first, ETA, least=LEAST_RACED, most=most)
     ran = race_until(rewards, sets, order, rules, predicted=objective.scores(sets).reward)
-    close = np.flatnonzero((ran.frames == ran.frames[0]) & (ran.expected >= ran.expected[0] - AP_TOLERANCE))
+    close = np.flatnonzero((ran.frames == ran.frames[0]) & (ran.expected >= ran.expected[0] - TIE))
     rows = sets[ran.ranking[close]]
     mean_ap = evaluator.mean_ap(rows, order[: ran.frames[0]]) if len(close) > 1 else np.zeros(1)
     won = int(close[np.lexsort((objective.price(rows), -mean_ap))[0]])

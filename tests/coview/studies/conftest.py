@@ -9,4 +9,5 @@ from placement_env.analysis import intervals
 def _intervals_of_few_blocks():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(intervals, "count_blocks", lambda frames: float("inf"))
+        patch.setattr(intervals, "BLOCK_FRAMES", 4)
         yield

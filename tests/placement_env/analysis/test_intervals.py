@@ -18,6 +18,8 @@ from placement_env.analysis.intervals import (
 from placement_env.fidelity.detector import FALSE_ALARM, IGNORED, Outcome
 from toolkit.detection.metrics import average_precision, precision_recall
 
+pytestmark = pytest.mark.usefixtures("blocks_of_four")
+
 
 def measured(frames, seed, levels=20):
     """Random detections: many equal scores, frames without truths, without detections and with false alarms only."""

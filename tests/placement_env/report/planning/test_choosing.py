@@ -8,6 +8,7 @@ import pytest
 from placement_env.cases import Cases
 from placement_env.fidelity.detector import Detected
 from placement_env.report.content import Judgement, PlanOption
+from placement_env.report.planning import judging
 from placement_env.report.planning.judging import Judge, choose, choose_set, find_front_options
 from placement_env.search.portfolio.entrants import Entrants
 from toolkit.runtime.run import Run
@@ -15,7 +16,7 @@ from toolkit.runtime.run import Run
 
 def option(ap, low, high, *, price=1.0, sensors=1, kbit=100.0, judged=True, mean_ap=None):
     names = tuple(f"s{i}" for i in range(sensors))
-    said = Judgement(ap, low, high, ap, 1.0, 100, 60)
+    said = Judgement(ap, low, high, ap, 1.0, 100, 120)
     return PlanOption(names, price, kbit, kbit * sensors, ap, said if judged else None, (), mean_ap)
 
 
@@ -66,7 +67,7 @@ def test_sets_of_each_size_race_and_the_best_are_judged(street):
         *(("judging", 1, 3), ("judging", 2, 3), ("judging", 3, 3))
     ]
     judged = [o.judged and o.judged.ap for o in picked.options]
-    assert judged[:4] == [0.5, 0.5, None, 0.25]  # the third sees a ghost before its one car, and is out of the race
+    assert judged[:4] == [0.5, None, None, None]  # one of two equal ones; others come nowhere near the best
     assert judged[4:] == pytest.approx([0.75, 0.8])
     assert picked.options[5].price == 32.5
     assert [o.predicted for o in picked.options] == found.predicted.round(6).tolist()
@@ -103,7 +104,7 @@ def test_sets_are_compared_by_failures_and_levels(street):
     assert (only.judged.vehicles, only.over_levels.vehicles, only.over_levels.ap, only.left) == (32, 16, 0.75, None)
 
 
-def test_sets_are_compared_over_error_profiles(street):
+def test_sets_are_compared_over_error_profiles(street, monkeypatch):
     """Exact, 0 finds with 1 as many cars as 3 does, for less money; where 0 is blinded, fewer."""
     steady = replace(option(0.8, 0.7, 0.9), left=option(0.7, 0.6, 0.8).judged, over_errors=option(0.6, 0.5, 0.7).judged)
     touchy = replace(option(0.95, 0.9, 1.0), over_levels=option(0.9, 0.8, 1.0).judged)
@@ -118,6 +119,7 @@ def test_sets_are_compared_over_error_profiles(street):
     rough = Detected(Blinded(street.site, street.detected.renders.sensors), street.detected.detector, "early")
     judge = Judge((street.detected, rough), Cases(errors=("paper", "poor")))
     found = Entrants(np.array([[1, 1, 0, 0], [0, 1, 0, 1]], bool), np.zeros(2), ((), ()), 2)
+    monkeypatch.setattr(judging, "REACH", 1.0)
     picked, alone = choose_set(street.objective, found, judge), choose_set(street.objective, found, street.judge)
     assert [(each.judged.ap, each.over_errors.ap) for each in picked.options] == [(0.75, 0.5), (0.75, 0.75)]
     assert (picked.chosen, alone.chosen) == (1, 0)

@@ -64,7 +64,7 @@ def test_prices_links_and_stocks_are_as_asked(ask):
 def test_options_are_in_words_with_digests_of_files(ask, tmp_path):
     words = ask(SITE, money=9000.0, catalogue=CATALOGUE, candidates=tmp_path / "poles.geojson").as_dict()
     assert (words["money"], words["catalogue"], words["candidates"]) == (9000.0, ["eye"], "poles.geojson")
-    assert words["frames"] == [60, 60, 120]
+    assert words["frames"] == [60, 120, 120]
     assert words["detector"] == "shipped"
     assert str(tmp_path) not in str(words)
     path = tmp_path / "poles.geojson"

@@ -72,7 +72,7 @@ def test_detection_of_some_frames_in_resamples_of_blocks(street):
     assert found.resamples[1] == pytest.approx(1.5 * found.resamples[0])
 
 
-def test_a_fast_fidelity_scores_the_frames_together_and_in_batches(prepared, small_traffic):
+def test_a_fast_fidelity_scores_the_frames_together_and_in_batches(prepared, small_traffic, blocks_of_four):
     evaluator = build_evaluator(prepared(), "coverage", seed=2)
     assert isinstance(evaluator.profiles[0], FastEvaluator)
     sets = np.eye(4, dtype=bool)[[0, 2]] | np.eye(4, dtype=bool)[[3, 3]]
