@@ -268,3 +268,10 @@ def test_a_table_that_unpacks_to_gigabytes_is_refused(tmp_path):
         (tmp_path / "a.feather").write_bytes(content)
         with pytest.raises(ValueError, match=r"unpacks to 8\.0 GiB|cut off"):
             cloud_files.read_table(tmp_path / "a.feather")
+
+
+def test_points_of_no_return_are_not_fused(tmp_path):
+    np.savetxt(tmp_path / "a.xyz", np.concatenate([POINTS, np.zeros((5, 3))]))
+    with pytest.warns(UserWarning, match="a.xyz: 5 points at 0 0 0, of no return, are left out"):
+        fused = cloud_files.fuse_files([tmp_path / "a.xyz"], [POSES[0]])
+    assert len(positions(fused)) == len(POINTS)

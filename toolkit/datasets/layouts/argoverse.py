@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from os.path import lexists
 from pathlib import Path
 from typing import NamedTuple
 
@@ -96,7 +97,7 @@ def argoverse(path: Path) -> Listing:
     """Sweeps of a log. Raises FileNotFoundError if the folder is not a log."""
     names, annotations = tuple(map(str, sweep_times(path))), path / "annotations.feather"
     labelled: list[str] = []
-    if annotations.is_file():
+    if lexists(annotations):
         with named_damage(annotations, "table of labels"):
             labelled = np.unique(_stamps(read_table(annotations))).astype(str).tolist()
     return Listing(names, lambda name: _sample(path, name), labelled=labelled)
@@ -126,12 +127,12 @@ def _sample(log: Path, name: str) -> Frame:
                 part = {key: column[own] for key, column in recorded.items()}
                 clouds.append(build_cloud(part, lidar, calibration[lidar], problems, frame="world"))
     annotations, found = log / "annotations.feather", no_labels()
-    if annotations.is_file():
+    if lexists(annotations):
         with named_damage(annotations, "table of labels"):
             labels = read_labels(log, time)
             found = labelled(labels.boxes, labels.categories, labels.tracks, problems, labels.interior_points)
     city, map_SE3_ego = log / "city_SE3_egovehicle.feather", np.eye(4)
-    if city.is_file():
+    if lexists(city):
         with named_damage(city, "table of poses"):
             table = read_table(city)
             rows = np.flatnonzero(_stamps(table) == time)[:1]
