@@ -449,9 +449,9 @@ def pcd_change(content: bytes, rng: Rng) -> tuple[str, bytes]:
         return "sizes of the packed points changed", content[:end] + body[:at] + sizes + body[at + 8 :]
     if rng.random() < 0.3 and not body.startswith(b"DATA ascii"):
         at, size = body.index(b"\n") + 1, int(pick(rng, (1, 3, 16, 32, 33)))
-        sizes = {"missing": body[:-size], "more": body + bytes(size), "zero": body[:at] + bytes(len(body) - at)}
-        what = pick(rng, list(sizes))
-        return f"{size} bytes {what}", content[:end] + sizes[what]
+        bodies = {"missing": body[:-size], "more": body + bytes(size), "zero": body[:at] + bytes(len(body) - at)}
+        what = pick(rng, list(bodies))
+        return f"{size} bytes {what}", content[:end] + bodies[what]
     what = pick(rng, ("other", "gone", "doubled", "swapped", "row"))
     if what == "other":
         words[j] = pick(rng, others)

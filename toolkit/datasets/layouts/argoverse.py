@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from os.path import lexists
 from pathlib import Path
 from typing import NamedTuple
@@ -34,6 +35,7 @@ from toolkit.runtime.files import writing
 LASERS = {"up_lidar": range(32), "down_lidar": range(32, 64)}
 _CALIBRATION = Path("calibration", "egovehicle_SE3_sensor.feather")
 _POSE = ("qw", "qx", "qy", "qz", "tx_m", "ty_m", "tz_m")
+NO_LASER = "points of other lasers than 0 to 63"
 NO_PLACE = "sweeps whose time has no pose in the map"
 _NAMES = {"vehicle": "REGULAR_VEHICLE", "cyclist": "BICYCLIST", "pedestrian": "PEDESTRIAN", "heavy": "TRUCK"}
 
@@ -121,6 +123,8 @@ def _sample(log: Path, name: str) -> Frame:
     with named_damage(file, "sweep"):
         table = read_table(file)
         recorded = name_attributes(table)
+        strange = ~np.isin(table["laser_number"], [*chain(*LASERS.values())])
+        add_problem(problems, NO_LASER, int(strange.sum()))
         for lidar, lasers in LASERS.items():
             own = np.isin(table["laser_number"], lasers)
             if own.any() or lidar in calibration:

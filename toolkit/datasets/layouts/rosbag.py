@@ -208,9 +208,8 @@ def _messages(path: Path, *kinds: str, parse: bool = True) -> Iterator[tuple[str
         raise ImportError("reading bags needs rosbags: pip install rosbags") from None
     with _damage(path):
         if lexists(described := path / "metadata.yaml"):
-            for name in parse_yaml(read_text(plain_file(described)))["rosbag2_bagfile_information"][
-                "relative_file_paths"
-            ]:
+            content = parse_yaml(read_text(plain_file(described)))
+            for name in content["rosbag2_bagfile_information"]["relative_file_paths"]:
                 plain_file(resolve_below(path, str(name)))
         reader = AnyReader([plain_file(path)], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
         reader.open()
