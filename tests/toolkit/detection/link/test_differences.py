@@ -243,6 +243,8 @@ def test_references_average_few_images_under_a_checksum():
 def test_parameters_are_checked(wrong, said):
     with pytest.raises((ValueError, TypeError), match=f"{said}|Type-check"):
         differences.DifferenceSender(SCENE, **wrong)
+    for least_or_most in (1, 255):
+        assert differences.DifferenceSender(SCENE, key_every=least_or_most).key_every == least_or_most
 
 
 def reference_of(steps, sent=None, step_mm=20):
