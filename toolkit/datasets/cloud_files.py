@@ -317,6 +317,8 @@ def _columns_of_text(path: Path) -> dict[str, np.ndarray]:
         table = {name: np.array([float(row[place]) for row in rows]) for name, place in columns.items()}
     except (ValueError, IndexError):
         raise ValueError(f"{path} must hold x y z in every row, numbers only") from None
+    if not others and max(widths, default=0) >= 6 and "," in text and "." not in text:
+        warnings.warn(f"{path}: all numbers are whole: if its commas are decimal, write points for them", stacklevel=2)
     for name, place in others.items():
         if all(len(row) > place and _is_number(row[place]) for row in rows):
             table[name] = np.array([float(row[place]) for row in rows])
