@@ -37,7 +37,7 @@ Relation = tuple[list[tuple[str, str]], Tags]  # ways with their roles
 
 LARGEST_MAP, MOST_TAGS = 1 << 26, 200_000  # bytes of a map that are read, and tags within one element
 _PART = 1 << 20  # bytes read at once
-LONGEST_STEP = 1e4  # m from one node of a road or building to the next
+_LONGEST_LEAP = 1e4  # m from one node of a road or building to the next
 AT_THE_EDGE = 5e-4  # degrees beyond the map's bounds where a centre still is in it
 
 
@@ -114,7 +114,7 @@ def read_map(path: Path, centre: tuple[float, float], heading: float = 0.0) -> E
         nodes = [node for i, node in enumerate(known) if i == 0 or node != known[i - 1]]
         if len(nodes) > 1:
             ways[name] = Way(np.array([position[node] for node in nodes]), tuple(nodes), way_tags)
-            leaps = np.hypot(*np.diff(ways[name].line, axis=0).T).max() > LONGEST_STEP
+            leaps = np.hypot(*np.diff(ways[name].line, axis=0).T).max() > _LONGEST_LEAP
             odd["roads or buildings leap more than 10 km from node to node"] += leaps and bool(_BUILT & way_tags.keys())
     places = tuple((position[name], tags) for name, tags in place_tags.items())
     notes = tuple(f"{count} {what}" for what, count in odd.items() if count)
