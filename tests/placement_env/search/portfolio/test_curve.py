@@ -10,6 +10,7 @@ from placement_env.objective import Objective
 from placement_env.search.checkpoint import Checkpoint
 from placement_env.search.portfolio import curve
 from placement_env.search.portfolio.curve import budget_curve, list_amounts
+from placement_env.search.portfolio.entrants import keep_entrants
 from placement_env.search.portfolio.evaluators import CasesEvaluator, DetectorEvaluator, race_order
 from placement_env.search.portfolio.portfolio import Judging
 from placement_env.setting import Setting
@@ -172,7 +173,7 @@ def test_the_states_of_amounts_are_their_own(street):
 
 @pytest.mark.parametrize("amounts", [(), (22.0, 33.0)])
 def test_searches_get_the_seed_and_the_judge_frames_in_order_or_spread(street, monkeypatch, amounts):
-    seeds, keep = [], curve.keep_entrants
+    seeds, keep = [], keep_entrants
 
     def noted(*given, seed, **more):
         seeds.append(seed)

@@ -298,6 +298,10 @@ def test_squares_and_pixels_that_stand_still_take_few_bits():
     steps[0, 16:] = 90  # 28 of 32
     assert differences.still_squares(reference, steps, np.ones((8, 20), bool)).tolist() == [[True, False, True]]
     assert not differences.still_squares(reference, steps, np.zeros((8, 20), bool)).any()
+    one = np.eye(8, dtype=bool) & (np.arange(8) == 3)
+    lonely = reference_of(np.full((8, 8), 50), one)
+    assert differences.still_squares(lonely, np.full((8, 8), 50), one).tolist() == [[True]]
+    assert not differences.still_squares(lonely, np.full((8, 8), 90), one).any()
     rng = np.random.default_rng(0)
     mask = np.zeros((150, 200), bool)
     mask[60:100, 70:130] = True

@@ -131,3 +131,7 @@ def test_who_stands_stays_beside_one_that_surely_drives():
     moved = tracks.at(1.9).boxes[:, :2] - boxes[:, :2]
     assert moved[0] == pytest.approx([10.0, 0.0], abs=1.0)
     assert moved[1].tolist() == [0.0, 0.0]
+
+
+def test_before_any_detection_there_is_none_at_any_time():
+    assert len(Tracks().at(1.0)) == 0
