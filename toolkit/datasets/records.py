@@ -432,8 +432,12 @@ def boxes_record(
 
 def write_boxes(path: str | Path, entries: Sequence[Mapping[str, object]], **more: object) -> None:
     """Write a file of frame entries, whole or not at all. more: further fields of the file."""
-    content = {"coview": "boxes", "version": _VERSION, "frame": "world", **more, "samples": list(entries)}
-    write_text(path, json.dumps(replace_infinite(content), indent=1, allow_nan=False))
+    content = {"coview": "boxes", "version": _VERSION, "frame": "world", **more, "samples": []}
+    head = json.dumps(replace_infinite(content), indent=1, allow_nan=False).removesuffix("]\n}")
+    # one by one: all at once takes four times the memory of the text
+    texts = (json.dumps(replace_infinite(each), indent=1, allow_nan=False) for each in entries)
+    rows = ",".join("\n  " + text.replace("\n", "\n  ") for text in texts)
+    write_text(path, head + rows + "\n " * bool(entries) + "]\n}")
 
 
 def read_entries(path: str | Path) -> dict[str, Unchecked]:
