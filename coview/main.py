@@ -64,7 +64,7 @@ def run(arguments: Sequence[str]) -> int:
     except ValueError as error:  # before any other module of coview is imported
         print(f"coview: {error}", file=sys.stderr)
         return 2
-    except BrokenPipeError as error:
+    except OSError as error:
         from coview.outputs import report
 
         return report(error)

@@ -311,11 +311,11 @@ def _count_away(clouds: Sequence[SensorCloud], objects: Objects) -> int:
     away = np.full(len(objects), len(clouds) > 0)
     for cloud in clouds:
         if away.any():
-            own = np.linalg.norm(objects.boxes[:, :2] - cloud.world_SE3_sensor[:2, 3], axis=1) > FARTHEST_BOX
+            own = np.linalg.norm(objects.boxes[:, :3] - cloud.world_SE3_sensor[:3, 3], axis=1) > FARTHEST_BOX
             if (away & own).any() and len(cloud.points):  # clouds in a map may come without their sensor's place
-                points = cloud.in_world()[:, :2]
+                points = cloud.in_world()
                 low, high = points.min(axis=0) - FARTHEST_BOX, points.max(axis=0) + FARTHEST_BOX
-                own &= ((objects.boxes[:, :2] < low) | (objects.boxes[:, :2] > high)).any(axis=1)
+                own &= ((objects.boxes[:, :3] < low) | (objects.boxes[:, :3] > high)).any(axis=1)
             away &= own
     return int(away.sum())
 

@@ -68,6 +68,12 @@ def test_a_closed_pipe_ends_quietly(tmp_path):
         assert (done.returncode, done.stderr) == (141, "")
 
 
+def test_an_output_that_is_full_is_one_line(tmp_path):
+    for arguments in ("--help", "survey --help", "site show tjunction"):
+        done = process("-c", SHELL, f'exec "$0" -m coview {arguments} >/dev/full', cwd=tmp_path)
+        assert (done.returncode, done.stderr) == (2, "coview: [Errno 28] No space left on device\n")
+
+
 @pytest.mark.parametrize("closed", ["<&- >&-", "2>&-", "<&- >&- 2>&-", "2>/dev/full"])
 def test_streams_that_are_closed_or_full_change_no_code(closed, tmp_path):
     for arguments, code in (("--version", 0), ("site show tjunction", 0), ("site show nowhere", 2)):

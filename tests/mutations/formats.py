@@ -47,6 +47,7 @@ from toolkit.sensors.sensor import Sensor
 from toolkit.sites import opendrive, osm
 from toolkit.sites.files import load_site, save_site
 from toolkit.sites.georeference import inverse_project
+from toolkit.sites.maps import MapPiece
 from toolkit.sites.site import Site, Solid
 
 
@@ -300,12 +301,13 @@ def _read_mesh(path: Path) -> None:
 def _read_mesh_catalogue(path: Path) -> None:
     with tempfile.TemporaryDirectory() as folder:
         points.mesh(Path(folder, "box.stl"))
-        shutil.copy(path, Path(folder, "meshes.toml"))
+        (shutil.copy if path.is_file() and not path.is_symlink() else shutil.move)(path, Path(folder, "meshes.toml"))
         take_meshes(folder)
 
 
 def _read_osm(path: Path) -> None:
     """Run all of `import_osm` but SUMO's netconvert, which sees only what is written anew."""
+    MapPiece(path, centre=(13.4, 52.5), size=(60, 60))
     town, window = osm.read_map(path, (13.4, 52.5), 0.3), shapely.box(-60, -60, 60, 60)
     pieces, _ = osm.roads(town, window)
     osm.write_osm(pieces, town)
@@ -336,6 +338,7 @@ def _opendrive(path: Path) -> None:
 
 def _read_opendrive(path: Path) -> None:
     """Run all of `import_opendrive` but SUMO's netconvert."""
+    MapPiece(path, centre=(0.0, 0.0), size=(60, 60))
     with name_errors(path):
         root = opendrive.read_opendrive(path, (0.0, 0.0))
         window = shapely.box(-80, -80, 80, 80)

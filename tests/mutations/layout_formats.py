@@ -132,9 +132,14 @@ def reader(name: str) -> Callable[[Path], None]:
         file = folder / place
         sound = file.read_bytes()
         try:
-            file.write_bytes(path.read_bytes())
+            if path.is_file() and not path.is_symlink():
+                file.write_bytes(path.read_bytes())
+            else:
+                file.unlink()
+                path.rename(file)
             read(layout, opened)
         finally:
+            file.rmdir() if file.is_dir() else file.unlink()
             file.write_bytes(sound)
 
     return read_mutant

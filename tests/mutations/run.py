@@ -1,9 +1,9 @@
 """Damages every file format in every way and counts: `python tests/mutations/run.py 1500` prints the table.
 
 With `--structured` the damage knows the format; `--read` lists what was read all the same; `--seed` draws other
-mutants. A reader may read a damaged file or refuse it with a ValueError or OSError of one line; it may do nothing else,
-take at most 20 s and 2 GB, and must leave the file as it is. Readers run in a process of their own, so that a crash is
-counted and named.
+mutants. With `--places` something that is no file is in the place of each, and must be refused. A reader may read a
+damaged file or refuse it with a ValueError or OSError of one line; it may do nothing else, take at most 20 s and 2 GB,
+and must leave the file as it is. Readers run in a process of their own, so that a crash is counted and named.
 """
 
 import argparse
@@ -23,9 +23,12 @@ from zlib import crc32
 import numpy as np
 from formats import Format, formats, one_line
 
+from toolkit.runtime import files
+
 LONGEST = 20.0  # s that a reader may take
 MAPPED = 24 << 30  # bytes that a process may map; a damaged file must not ask for the whole machine
 MEMORY = 2 << 30  # bytes that reading one file may take
+PLACES = ("pipe", "folder", "/dev/zero", "/no/where", "loop")
 Case = tuple[str, int]  # name of the format, number of the mutant
 
 
@@ -35,18 +38,22 @@ def main() -> None:
     parser.add_argument("--formats", nargs="*", help="part of the names of those wanted, all if not given")
     parser.add_argument("--number", type=int, help="only this mutant of each format, with its traceback")
     parser.add_argument("--structured", action="store_true", help="damage that knows the format")
+    parser.add_argument("--places", action="store_true", help="pipes, folders, devices and lost links for files")
     parser.add_argument("--seed", type=int, default=0, help="draw other mutants")
     parser.add_argument("--read", action="store_true", help="list what was read all the same")
     parser.add_argument("--worker", nargs="*", help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.worker is not None:
         cases = [(name, int(number)) for name, number in (case.rsplit(":", 1) for case in given.worker)]
-        _work(cases, given.structured, given.seed)
+        _work(cases, given.structured, given.seed, given.places)
         return
     cases = planned(given.mutants, given.formats, given.structured)
+    if given.places:
+        cases = [(name, number) for name in dict(cases) for number in range(len(PLACES))]
     if given.number is not None:
         cases = [(name, given.number) for name in dict.fromkeys(name for name, _ in cases)]
-    failures, read = examined(cases, given.structured, given.seed)
+    mode = ["--structured"] * given.structured + ["--places"] * given.places
+    failures, read = examined(cases, [*mode, "--seed", str(given.seed)])
     print(table(cases, failures))
     for name, what in sorted(read) if given.read else ():
         print(f"read: {name}: {what}")
@@ -67,13 +74,10 @@ def planned(mutants: int, wanted: Sequence[str] | None = None, structured: bool 
     ]
 
 
-def examined(
-    cases: Sequence[Case], structured: bool = False, seed: int = 0
-) -> tuple[dict[Case, str], list[tuple[str, str]]]:
+def examined(cases: Sequence[Case], option: Sequence[str]) -> tuple[dict[Case, str], list[tuple[str, str]]]:
     """Which cases fail and how, each read in another process, which is begun anew where it dies; what was read."""
     failures: dict[Case, str] = {}
     read: list[tuple[str, str]] = []
-    option = [*(["--structured"] if structured else []), "--seed", str(seed)]
     waiting = list(cases)
     environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2]), "OMP_NUM_THREADS": "1"}
     while waiting:
@@ -110,7 +114,7 @@ def table(cases: Iterable[Case], failures: Iterable[Case]) -> str:
     return "\n".join([*head, *rows, f"| all | {whole} | {whole - bad} | {bad} |"])
 
 
-def _work(cases: Sequence[Case], structured: bool, seed: int) -> None:
+def _work(cases: Sequence[Case], structured: bool, seed: int, in_place: bool) -> None:
     resource.setrlimit(resource.RLIMIT_AS, (MAPPED, MAPPED))
     every = formats()
     sound: dict[str, bytes] = {}
@@ -121,7 +125,11 @@ def _work(cases: Sequence[Case], structured: bool, seed: int) -> None:
                 every[name].read(Path(folder, name)) if name != "published.pth" else None
                 sound[name] = Path(folder, name).read_bytes()
                 Path(folder, name).unlink()
-            print(_verdict(every[name], name, number, sound[name], structured, seed).replace("\n", "\\n"), flush=True)
+            if in_place:
+                verdict = _place_verdict(every[name], name, PLACES[number])
+            else:
+                verdict = _verdict(every[name], name, number, sound[name], structured, seed)
+            print(verdict.replace("\n", "\\n"), flush=True)
 
 
 def _verdict(kind: Format, name: str, number: int, sound: bytes, structured: bool, seed: int) -> str:
@@ -152,6 +160,30 @@ def _verdict(kind: Format, name: str, number: int, sound: bytes, structured: boo
         if not (kind.owns or same):
             return f"no {what}: the file was touched, {hashlib.sha256(content).hexdigest()[:8]}"
     return f"ok {read}{what}"
+
+
+def _place_verdict(kind: Format, name: str, what: str) -> str:
+    files._PATIENCE = 0.1
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, name)
+        if what in ("pipe", "folder"):
+            (os.mkfifo if what == "pipe" else os.mkdir)(path)
+        else:
+            path.symlink_to(path if what == "loop" else what)
+        faulthandler.dump_traceback_later(LONGEST, exit=True)
+        try:
+            kind.read(path)
+        except (ValueError, OSError) as error:
+            try:
+                one_line(str(error))
+            except RuntimeError as fault:
+                return f"no {what}: {fault}"
+            return f"ok {what}"
+        except BaseException:
+            return f"no {what}: {''.join(traceback.format_exc().splitlines(keepends=True)[-9:])}"
+        finally:
+            faulthandler.cancel_dump_traceback_later()
+    return f"{'ok' if kind.owns else 'no'} {what}: it was read"
 
 
 def peak() -> int:

@@ -62,7 +62,7 @@ def json_change(content: bytes, rng: Rng) -> tuple[str, bytes]:
     every = places([document])
     changes: tuple[Callable[[Any, list[Place], Rng], str], ...] = (
         *(_scale, _scale, _swap, _count, _drop, _misspell, _repeat, _empty, _reverse, _rename, _comma, _time, _deepen),
-        *(_share, _dangle),
+        *(_share, _dangle, _back),
     )
     what = pick(rng, changes)(document, every, rng)
     return what, json.dumps(document).encode()
@@ -156,6 +156,15 @@ def _time(document: Any, every: list[Place], rng: Rng) -> str:
     holder, key = pick(rng, stamps or every)
     holder[key] = pick(rng, TIMES)
     return f"{key!r} is {holder[key]!r}"
+
+
+def _back(document: Any, every: list[Place], rng: Rng) -> str:
+    """Times, or what else has the name of one, run back."""
+    stamps = [(h, k) for h, k in every if isinstance(k, str) and ("time" in k or "stamp" in k)]
+    values = [holder[key] for holder, key in stamps]
+    for (holder, key), value in zip(stamps, values[::-1], strict=True):
+        holder[key] = value
+    return f"{len(stamps)} times run back"
 
 
 def _deepen(document: Any, every: list[Place], rng: Rng) -> str:
@@ -308,6 +317,13 @@ def xml_change(content: bytes, rng: Rng) -> tuple[str, bytes]:
         f"{name} is another's": lambda: put(pick(rng, attributes)[2]),
         f"no {name}": lambda: re.sub(rf'\s\b{name}="[^"]*"', "", text),
         f"{name} twice": lambda: text[: chosen.end()] + " " + chosen[0] + text[chosen.end() :],
+        "a place out of range": lambda: re.sub(
+            rf'\b({pick(rng, ("lat", "lon", "x", "y", "s", "length"))})="[^"]*"',
+            lambda m: f'{m[1]}="{pick(rng, ("95", "400", "-179.9", "nan", "inf", "1e308", ""))}"',
+            text,
+            count=int(rng.integers(1, 4)),
+        ),
+        "two of one id": lambda: re.sub(r'\bid="[^"]*"', f'id="{pick(rng, ("1", "2", "100"))}"', text, count=3),
         "entities that unfold to gigabytes": lambda: (
             f'{head}<!DOCTYPE x [<!ENTITY e0 "lol">{entities}]>\n' + body.replace(chosen[0], f'{name}="&e9;"', 1)
         ),
@@ -431,6 +447,11 @@ def pcd_change(content: bytes, rng: Rng) -> tuple[str, bytes]:
         at = body.index(b"\n") + 1
         sizes = struct.pack("<II", int(pick(rng, (0, 10, 2**31, 2**32 - 1))), int(pick(rng, (0, 10, 2**31, 2**32 - 1))))
         return "sizes of the packed points changed", content[:end] + body[:at] + sizes + body[at + 8 :]
+    if rng.random() < 0.3 and not body.startswith(b"DATA ascii"):
+        at, size = body.index(b"\n") + 1, int(pick(rng, (1, 3, 16, 32, 33)))
+        bodies = {"missing": body[:-size], "more": body + bytes(size), "zero": body[:at] + bytes(len(body) - at)}
+        what = pick(rng, list(bodies))
+        return f"{size} bytes {what}", content[:end] + bodies[what]
     what = pick(rng, ("other", "gone", "doubled", "swapped", "row"))
     if what == "other":
         words[j] = pick(rng, others)
@@ -571,9 +592,12 @@ def bin_change(content: bytes, rng: Rng) -> tuple[str, bytes]:
         "in millimetres": rows * np.float32(1000),
         "of whole numbers": rows.astype("<i4"),
         "of zeros": rows * 0,
+        "with a run of zeros": rows * (np.abs(np.arange(len(rows)) - rng.integers(len(rows))) > len(rows) / 5)[:, None],
+        "one column in millimetres": rows * np.where(np.arange(4) == rng.integers(3), 1000, 1),
     }
     what = pick(rng, list(changes))
-    return what, np.ascontiguousarray(changes[what]).tobytes()
+    made = changes[what] if "of " in what else changes[what].astype("<f4")
+    return what, np.ascontiguousarray(made).tobytes()
 
 
 def glb_change(content: bytes, rng: Rng) -> tuple[str, bytes]:

@@ -47,6 +47,11 @@ def test_very_many_mutants_of_every_format(wanted):
     run(3200, wanted, "--structured")
 
 
+@pytest.mark.slow
+def test_what_is_no_file_is_refused_in_the_place_of_each():
+    run(1, [""], "--places")
+
+
 def test_every_layout_has_damaged_files_and_the_halves_are_all_formats():
     text = printed("from layout_formats import FILES, NAMED; print(*{NAMED.get(f[0], f[0]) for f in FILES.values()})")
     assert set(text.split()) == set(LAYOUT_NAMES)

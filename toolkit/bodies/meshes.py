@@ -21,6 +21,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import product
+from os.path import lexists
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -30,7 +31,7 @@ from toolkit.arrays import Bool, Float64, Int64
 from toolkit.bodies.body import Body, make_body
 from toolkit.mesh import Mesh, Span, scale_mesh
 from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE
-from toolkit.runtime.files import name_errors, parse_toml
+from toolkit.runtime.files import name_errors, parse_toml, plain_file
 
 _POINTS, _CELLS = 30_000, 32
 _COARSE = 16  # cells along an axis in which symmetry is judged
@@ -189,13 +190,14 @@ def read_mesh_table(folder: Path) -> dict[Path, MeshEntry]:
     Raises ValueError, naming the table and the entry, for damaged TOML and impossible entries.
     """
     path = folder / TABLE
-    if not path.is_file():
+    if not lexists(path):
         return {}
+    content = plain_file(path).read_bytes()
     with name_errors(path):
-        content = parse_toml(path.read_bytes())
-    rows = content.get("mesh")
-    if set(content) != {"mesh"} or not isinstance(rows, list):
-        raise ValueError(f"{path}: must hold [[mesh]] entries alone, got {sorted(content)}")
+        tables = parse_toml(content)
+    rows = tables.get("mesh")
+    if set(tables) != {"mesh"} or not isinstance(rows, list):
+        raise ValueError(f"{path}: must hold [[mesh]] entries alone, got {sorted(tables)}")
     table: dict[Path, MeshEntry] = {}
     for number, row in enumerate(rows, 1):
         where = f"{path}, entry {number}"

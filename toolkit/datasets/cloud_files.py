@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import re
 import struct
+import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -56,6 +57,10 @@ def fuse_files(paths: Sequence[str | Path], poses: Sequence[Pose]) -> PointCloud
     parts = []
     for number, (path, pose) in enumerate(zip(paths, poses, strict=True)):
         checked, recorded = check_pose(pose, f"pose of {path}"), _finite(read_recorded(path))
+        returned = (recorded["positions"] != 0).any(axis=1)
+        if nothing := int((~returned).sum()):
+            warnings.warn(f"{path}: {nothing} points at 0 0 0, of no return, are left out", stacklevel=2)
+            recorded = {name: column[returned] for name, column in recorded.items()}
         placed = {"positions": transform(checked, recorded.pop("positions"))}
         if "normals" in recorded:
             placed["normals"] = recorded.pop("normals") @ checked[:3, :3].T.astype(np.float32)
@@ -100,27 +105,27 @@ def read_recorded(path: str | Path) -> Attributes:
     with np.errstate(all="ignore"):
         recorded = _read(path)
         recorded["positions"] = np.asarray(recorded["positions"], np.float64)
-        _check_extent(path, recorded["positions"])
+        with name_errors(path):
+            check_extent(recorded["positions"])
     return recorded
 
 
-def _check_extent(path: Path, points: Float64[np.ndarray, "n 3"]) -> None:
+def check_extent(points: Float64[np.ndarray, "n 3"]) -> None:
+    """Raise ValueError for points that are no places, or lie too far apart to be in metres."""
     some = points[:: len(points) // 1000 + 1]
     finite = some[np.isfinite(some).all(axis=1)]
     if len(some) and not np.isfinite(points).all(axis=1).any():
-        raise ValueError(f"{path}: none of its {len(points)} points has three finite coordinates: record it again")
+        raise ValueError(f"none of its {len(points)} points has three finite coordinates: record it again")
     away = np.linalg.norm(finite - np.median(finite, axis=0), axis=1) if len(finite) else np.zeros(1)
     if len(finite) and np.median(np.abs(finite).max(axis=1)) > MOST_DISTANT:
-        raise ValueError(f"{path}: half of its points are beyond {MOST_DISTANT:g} m: give metres, or repair the file")
+        raise ValueError(f"half of its points are beyond {MOST_DISTANT:g} m: give metres, or repair the file")
     if np.median(away) > _MOST_SPREAD:
         wide = f"half of its points are more than {np.median(away) / 1000:.3g} km from their middle"
-        raise ValueError(f"{path}: {wide}: give metres, or repair the file")
+        raise ValueError(f"{wide}: give metres, or repair the file")
     tiny = (finite != 0) & (np.abs(finite) < _LEAST)
     odd = np.unique(finite[(away > _MOST_SPREAD) | tiny.any(axis=1)] if len(finite) else finite, axis=0)
     if len(odd) > max(5, 0.1 * len(finite)):  # a driver's value of no return is always the same
-        raise ValueError(
-            f"{path}: {len(odd)} of {len(finite)} points, such as {odd[0]}, are no places: repair the file"
-        )
+        raise ValueError(f"{len(odd)} of {len(finite)} points, such as {odd[0]}, are no places: repair the file")
 
 
 def read_poses(path: str | Path, *, inverted: bool = False) -> dict[str, Pose]:
@@ -312,6 +317,8 @@ def _columns_of_text(path: Path) -> dict[str, np.ndarray]:
         table = {name: np.array([float(row[place]) for row in rows]) for name, place in columns.items()}
     except (ValueError, IndexError):
         raise ValueError(f"{path} must hold x y z in every row, numbers only") from None
+    if not others and max(widths, default=0) >= 6 and "," in text and "." not in text:
+        warnings.warn(f"{path}: all numbers are whole: if its commas are decimal, write points for them", stacklevel=2)
     for name, place in others.items():
         if all(len(row) > place and _is_number(row[place]) for row in rows):
             table[name] = np.array([float(row[place]) for row in rows])

@@ -16,7 +16,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from toolkit.arrays import Float64, Int64, Shaped
-from toolkit.datasets.cloud_files import read_recorded
+from toolkit.datasets.cloud_files import check_extent, read_recorded
 from toolkit.datasets.published_layout import FARTHEST_OBJECT
 from toolkit.frame import Frame, Frames, OtherObjects, RecordingView, SensorCloud
 from toolkit.geometry import check_pose, transform
@@ -103,7 +103,8 @@ def named_damage(path: str | Path, what: str, kinds: tuple[type[Exception], ...]
     except UnicodeDecodeError as error:
         raise ValueError(f"{path} is no {what}: byte {error.start} is not UTF-8") from None
     except kinds as error:
-        reason = " ".join(str(error).split())[:200] or type(error).__name__
+        said = f"it lacks {error}" if isinstance(error, KeyError) else str(error)
+        reason = " ".join(said.split())[:200] or type(error).__name__
         raise ValueError(f"{path} is no {what} that can be read: {reason}") from None
 
 
@@ -327,8 +328,10 @@ def track_number(name: object) -> int:
 ENDINGS = (".pcd", ".bin", ".ply", ".npy", ".npz", ".feather", ".xyz", ".csv")
 NOT_FINITE_POINTS = "points with NaN or infinite numbers"
 NO_RETURN_POINTS = "points of no return"
+FAR_POINTS = "points a kilometre from the middle of their cloud"
 EMPTY = "clouds without points"
 FARTHEST_POINT = 1e5  # m from the sensor; farther out float32 loses centimetres
+_FAR = 1000.0  # m from the middle, where no sensor for traffic measures
 _INTENSITIES = ("intensity", "reflectivity", "i", "colors")
 _RINGS = ("ring", "laser_number", "laser_id", "channel", "line", "beam")
 _MOST_RINGS = 1 << 16  # that are believed where they are written as floats, as nuScenes does
@@ -350,8 +353,9 @@ def build_cloud(
     *,
     frame: Literal["sensor", "world"] = "sensor",
 ) -> SensorCloud:
-    """A cloud of `positions` and other columns."""
+    """A cloud of `positions` and other columns. Raises ValueError for points that lie too far apart to be metres."""
     recorded = np.asarray(attributes["positions"], np.float64)
+    check_extent(recorded)
     with np.errstate(invalid="ignore"):
         sound = (np.abs(recorded) <= FARTHEST_POINT).all(axis=1)  # NaN is not
     returned = (recorded != 0).any(axis=1) if frame == "sensor" else np.ones(len(recorded), bool)
@@ -359,6 +363,9 @@ def build_cloud(
     add_problem(problems, NOT_FINITE_POINTS, int((~sound).sum()))
     add_problem(problems, NO_RETURN_POINTS, int((sound & ~returned).sum()))
     add_problem(problems, EMPTY, int(not keep.any()))
+    if keep.any():
+        middle = np.median(recorded[keep][:: int(keep.sum()) // 1000 + 1], axis=0)
+        add_problem(problems, FAR_POINTS, int((np.linalg.norm(recorded[keep] - middle, axis=1) > _FAR).sum()))
 
     def columns(names: Sequence[str], *, wide: bool = False) -> Iterator[np.ndarray]:
         """Columns of these names, the first where one is `wide`."""
@@ -425,8 +432,12 @@ def boxes_record(
 
 def write_boxes(path: str | Path, entries: Sequence[Mapping[str, object]], **more: object) -> None:
     """Write a file of frame entries, whole or not at all. more: further fields of the file."""
-    content = {"coview": "boxes", "version": _VERSION, "frame": "world", **more, "samples": list(entries)}
-    write_text(path, json.dumps(replace_infinite(content), indent=1, allow_nan=False))
+    content = {"coview": "boxes", "version": _VERSION, "frame": "world", **more, "samples": []}
+    head = json.dumps(replace_infinite(content), indent=1, allow_nan=False).removesuffix("]\n}")
+    # one by one: all at once takes four times the memory of the text
+    texts = (json.dumps(replace_infinite(each), indent=1, allow_nan=False) for each in entries)
+    rows = ",".join("\n  " + text.replace("\n", "\n  ") for text in texts)
+    write_text(path, head + rows + "\n " * bool(entries) + "]\n}")
 
 
 def read_entries(path: str | Path) -> dict[str, Unchecked]:
@@ -435,7 +446,11 @@ def read_entries(path: str | Path) -> dict[str, Unchecked]:
         content = load_json(path)
         if entry(content, "coview") != "boxes" or entry(content, "version") != _VERSION:
             raise ValueError(f"it must say coview boxes, version {_VERSION}: see toolkit.datasets.records")
-        return {str(entry(each, "name")): each for each in as_list(entry(content, "samples"), "samples")}
+        entries = as_list(entry(content, "samples"), "samples")
+        named = {str(entry(each, "name")): each for each in entries}
+        if len(named) < len(entries):
+            raise ValueError("two of its samples have one name")
+        return named
 
 
 def parse_objects(path: str | Path, each: Unchecked, problems: Problems) -> Labelled:

@@ -188,7 +188,7 @@ def group_rows(samples: Sequence[Judged], label: str, ious: Sequence[float] | No
         for metric, said in METRICS.items():
             scores = evaluate(found, truths, counted=counted, iou_thresholds=thresholds, metric=metric, label=label)
             for iou, at in scores.items():
-                ap = at.ap if protocol == "ours" else kitti_ap(at.curve)
+                ap = at.ap if protocol == "ours" or not at.truths else kitti_ap(at.curve)
                 rows.append(GroupRow(label, protocol, f"{said} {iou:g}", among, ap, at.truths))
 
     score(samples, ious, "all")

@@ -268,6 +268,8 @@ _REMEDIES = {  # of what reading counts and no sound recording has
     records.NO_SIZE: _UNIT,
     records.TOO_LARGE: _UNIT,
     AWAY: "check their unit, and the frame they are in",
+    records.EMPTY: "check their sensor, or leave these frames out",
+    records.FAR_POINTS: _UNIT,
 }
 FREER = 0.1  # gain in mean fit that explanations which choose a sensor for each box need
 TURNED_GAIN = 0.15  # gain in mean fit that explanations which turn each box freely need
@@ -309,7 +311,10 @@ def find_impossible(samples: Sequence[Frame]) -> Iterator[Finding]:
         problems.pop(records.STRAY, None)  # a part of a recording beside the labels of all of it
     for kind, remedy in _REMEDIES.items():
         if problems[kind]:
-            yield Finding("error", "labels", kind, f"{problems[kind]}, beside {total} labels that are read", remedy)
+            where, beside = "labels", f"beside {total} labels that are read"
+            if kind in (records.EMPTY, records.FAR_POINTS):
+                where, beside = "clouds", f"in {len(samples)} frames"
+            yield Finding("error", where, kind, f"{problems[kind]}, {beside}", remedy)
     times = np.array([each.time for each in samples])
     steps = np.diff(times[np.isfinite(times)])
     if (back := int((steps <= 0).sum())) > max(1, len(steps) / 10):  # a new scene or sensor may begin again

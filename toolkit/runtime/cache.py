@@ -189,8 +189,9 @@ def read_secret(path: Path) -> bytes:
             os.replace(name, path)
         finally:
             Path(name).unlink(missing_ok=True)
-    with path.open("rb") as file:
-        there, secret = os.fstat(file.fileno()), file.read(SECRET)
+    opened = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))  # a pipe has nothing, and must not be waited for
+    with os.fdopen(opened, "rb") as file:
+        there, secret = os.fstat(file.fileno()), file.read(SECRET) or b""
     ours = not hasattr(os, "geteuid") or (there.st_uid == os.geteuid() and not there.st_mode & 0o077)
     if not ours or len(secret) < SECRET:
         raise PermissionError(f"{path.name} is not a secret of yours alone: remove it, or give a folder of your own")

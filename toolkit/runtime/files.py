@@ -399,6 +399,15 @@ def resolve_below(root: str | Path, name: str) -> Path:
     return Path(root) / given
 
 
+def check_links(root: str | Path) -> None:
+    """Raise ValueError if a symbolic link in a folder leads out of it, so that only the folder's own is copied."""
+    place = os.path.realpath(root)
+    for folder, folders, files in os.walk(root):
+        for link in (each for name in (*folders, *files) if os.path.islink(each := os.path.join(folder, name))):
+            if os.path.commonpath([place, target := os.path.realpath(link)]) != place:
+                raise ValueError(f"{link} leads out of {root}, to {target}: put a copy in its place")
+
+
 @contextmanager
 def name_errors(where: str | Path) -> Iterator[None]:
     """Put a file or field before the message of a ValueError."""

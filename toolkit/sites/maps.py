@@ -391,6 +391,7 @@ def import_osm(piece: MapPiece, *, lefthand: bool = False) -> Site:
     path, place, heading = piece.path, (float(piece.centre[0]), float(piece.centre[1])), piece.heading
     extract, within = osm.read_map(path, place, heading), piece.around(REACH)
     pieces, notes = osm.roads(extract, within, lefthand=lefthand)
+    notes = [*extract.notes, *notes]
     if not pieces:
         raise piece.no_road()
     parking = osm_parking.find_parking(extract, osm.ROADS, within, lefthand=lefthand)

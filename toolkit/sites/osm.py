@@ -13,6 +13,7 @@ from __future__ import annotations
 import gzip
 import re
 import zlib
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from io import BufferedIOBase
@@ -36,6 +37,7 @@ Relation = tuple[list[tuple[str, str]], Tags]  # ways with their roles
 
 LARGEST_MAP, MOST_TAGS = 1 << 26, 200_000  # bytes of a map that are read, and tags within one element
 _PART = 1 << 20  # bytes read at once
+_LONGEST_LEAP = 1e4  # m from one node of a road or building to the next
 AT_THE_EDGE = 5e-4  # degrees beyond the map's bounds where a centre still is in it
 
 
@@ -62,6 +64,7 @@ class Extract:
     ways: tuple[Way, ...]
     areas: tuple[tuple[shapely.Polygon, Tags], ...]  # holes and all
     places: tuple[tuple[Float64[np.ndarray, "2"], Tags], ...]  # tagged single points
+    notes: tuple[str, ...] = ()  # what is odd about the map
 
 
 def read_map(path: Path, centre: tuple[float, float], heading: float = 0.0) -> Extract:
@@ -75,6 +78,7 @@ def read_map(path: Path, centre: tuple[float, float], heading: float = 0.0) -> E
     bounds: list[list[float]] = []
     raw_ways: dict[str, tuple[list[str], Tags]] = {}
     relations: list[Relation] = []
+    odd = Counter[str]()
     for element in _elements(path):
         tags = {tag.get("k", ""): tag.get("v", "") for tag in element.iter("tag")}
         name = element.get("id", "")
@@ -82,10 +86,13 @@ def read_map(path: Path, centre: tuple[float, float], heading: float = 0.0) -> E
             bounds.append([*_lon_lat(element, "minlon", "minlat"), *_lon_lat(element, "maxlon", "maxlat")])
         elif element.tag == "node":
             lon_lat = _lon_lat(element, "lon", "lat")
+            odd["nodes that are no place on earth were left out"] += lon_lat[0] != lon_lat[0]
+            odd[_TWICE] += points.get(name, lon_lat) != lon_lat
             if lon_lat[0] == lon_lat[0]:
                 points[name] = lon_lat
                 place_tags |= {name: tags} if tags else {}
         elif element.tag == "way":
+            odd[_TWICE] += name in raw_ways
             raw_ways[name] = ([nd.get("ref", "") for nd in element.iter("nd")], tags)
         elif element.tag == "relation" and tags.get("type") == "multipolygon":
             members = [m for m in element.iter("member") if m.get("type") == "way"]
@@ -107,8 +114,15 @@ def read_map(path: Path, centre: tuple[float, float], heading: float = 0.0) -> E
         nodes = [node for i, node in enumerate(known) if i == 0 or node != known[i - 1]]
         if len(nodes) > 1:
             ways[name] = Way(np.array([position[node] for node in nodes]), tuple(nodes), way_tags)
+            leaps = np.hypot(*np.diff(ways[name].line, axis=0).T).max() > _LONGEST_LEAP
+            odd["roads or buildings leap more than 10 km from node to node"] += leaps and bool(_BUILT & way_tags.keys())
     places = tuple((position[name], tags) for name, tags in place_tags.items())
-    return Extract(centre, heading, tuple(ways.values()), tuple(_areas(ways, relations)), places)
+    notes = tuple(f"{count} {what}" for what, count in odd.items() if count)
+    return Extract(centre, heading, tuple(ways.values()), tuple(_areas(ways, relations)), places, notes)
+
+
+_TWICE = "nodes or ways of one id are there twice: the last one counts"
+_BUILT = {"highway", "building"}
 
 
 def metres(text: str | None) -> float | None:

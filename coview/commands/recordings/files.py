@@ -16,6 +16,7 @@ from coview.outputs import OK, Writing, check_file, check_new_folder, claim, pri
 from coview.progress_bar import progress_bar
 from coview.recordings import Opening, count_passing, frame_count
 from toolkit.detection.place import Place
+from toolkit.runtime.files import check_links
 from toolkit.runtime.run import Simulation
 from toolkit.sensors.error_profiles import find_profile
 
@@ -66,6 +67,7 @@ def convert(
     check_least("--frames", contents.frames, 1, "leave it out for all")
     if contents.errors is not None:
         find_profile(contents.errors)
+    check_links(recording)
     target = find_layout(to)
     write, problems = target.write, dict[str, int]()
     with opening.open(recording) as opened:
@@ -229,6 +231,8 @@ def pack(
         from toolkit.datasets.recordings import Part
         from toolkit.detection.place import level_frames
 
+        for path in datasets:
+            check_links(path)
         with ExitStack() as stack:
             asked = (datasets, packed, opening, place, run)
             stack.enter_context(claim(out, asked, check, overwrite=writing.overwrite))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import shapely
 
-from placement_env.analysis.approaches import compass, find_approaches
+from placement_env.analysis.approaches import Approaches, compass, find_approaches
 from toolkit.geometry import pose
 from toolkit.sites.files import load_site
 from toolkit.sites.site import Site
@@ -50,3 +50,27 @@ def test_approaches_of_junctions_with_or_without_a_network():
 )
 def test_compass_of_a_site_that_lies_as_its_map(offset, name):
     assert compass(Site("a", np.array([-1.0, -1, 1, 1])), np.array(offset, float)) == name
+
+
+def network(*edges, **nodes):
+    """A site whose edges, named by their ends, run straight between nodes."""
+    rows = []
+    for start, end in edges:
+        shape = " ".join(f"{x},{y}" for x, y in (nodes[start], nodes[end]))
+        rows.append(
+            f'<edge id="{start}{end}" from="{start}" to="{end}"><lane id="{start}{end}_0" shape="{shape}"/></edge>'
+        )
+    return Site("drawn", np.array([-90.0, -90.0, 90.0, 90.0]), network=f"<net>{''.join(rows)}</net>")
+
+
+def test_streets_that_only_lead_away_make_a_junction_too():
+    places = find_approaches(network("AJ", "JB", "JC", A=(-50, 0), J=(0, 0), B=(50, 0), C=(0, 50)))
+    assert places.names == ("from the west", "leaving", "parked")
+    assert Approaches(("parked",), (), np.zeros((0, 3))).locate(np.zeros((2, 7))).tolist() == [0, 0]
+
+
+def test_an_approach_reaches_back_to_the_junction_before_and_no_further():
+    far = {"X": (-40, 60), "K": (-40, 0), "M": (-20, 0), "J": (0, 0), "Y": (-60, 0), "P": (20, 0), "Q": (0, 20)}
+    places = find_approaches(network("XK", "KM", "MJ", "KY", "JP", "JQ", **far))
+    assert at(places, -30.0, 0.0) == at(places, -10.0, 0.0) == "from the west to junction 1"
+    assert at(places, -40.0, 30.0) == "from the north to junction 2"

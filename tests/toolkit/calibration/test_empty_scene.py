@@ -316,3 +316,17 @@ def test_who_parks_freezes_it_until_a_day_later_or_another_comes():
     assert after(gone).first[1, 1] == 0
     assert after(gone).spread[1, 1] == 0
     assert after(farther, reveal=70.0).first[1, 1] == 20
+
+
+def test_a_broad_cluster_is_narrowed_to_the_median_and_spread_of_its_densest_stretch():
+    def one(value):
+        return np.full((1, 1), value, np.float32)
+
+    values = (10.0, 10.02, 10.04, 10.08, 12.0, 15.0)  # from 10.03 the four that lie close are off by 1, 1, 3 and 5 cm
+    mode = empty_scene._Mode(one(10.06), one(1.0), one(1.0), one(10.0), one(15.0))
+    found = empty_scene._narrow_broad(mode, one(0.01), [one(value) for value in values])
+    assert found.median.item() == pytest.approx(10.03)
+    assert found.spread.item() == pytest.approx(1.4826 * 0.01, abs=1e-5)
+    assert found.share.item() == pytest.approx(4 / 6)
+    kept = empty_scene._narrow_broad(mode, one(0.5), [one(value) for value in values])
+    assert kept.spread.item() == 1.0

@@ -254,3 +254,12 @@ def test_labelled_cars_of_a_real_street_stand_on_its_ground():
     assert abs(np.median(floors)) < 0.05
     assert np.percentile(np.abs(floors), 90) < 0.2
     assert "their ground seems to lie at z = -0." in warned(points)
+
+
+def test_a_slope_is_found_from_afar_though_a_flat_place_lies_at_its_middle():
+    """Without slopes to start from, the search would stay on the flat place, at the median height."""
+    rng = np.random.default_rng(0)
+    parts = [scattered(rng, [low, -15], [low + 30, 15], 0.0, 3000, noise=0.02) for low in (460, 510)]
+    ground = sloped(np.concatenate(parts), 0.15, 0.0, -75.0)
+    flat = scattered(rng, [496, -4], [504, 4], 0.0, 1000, noise=0.02)
+    assert (np.abs(fit_plane(np.concatenate([ground, flat])) - [0.15, 0.0, -75.0]) < [2e-3, 2e-3, 1.0]).all()

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from toolkit.calibration import registration
 from toolkit.calibration.empty_scene import EmptyScene
 from toolkit.calibration.registration import (
     LEVER,
@@ -228,3 +229,19 @@ def test_points_and_normals_are_where_surfaces_are_flat():
     assert (surface.points[:, 0] > 10).any()
     with pytest.raises(ValueError, match="50 are needed"):
         cloud_surface(np.zeros((0, 3)))
+
+
+def test_it_starts_where_it_is_believed_turned_about_the_vertical(monkeypatch):
+    starts, align = [], registration._align_levels
+
+    def noted(points, noise, surface, start, levels):
+        if levels is registration._COARSE:
+            starts.append(start)
+        return align(points, noise, surface, start, levels)
+
+    monkeypatch.setattr(registration, "_align_levels", noted)
+    surface = corner(np.random.default_rng(0), 500)
+    register(transform(invert(TRUE), surface.points), surface, TRUE)
+    turns = [LEVER * np.deg2rad(turn) for turn in (0, -2.5, 2.5, -5, 5)]
+    motions = [motion_between(TRUE, start) for start in starts]
+    np.testing.assert_allclose(motions, [[0, 0, turn, 0, 0, 0] for turn in turns], atol=1e-9)

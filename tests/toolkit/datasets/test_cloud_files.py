@@ -268,3 +268,19 @@ def test_a_table_that_unpacks_to_gigabytes_is_refused(tmp_path):
         (tmp_path / "a.feather").write_bytes(content)
         with pytest.raises(ValueError, match=r"unpacks to 8\.0 GiB|cut off"):
             cloud_files.read_table(tmp_path / "a.feather")
+
+
+def test_points_of_no_return_are_not_fused(tmp_path):
+    np.savetxt(tmp_path / "a.xyz", np.concatenate([POINTS, np.zeros((5, 3))]))
+    with pytest.warns(UserWarning, match="a.xyz: 5 points at 0 0 0, of no return, are left out"):
+        fused = cloud_files.fuse_files([tmp_path / "a.xyz"], [POSES[0]])
+    assert len(positions(fused)) == len(POINTS)
+
+
+def test_commas_that_may_be_decimal_are_told(tmp_path):
+    (tmp_path / "a.csv").write_text("1,5,2,5,3,5\n" * 3)
+    with pytest.warns(UserWarning, match=r"a.csv: all numbers are whole: if its commas are decimal"):
+        cloud_files.read_points(tmp_path / "a.csv")
+    for sound in ("x,y,z,r,g,b\n1,5,2,5,3,5\n", "1,5,2,5,3,5.0\n", "1,5,2,5\n", "1 5 2 5 3 5\n"):
+        (tmp_path / "a.csv").write_text(sound)
+        assert cloud_files.read_points(tmp_path / "a.csv").tolist() == [[1, 5, 2]]

@@ -252,3 +252,33 @@ def test_layouts_plug_in(monkeypatch):
     load_plugins.cache_clear()
     with pytest.raises(ValueError, match="there is no layout 'mine'"):
         find_layout("mine")
+
+
+OWN_FILES = {
+    "folder": ("labels.json", "poses.txt", "S0/000000.pcd"),
+    "kitti": tuple(f"training/{name}" for name in ("label_2/000000.txt", "calib/000000.txt", "velodyne/000000.bin")),
+    "dair": ("label/virtuallidar/000000.json", "velodyne/000000.pcd"),
+    "openlabel": ("labels_point_clouds/000000.json", "point_clouds/S0/000000_S0.pcd"),
+    "sustech": ("label/000000.json", "lidar/000000.pcd"),
+    "argoverse": ("annotations.feather", "city_SE3_egovehicle.feather", "calibration/egovehicle_SE3_sensor.feather"),
+    "nuscenes": ("v1.0-coview/sample_annotation.json", "samples/LIDAR_S0/000000.pcd.bin"),
+}
+
+
+@pytest.mark.parametrize("layout", OWN_FILES)
+def test_pipes_devices_folders_and_lost_links_in_place_of_files_are_told(tmp_path, layout, monkeypatch):
+    monkeypatch.setattr("toolkit.runtime.files._PATIENCE", 0.01)
+    write_recording(scene(), tmp_path, layout)
+    for name in OWN_FILES[layout]:
+        file = tmp_path / name
+        sound = file.read_bytes()
+        for make in (
+            *(os.mkfifo, os.mkdir, lambda file: file.symlink_to("/dev/zero")),
+            *(lambda file: file.symlink_to("/no/where"), lambda file: file.symlink_to(file)),
+        ):
+            file.unlink()
+            make(file)
+            with pytest.raises((ValueError, OSError), match=file.name):
+                list(open_recording(tmp_path, layout))
+            file.rmdir() if file.is_dir() else file.unlink()
+            file.write_bytes(sound)

@@ -205,16 +205,36 @@ def test_labels_without_a_cloud_are_counted_once_and_none_with_one_is_refused():
         records.check_labels(records.Listing(("a",), load))
 
 
-@pytest.mark.parametrize(("place", "away"), [([900.0, 0.0], 0), ([4500.0, 0.0], 1)])
+@pytest.mark.parametrize(("place", "away"), [([900.0, 0.0, 0.0], 0), ([4500.0, 0.0, 0.0], 1), ([0.0, 0.0, 2000.0], 1)])
 def test_boxes_far_from_every_sensor_and_point_are_counted(place, away):
     points, box = (
         np.zeros((2, 3), np.float32),
-        Objects(np.array([[*place, *BOX[2:]]]), np.zeros(1, int), np.zeros(1, int)),
+        Objects(np.array([[*place, *BOX[3:]]]), np.zeros(1, int), np.zeros(1, int)),
     )
     seen = SensorCloud("a", points, np.eye(4))
     expected = {AWAY: away} if away else {}
     assert Frame.of_clouds("f", (seen,), box).problems == expected
-    in_map = SensorCloud("b", points + np.float32(place[0]), np.eye(4), "world")  # without its sensor's place
+    in_map = SensorCloud("b", points + np.float32(max(place)), np.eye(4), "world")  # without its sensor's place
     assert Frame.of_clouds("f", (seen, in_map), box[:0]).problems == {}
-    around = SensorCloud("b", np.array([[*place, 0.0]], np.float32), np.eye(4), "world")
+    around = SensorCloud("b", np.array([place], np.float32), np.eye(4), "world")
     assert Frame.of_clouds("f", (seen, around), box).problems == {}
+
+
+def test_points_that_are_no_metres_none_or_at_the_sensor_are_counted_or_refused():
+    rng = np.random.default_rng(0)
+    points = rng.uniform(-20, 20, (500, 3)) - np.array([0, 0, 5])
+
+    def problems(points):
+        met: dict[str, int] = {}
+        records.build_cloud({"positions": points}, "a", np.eye(4), met)
+        return met
+
+    in_map = points + np.array([5e5, 5e6, 0])
+    assert problems(points) == problems(np.concatenate([points, [[500, 0, 0]]])) == problems(in_map / 100) == {}
+    deep = points * [1, 1, 200.0]
+    away = np.linalg.norm(deep - np.median(deep, axis=0), axis=1)
+    assert problems(deep) == {records.FAR_POINTS: (away > 1000).sum()}
+    assert problems(0 * points) == {records.NO_RETURN_POINTS: 500, records.EMPTY: 1}
+    for axis in range(3):
+        with pytest.raises(ValueError, match=r"half of its points are more than .* km from their middle: give metres"):
+            problems(points * np.where(np.arange(3) == axis, 1000, 1))

@@ -456,6 +456,8 @@ def test_what_cannot_be_is_named_with_its_number():
     def listed(times, **problems):
         return [Frame.of_clouds(str(k), (), Objects.empty(), time=t, problems=problems) for k, t in enumerate(times)]
 
+    empty = [*label_fits.find_impossible(listed([0.0, 0.1], **{records.EMPTY: 1, records.FAR_POINTS: 9}))]
+    assert [each.evidence for each in empty if each.where == "clouds"] == ["2, in 2 frames", "18, in 2 frames"]
     counted = {records.STRAY: 2, records.TOO_LARGE: 1, "doubled labels": 3}
     found = [*label_fits.find_impossible(listed([0.0], **counted))]
     assert [each.suspected for each in found] == [records.STRAY, records.TOO_LARGE]

@@ -109,6 +109,7 @@ def test_a_case_worked_by_hand_as_the_published_protocol_counts():
     assert metrics.evaluate(detections, truths, iou_thresholds=[0.5], protocol="published")[0.5].ap == 1.0
     # Of two overlapping truths the published protocol asks for the greater overlap.
     assert metrics.claim_then_test(np.array([[0.8, 0.1], [0.6, 0.3], [0.1, 0.7]]), 0.5).tolist() == [0, -1, 1]
+    assert metrics.claim_then_test(np.array([[0.5, 0.0]]), 0.5).tolist() == [-1]  # it must exceed the threshold
     # The stray box overlaps nothing, its arg-max is truth 0, and it claims that.
     detections = [Detections(np.concatenate([moved(CAR, 99), CAR]), np.array([0.9, 0.8]))]
     assert metrics.evaluate(detections, [Objects(CAR)], iou_thresholds=[0.5])[0.5].ap == 0.5

@@ -182,6 +182,10 @@ def test_only_who_knows_the_secret_writes_what_is_believed(cache, tmp_path):
         change()
         with pytest.warns(UserWarning, match=r"cache.sqlite.key is not a secret of yours alone: remove it"):
             assert Cache(cache.path).get(KEYS[:1]) == [None]
+    key.unlink()
+    os.mkfifo(key, 0o600)
+    with pytest.warns(UserWarning, match=r"cache.sqlite.key is not a secret of yours alone: remove it"):
+        assert Cache(cache.path).get(KEYS[:1]) == [None]
     Cache(cache.path).delete()
     assert list(cache.path.parent.iterdir()) == []
 

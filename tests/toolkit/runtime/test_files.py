@@ -347,3 +347,20 @@ def test_file_names_in_files_stay_below_their_data_set(name):
     with pytest.raises(ValueError, match="leads out of"):
         files.resolve_below("set", name)
     assert files.resolve_below("set", "samples/a.bin") == Path("set/samples/a.bin")
+
+
+def test_links_may_lead_anywhere_within_their_folder(tmp_path):
+    root, other = tmp_path / "set", tmp_path / "set2"
+    (root / "a").mkdir(parents=True)
+    other.mkdir()
+    (root / "b").symlink_to(root / "a")
+    (root / "a" / "loop").symlink_to(root)
+    (tmp_path / "link").symlink_to(root)
+    files.check_links(root)
+    files.check_links(tmp_path / "link")
+    for target in ("/etc/passwd", other, "../../set2", "/no/where"):
+        (root / "a" / "out").symlink_to(target)
+        for place in (root, tmp_path / "link"):
+            with pytest.raises(ValueError, match=r"a/out leads out of .*: put a copy in its place"):
+                files.check_links(place)
+        (root / "a" / "out").unlink()

@@ -5,6 +5,7 @@ import pytest
 import shapely
 
 from toolkit.sites.maps import MapPiece, import_osm
+from toolkit.sites.osm import read_map
 
 CENTRE = (13.4, 52.505)
 
@@ -64,12 +65,26 @@ def test_maps_that_would_take_long_are_refused(tmp_path, crossroads, bomb, monke
         import_osm(MapPiece(path, centre=CENTRE, size=(60, 60)))
 
 
-def test_places_that_are_not_on_earth_are_left_out(tmp_path, crossroads, imported):
+def test_places_that_are_not_on_earth_are_left_out(tmp_path, crossroads, put):
     draft = crossroads()
     for k, (lon, lat) in enumerate((("1e308", "52.5"), ("13.4", "1e308"), ("13.4", "90"), ("inf", "nan"), ("x", "1"))):
         draft.text.append(f'<node id="{k}" lon="{lon}" lat="{lat}"/>')
     draft.way((-200, 20), (-150, 20), missing=range(5), highway="residential", layer="-" + 5000 * "9")
-    assert imported(draft, tmp_path).lanes
+    with pytest.warns(UserWarning, match="5 nodes that are no place on earth were left out"):
+        assert import_osm(MapPiece(put(draft, tmp_path), CENTRE, (80, 60))).lanes
+
+
+def test_nodes_and_ways_of_one_id_and_leaps_are_told(tmp_path, crossroads, put):
+    draft = crossroads()
+    draft.text.append(next(line for line in draft.text if "<node" in line))  # the same again is no harm
+    assert not read_map(put(draft, tmp_path), CENTRE).notes
+    draft.text.append('<node id="1001" lat="52.5051" lon="13.4"/>')
+    draft.text += ['<node id="7" lat="52.5" lon="13.4"/>', '<node id="8" lat="-52.5" lon="13.4"/>']
+    draft.text += ['<way id="9"><nd ref="7"/><nd ref="8"/><tag k="highway" v="service"/></way>'] * 2
+    assert read_map(put(draft, tmp_path), CENTRE).notes == (
+        "2 nodes or ways of one id are there twice: the last one counts",
+        "1 roads or buildings leap more than 10 km from node to node",
+    )
 
 
 def test_truncated_map(tmp_path, put, crossroads):

@@ -6,6 +6,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
+from os.path import lexists
 from pathlib import Path
 from typing import NamedTuple
 
@@ -33,6 +35,7 @@ from toolkit.runtime.files import writing
 LASERS = {"up_lidar": range(32), "down_lidar": range(32, 64)}
 _CALIBRATION = Path("calibration", "egovehicle_SE3_sensor.feather")
 _POSE = ("qw", "qx", "qy", "qz", "tx_m", "ty_m", "tz_m")
+NO_LASER = "points of other lasers than 0 to 63"
 NO_PLACE = "sweeps whose time has no pose in the map"
 _NAMES = {"vehicle": "REGULAR_VEHICLE", "cyclist": "BICYCLIST", "pedestrian": "PEDESTRIAN", "heavy": "TRUCK"}
 
@@ -96,7 +99,7 @@ def argoverse(path: Path) -> Listing:
     """Sweeps of a log. Raises FileNotFoundError if the folder is not a log."""
     names, annotations = tuple(map(str, sweep_times(path))), path / "annotations.feather"
     labelled: list[str] = []
-    if annotations.is_file():
+    if lexists(annotations):
         with named_damage(annotations, "table of labels"):
             labelled = np.unique(_stamps(read_table(annotations))).astype(str).tolist()
     return Listing(names, lambda name: _sample(path, name), labelled=labelled)
@@ -120,18 +123,20 @@ def _sample(log: Path, name: str) -> Frame:
     with named_damage(file, "sweep"):
         table = read_table(file)
         recorded = name_attributes(table)
+        strange = ~np.isin(table["laser_number"], [*chain(*LASERS.values())])
+        add_problem(problems, NO_LASER, int(strange.sum()))
         for lidar, lasers in LASERS.items():
             own = np.isin(table["laser_number"], lasers)
             if own.any() or lidar in calibration:
                 part = {key: column[own] for key, column in recorded.items()}
                 clouds.append(build_cloud(part, lidar, calibration[lidar], problems, frame="world"))
     annotations, found = log / "annotations.feather", no_labels()
-    if annotations.is_file():
+    if lexists(annotations):
         with named_damage(annotations, "table of labels"):
             labels = read_labels(log, time)
             found = labelled(labels.boxes, labels.categories, labels.tracks, problems, labels.interior_points)
     city, map_SE3_ego = log / "city_SE3_egovehicle.feather", np.eye(4)
-    if city.is_file():
+    if lexists(city):
         with named_damage(city, "table of poses"):
             table = read_table(city)
             rows = np.flatnonzero(_stamps(table) == time)[:1]

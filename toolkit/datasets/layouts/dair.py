@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable
+from os.path import lexists
 from pathlib import Path
 
 import numpy as np
@@ -55,7 +56,7 @@ def _labelled(root: Path, folders: tuple[str, ...]) -> list[str]:
 
 
 def _first(root: Path, folders: tuple[str, ...], name: str) -> Path | None:
-    return next((file for folder in folders if (file := root / folder / f"{name}.json").is_file()), None)
+    return next((file for folder in folders if lexists(file := root / folder / f"{name}.json")), None)
 
 
 def _pairs(root: Path) -> records.Listing:

@@ -13,6 +13,7 @@ World frame: that of the poses, world_SE3_sensor; without a pose file the clouds
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from os.path import lexists
 from pathlib import Path
 
 import numpy as np
@@ -47,14 +48,14 @@ def folder(path: Path, *, poses: Path | None = None, inverted: bool = False) -> 
         remedy = f"give the recording in it, {recorded[0]}" if recorded else "give --layout, or another folder"
         raise FileNotFoundError(f"{path} holds no clouds, neither NAME.pcd nor SENSOR/NAME.pcd: {remedy}")
     base = path.parent if path.is_file() else path
-    given = poses or next((base / each for each in POSES if (base / each).is_file()), None)
+    given = poses or next((base / each for each in POSES if lexists(base / each)), None)
     placed = {} if given is None else read_poses(given, inverted=inverted)
     files = [(sensor, file.stem) for each in names.values() for sensor, file in each.items()]
     if poses and not placed.keys() & {key for sensor, stem in files for key in (sensor, stem, f"{sensor}/{stem}")}:
         sensors = ", ".join(sorted({sensor for sensor, _ in files}))
         raise ValueError(f"{poses} has poses {', '.join(placed)}, but the sensors are {sensors}")
     labels = base / LABELS_FILE
-    entries = records.read_entries(labels) if labels.is_file() else {}
+    entries = records.read_entries(labels) if lexists(labels) else {}
 
     def load(name: str) -> Frame:
         problems: records.Problems = {}

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterable
+from os.path import lexists
 from pathlib import Path
 
 import numpy as np
@@ -48,7 +49,7 @@ def _sample(folder: Path, name: str) -> Frame:
     problems: records.Problems = {}
     cloud = records.read_cloud(folder / "velodyne" / f"{name}.bin", "velodyne", np.eye(4), problems)
     labels, calib = folder / "label_2" / f"{name}.txt", folder / "calib" / f"{name}.txt"
-    if not labels.is_file():
+    if not lexists(labels):
         return Frame.of_clouds(name, (cloud,), *records.no_labels(), problems=problems)
     with records.named_damage(calib, "calibration"):
         camera_SE3_lidar, projection = _parse_calibration(read_bytes(calib).decode("utf-8-sig"))

@@ -17,6 +17,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import replace
 from functools import partial
+from os.path import lexists
 from pathlib import Path
 
 import numpy as np
@@ -76,7 +77,7 @@ def _sample(name: str, files: list[Path], mirror: np.ndarray) -> Frame:
     rows: dict[object, np.ndarray] = {}
     kinds: dict[object, str] = {}
     for file, content, placed in zip(files, contents, poses, strict=True):
-        recorded = next(file.with_suffix(end) for end in records.ENDINGS if file.with_suffix(end).is_file())
+        recorded = next(file.with_suffix(end) for end in records.ENDINGS if lexists(file.with_suffix(end)))
         cloud = records.read_cloud(recorded, file.parent.name, invert(map_SE3_world) @ placed, problems)
         clouds.append(_mirror(cloud, mirror))
         with named_damage(file, "YAML file of an agent"):

@@ -12,6 +12,7 @@ agent for itself: boxes of one class that two agents list and that overlap are o
 
 from __future__ import annotations
 
+from os.path import lexists
 from pathlib import Path
 
 import numpy as np
@@ -66,7 +67,7 @@ def _sample(root: Path, name: str, files: list[tuple[str, Path]]) -> Frame:
         pose = read_transform(root / "calib" / "lidar2world" / f"{agent}.json")
         clouds.append(read_cloud(file, agent, pose, problems))
         labels = root / "label" / scene / agent / sequence / f"{file.stem}.json"
-        found = read_annotations(labels if labels.is_file() else None, pose, problems)
+        found = read_annotations(labels if lexists(labels) else None, pose, problems)
         parts.append(found.objects)
         categories += found.categories
     objects, rows = merged(parts)

@@ -17,6 +17,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import islice
+from os.path import lexists
 from pathlib import Path
 from typing import Any
 
@@ -206,8 +207,9 @@ def _messages(path: Path, *kinds: str, parse: bool = True) -> Iterator[tuple[str
     except ImportError:
         raise ImportError("reading bags needs rosbags: pip install rosbags") from None
     with _damage(path):
-        if (described := path / "metadata.yaml").is_file():
-            for name in parse_yaml(read_text(described))["rosbag2_bagfile_information"]["relative_file_paths"]:
+        if lexists(described := path / "metadata.yaml"):
+            content = parse_yaml(read_text(plain_file(described)))
+            for name in content["rosbag2_bagfile_information"]["relative_file_paths"]:
                 plain_file(resolve_below(path, str(name)))
         reader = AnyReader([plain_file(path)], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
         reader.open()

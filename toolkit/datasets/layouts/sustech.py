@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable
+from os.path import lexists
 from pathlib import Path
 
 import numpy as np
@@ -39,7 +40,7 @@ def _sample(folder: Path, name: str, file: Path) -> Frame:
     cloud = records.read_cloud(file, "lidar", np.eye(4), problems)
     path = folder / "label" / f"{name}.json"
     with records.named_damage(path, "list of labels"):
-        labels = records.as_list(records.load_json(path)) if path.is_file() else []
+        labels = records.as_list(records.load_json(path)) if lexists(path) else []
         poses = [entry(each, "psr") for each in labels]
         boxes = [[*xyz(psr, "position"), *xyz(psr, "scale"), xyz(psr, "rotation")[2]] for psr in poses]
         names = [str(entry(each, "obj_type")) for each in labels]

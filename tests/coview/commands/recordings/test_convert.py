@@ -107,3 +107,14 @@ def test_sensors_with_errors(recording, tmp_path, run, refused):
         "convert", tmp_path / "e", "--layout", "folder", "--to", "kitti", "--errors", "typical", "--out", tmp_path / "x"
     )
     assert "recorded clouds have errors of their own" in says
+
+
+def test_links_out_of_a_data_set_are_not_followed(recording, tmp_path, run, refused):
+    assert run("convert", recording, "--frames", 1, "--to", "folder", "--out", tmp_path / "f")[0] == 0
+    cloud = next((tmp_path / "f").glob("*/*.pcd"))
+    cloud.rename(tmp_path / "elsewhere.pcd")
+    cloud.symlink_to(tmp_path / "elsewhere.pcd")
+    assert run("survey", tmp_path / "f")[0] == 0
+    for command in (("convert", "--to", "kitti"), ("pack",)):
+        assert "leads out of" in refused(command[0], tmp_path / "f", *command[1:], "--out", tmp_path / "out")
+        assert not (tmp_path / "out").exists()

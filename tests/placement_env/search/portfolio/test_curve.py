@@ -8,8 +8,10 @@ import pytest
 from placement_env.cases import Cases
 from placement_env.objective import Objective
 from placement_env.search.checkpoint import Checkpoint
+from placement_env.search.portfolio import curve
 from placement_env.search.portfolio.curve import budget_curve, list_amounts
-from placement_env.search.portfolio.evaluators import CasesEvaluator, DetectorEvaluator
+from placement_env.search.portfolio.entrants import keep_entrants
+from placement_env.search.portfolio.evaluators import CasesEvaluator, DetectorEvaluator, race_order
 from placement_env.search.portfolio.portfolio import Judging
 from placement_env.setting import Setting
 
@@ -167,3 +169,29 @@ def test_the_states_of_amounts_are_their_own(street):
         checkpoint=Noting(None),
     )
     assert {"22.0", "22.0000001", "races"} <= set(names)
+
+
+@pytest.mark.parametrize("amounts", [(), (22.0, 33.0)])
+def test_searches_get_the_seed_and_the_judge_frames_in_order_or_spread(street, monkeypatch, amounts):
+    seeds, keep = [], keep_entrants
+
+    def noted(*given, seed, **more):
+        seeds.append(seed)
+        return keep(*given, seed=seed, **more)
+
+    class Noting(CasesEvaluator):
+        def evaluate(self, sets, frames, progress=None):
+            judged.append(frames.tolist())
+            return super().evaluate(sets, frames, progress)
+
+    monkeypatch.setattr(curve, "keep_entrants", noted)
+    raced, judged = CasesEvaluator((DetectorEvaluator(street.detected),)), list[list[int]]()
+    final = Noting((DetectorEvaluator(street.detected),))
+    for seconds, order in ((None, np.arange(final.frames)), (60.0, race_order(final.frames))):
+        judged.clear()
+        budget_curve(
+            street.objective, 2, amounts=amounts, seed=7, seconds=seconds, judging=Judging(evaluators=(raced, final))
+        )
+        assert judged[0] == order[: len(judged[0])].tolist()
+    assert race_order(final.frames).tolist() != list(range(final.frames))
+    assert set(seeds) == {7}

@@ -126,3 +126,11 @@ def test_searches_get_the_seed_the_effort_and_the_price_that_are_asked(street, m
     assert [price for price, *_ in asked if price] == [pytest.approx(THRIFT / 13.875)]
     entrants(street.objective, Effort((2,)), seed=7)
     assert {most for *_, most, _ in asked[len(asked) // 2 :]} == {SWAP_EVALUATIONS}
+
+
+@pytest.mark.parametrize(("most", "searched"), [(10, True), (9, False)])
+def test_all_sets_are_scored_up_to_a_number_of_them(street, monkeypatch, most, searched):
+    """Of four sensors there are 4 + 6 sets of one or two."""
+    monkeypatch.setattr("placement_env.search.portfolio.entrants.EXHAUSTIVE_SETS", most)
+    found = entrants(street.objective, Effort((2,)))
+    assert any("exhaustive" in names for names in found.searches) == searched

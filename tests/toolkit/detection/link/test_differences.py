@@ -243,6 +243,8 @@ def test_references_average_few_images_under_a_checksum():
 def test_parameters_are_checked(wrong, said):
     with pytest.raises((ValueError, TypeError), match=f"{said}|Type-check"):
         differences.DifferenceSender(SCENE, **wrong)
+    for least_or_most in (1, 255):
+        assert differences.DifferenceSender(SCENE, key_every=least_or_most).key_every == least_or_most
 
 
 def reference_of(steps, sent=None, step_mm=20):
@@ -296,6 +298,10 @@ def test_squares_and_pixels_that_stand_still_take_few_bits():
     steps[0, 16:] = 90  # 28 of 32
     assert differences.still_squares(reference, steps, np.ones((8, 20), bool)).tolist() == [[True, False, True]]
     assert not differences.still_squares(reference, steps, np.zeros((8, 20), bool)).any()
+    one = np.eye(8, dtype=bool) & (np.arange(8) == 3)
+    lonely = reference_of(np.full((8, 8), 50), one)
+    assert differences.still_squares(lonely, np.full((8, 8), 50), one).tolist() == [[True]]
+    assert not differences.still_squares(lonely, np.full((8, 8), 90), one).any()
     rng = np.random.default_rng(0)
     mask = np.zeros((150, 200), bool)
     mask[60:100, 70:130] = True

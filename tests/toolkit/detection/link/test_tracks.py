@@ -120,3 +120,18 @@ def test_tracks_and_detections_pair_one_to_one():
         tracks.update(cars(now), 0.1)
         assert tracks._rows.tolist() == rows
         assert len(tracks) == 2
+
+
+def test_who_stands_stays_beside_one_that_surely_drives():
+    rng, tracks = np.random.default_rng(0), Tracks()
+    for k in range(10):
+        places = np.array([[1.0 * k, 0.0], [0.0, 30.0]]) + rng.normal(0, 0.02, (2, 2))
+        boxes = np.column_stack([places, np.tile([0.8, 4.4, 1.8, 1.6, 0.0], (2, 1))])
+        tracks.update(Detections(boxes, np.ones(2), np.zeros(2, int)), 0.1 * k)
+    moved = tracks.at(1.9).boxes[:, :2] - boxes[:, :2]
+    assert moved[0] == pytest.approx([10.0, 0.0], abs=1.0)
+    assert moved[1].tolist() == [0.0, 0.0]
+
+
+def test_before_any_detection_there_is_none_at_any_time():
+    assert len(Tracks().at(1.0)) == 0
