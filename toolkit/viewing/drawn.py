@@ -133,9 +133,9 @@ class Drawing:
         for cloud in sample.clouds:
             points, place = placed(cloud.in_world()).astype(np.float32), placed(cloud.world_SE3_sensor[None, :3, 3])[0]
             clouds.append(DrawnCloud(cloud.name, points, place, cloud.time, cloud.intensity))
-        truth = _by_kind(boxes(sample.objects.boxes), sample.objects.labels)
+        truth = sort_kinds(boxes(sample.objects.boxes), sample.objects.labels)
         truth |= {OTHERS: boxes(sample.others.boxes)} if len(sample.others.boxes) else {}
-        detections = _by_kind(boxes(found.boxes), found.labels)
+        detections = sort_kinds(boxes(found.boxes), found.labels)
         known = {} if self.detector is None else sort_outcomes(each)
         outcomes = {name: {kind: boxes(rows) for kind, rows in by.items()} for name, by in known.items()}
         warning = each.stand.warning
@@ -154,7 +154,8 @@ class Drawing:
         return drawn
 
 
-def _by_kind(boxes: np.ndarray, labels: np.ndarray) -> BoxesByKind:
+def sort_kinds(boxes: np.ndarray, labels: np.ndarray) -> BoxesByKind:
+    """Sort boxes by kind."""
     return {LABELS[label]: boxes[labels == label] for label in np.unique(labels).tolist()}
 
 
