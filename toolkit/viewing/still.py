@@ -11,7 +11,7 @@ from toolkit.boxes import footprints
 from toolkit.frame import Frame, Recording
 from toolkit.objects import Detections, Objects
 from toolkit.plots.canvas import blank_figure, house_style, shorten, write_figure
-from toolkit.plots.palette import FAINT, INK, Outcome, PlotStyle, sensor_colour
+from toolkit.plots.palette import FAINT, INK, OUTCOME, PAPER_WHITE, Outcome, PlotStyle, sensor_colour
 from toolkit.plots.plan_view import Entry, draw_frame, draw_outcome, outcome_entry
 from toolkit.viewing.drawn import (
     MARKED,
@@ -77,6 +77,10 @@ def write_still(
         for outcome, boxes in rows.items():
             draw_outcome(axes, boxes, outcome)
             entries.append(outcome_entry(outcome, f"{outcome} ({len(boxes)})"))
+        for tag in sample.tags:
+            look: PlotStyle = {"color": OUTCOME[tag.outcome].colour, "fontsize": 6.5, "clip_on": True, "zorder": 5.5}
+            look["bbox"] = {"facecolor": PAPER_WHITE, "edgecolor": "none", "alpha": 0.7, "pad": 0.4}
+            axes.annotate(tag.text, tag.place[:2], (0, 7), textcoords="offset points", ha="center", **look)
         for cloud in sample.clouds:
             colour = sensor_colour(order.index(cloud.name))
             axes.plot(*cloud.place[:2], "s", color=colour, markersize=8, markeredgecolor=INK, zorder=6, clip_on=True)
@@ -84,7 +88,7 @@ def write_still(
             mark: PlotStyle = {"marker": "s", "markersize": 7, "markeredgecolor": INK, "linestyle": "none"}
             entries.append((Line2D([], [], color=sensor_colour(k), **mark), shorten(name, 30)))
         figure.suptitle(shorten(title or sample.name, 90), fontsize=11.0)
-        axes.set_title(shorten(f"{sample.describe()}; points by {scales.describe(colouring)}", 130), fontsize=7.5)
+        axes.set_title(shorten(f"{sample.describe()}; points by {scales.describe(colouring)}", 180), fontsize=7.5)
         if entries:
             figure.legend(*zip(*entries, strict=True), loc="outside lower center", ncols=4)
         write_figure(figure, out)
