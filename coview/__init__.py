@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     import gymnasium
 
-    from models import load_detector as load_detector
+    from coview.detectors import load_detector as load_detector
     from placement_env import (
         Objective as Objective,
         Question as Question,
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     __version__: str
 else:
     _FACES = {
-        "models": ("load_detector",),
+        "coview.detectors": ("load_detector",),
         "placement_env": ("Objective", "Question", "Result", "Setting", "Weights", "as_sb3", "plan"),
         "toolkit": (
             *("Detections", "Objects", "Renderer", "Run", "catalogue", "crop", "evaluate_recording", "from_depth"),
@@ -64,16 +64,21 @@ else:
                 return "0+unknown"
         if name not in _HOMES:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-        from coview.main import refuse_hidden_packages
-
-        try:
-            refuse_hidden_packages()
-        except ValueError as error:
-            raise ImportError(str(error)) from None
+        _check_parts()
         return getattr(import_module(_HOMES[name]), name)
 
     def __dir__() -> list[str]:
         return ["__version__", "make", "search", *sorted(_HOMES)]
+
+
+def _check_parts() -> None:
+    """Raise ImportError for a folder that hides ours."""
+    from coview.main import refuse_hidden_packages
+
+    try:
+        refuse_hidden_packages()
+    except ValueError as error:
+        raise ImportError(str(error)) from None
 
 
 def search(
@@ -103,6 +108,7 @@ def make(name: str = "SensorSelect", **settings: Any) -> "gymnasium.Env[Any, Any
 
     settings: of its configuration, such as site="tjunction" and budget=3. Raises ImportError without Gymnasium.
     """
+    _check_parts()
     try:
         import gymnasium
     except ImportError:

@@ -5,17 +5,97 @@ A name followed by `+background` means a detector that knows the empty site: it 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, cast
+import warnings
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal, SupportsFloat, cast
 
 BACKGROUND, CLUSTER = "+background", "cluster"
 
 if TYPE_CHECKING:
+    import numpy as np
+
+    from models.detector import VoxelNetDetector
     from toolkit.calibration.empty_scene import Scenes
     from toolkit.datasets.dataset import CoopDataset
     from toolkit.detection.place import Place
     from toolkit.frame import Recording
-    from toolkit.objects import Detector
+    from toolkit.objects import Detections, Detector
     from toolkit.sites.site import Site
+
+
+class CloudDetector:
+    """Detector in clouds of any kind: Open3D's, tensor or legacy, or an array (n, 3) or (n, 4) that begins x, y, z.
+
+    network: the detector of level points; level: "map" or "plane" puts each cloud on level ground first, and boxes come
+    back in the cloud's own frame. With None the ground is taken to be at z = 0, and a warning says where the ground of
+    the first cloud lies if that is elsewhere.
+    """
+
+    def __init__(self, network: VoxelNetDetector, level: Literal["map", "plane"] | None = None) -> None:
+        if level not in ("map", "plane", None):
+            raise ValueError(f'level must be "map", "plane" or None, got {level!r}')
+        self.network, self.level, self._checked = network, level, level is not None
+        self.labels, self.area, self.name = network.labels, network.area, network.name
+        self.digest = network.digest if level is None else f"{network.digest} {level}"
+
+    def __call__(self, cloud: object, /) -> Detections:
+        """Detect in one cloud. Raises ValueError for what is no cloud, or where no ground is found to level."""
+        from dataclasses import replace
+
+        import numpy as np
+
+        from toolkit.calibration.ground import level, plain_points
+
+        points = plain_points(cloud)
+        if self.level is not None and len(points):
+            points = points[np.isfinite(points).all(axis=1)].astype(np.float64)
+            ground = level(points, method=self.level)
+            found = self.network(ground.points(points).astype(np.float32))
+            return replace(found, boxes=ground.boxes_back(found.boxes)) if len(found) else found
+        if not self._checked and len(points):
+            self._checked = True
+            self._warn(points)
+        return self.network(points)
+
+    def unions(self, clouds: Sequence[np.ndarray], unions: np.ndarray) -> Sequence[Detections]:
+        """Detect in each union of clouds, rows of a mask."""
+        from toolkit.points import join_clouds
+
+        if self.level is None:
+            return self.network.unions(clouds, unions)
+        return [self(join_clouds(clouds, union)) for union in unions]
+
+    def _warn(self, points: np.ndarray) -> None:
+        from toolkit.calibration.ground import level_warning
+
+        said = level_warning(points)
+        if said is not None:
+            ours = said.removesuffix(": level the points first")
+            warnings.warn(f'not levelled: {ours}: load_detector(..., level="map") levels clouds', stacklevel=3)
+
+
+def load_detector(
+    name: str | Path,
+    *,
+    level: Literal["map", "plane"] | None = None,
+    site: str | None = None,
+    area: Iterable[SupportsFloat] | None = None,
+    device: str = "cpu",
+    score_threshold: float | None = None,
+    nms_threshold: float = 0.1,
+) -> CloudDetector:
+    """Load a detector by shipped name ("tjunction", "roundabout", "general") or path of its weights.
+
+    level: see `CloudDetector`; the rest: see `models.load_detector`, which returns the bare network. Raises
+    FileNotFoundError for unknown weights, ValueError if they are damaged or for another place.
+    """
+    from models import detector
+
+    network = detector.load_detector(
+        name, site=site, area=area, device=device, score_threshold=score_threshold, nms_threshold=nms_threshold
+    )
+    return CloudDetector(network, level)
 
 
 def recording_detector(

@@ -11,16 +11,17 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar, Literal, Protocol, runtime_checkable
+from typing import Any, ClassVar, Literal, Protocol, cast, runtime_checkable
 
 import numpy as np
 
 from toolkit.arrays import Bool, Float, Float32, Float64, Int64, Shaped
 from toolkit.boxes import corners
+from toolkit.display import Card, Displayed, Table, describe_count
 from toolkit.geometry import check_pose, invert, transform
 from toolkit.objects import Objects
 from toolkit.sensors.models import SpinningLidar
-from toolkit.sensors.sensor import Sensor, is_return
+from toolkit.sensors.sensor import Sensor, is_return, tabulate_sensors
 from toolkit.sites.site import Site
 
 IGNORED_SHARE = 0.5  # share of a box's rectangle in the image beyond which an ignored region voids it, as in KITTI
@@ -185,7 +186,7 @@ Image = Float32[np.ndarray, "_ _"]
 
 
 @dataclass(frozen=True, eq=False)
-class Frame:
+class Frame(Displayed):
     """One instant.
 
     measurements: one per sensor, in the order of `sensors`. An image is (rows, columns) float32 of depth (camera) or
@@ -247,6 +248,17 @@ class Frame:
             more["problems"] = {**more.get("problems", {}), AWAY: away}
         return Frame(_cloud_sensors(clouds), tuple(clouds), objects, time, name=name, **more)
 
+    def _card(self) -> Card:
+        time = () if np.isnan(self.time) else (f"time {self.time:g} s",)
+        things = describe_count(len(self.sensors), "sensor"), describe_count(len(self.objects), "object")
+        title = f"Frame({self.name!r})" if self.name else f"Frame {self.index}"
+        return Card(
+            title,
+            (*time, *things),
+            {"sensors": lambda: tabulate_measured(self)},
+            "toolkit.viewing.still:draw_frame_alone",
+        )
+
     @property
     def has_images(self) -> bool:
         """True for a frame with sensors and only images."""
@@ -304,6 +316,11 @@ class Frame:
             categories=tuple(self.categories[k] for k in rows) if self.categories else (),
             counts=None if self.counts is None else self.counts[rows],
         )
+
+
+def tabulate_measured(frame: Frame) -> Table:
+    """Columns of a table of a frame's sensors with their points."""
+    return {**tabulate_sensors(frame.sensors), "points": [len(cloud.points) for cloud in frame.clouds]}
 
 
 def _count_away(clouds: Sequence[SensorCloud], objects: Objects) -> int:
@@ -404,8 +421,23 @@ def select_sensors(available: Sequence[Sensor], wanted: Sequence[int | str] | No
     return chosen
 
 
+class DisplayedRecording(Displayed):
+    """Base of recordings that show themselves: path, frames, and the sensors and the scene of the first frame."""
+
+    def _card(self) -> Card:
+        recording = cast("Recording", self)
+        path, name = getattr(self, "path", None), type(self).__name__
+        site = () if recording.site is None else (f"site {recording.site.name!r}",)
+        tables = {"sensors": lambda: tabulate_measured(recording[0]) if len(recording) else {}}
+        sensors = getattr(self, "sensors", None)
+        known = () if sensors is None else (describe_count(len(sensors), "sensor"),)
+        facts = describe_count(len(recording), "frame"), *known, *site
+        title = name if path is None else f"{name}({str(path)!r})"
+        return Card(title, facts, tables, "toolkit.viewing.still:draw_recording")
+
+
 @dataclass(frozen=True, eq=False)
-class RecordingView:
+class RecordingView(DisplayedRecording):
     """Frames made from those of another recording."""
 
     recording: Frames

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from toolkit.arrays import Bool, Float32, Shaped
+from toolkit.display import Card, Displayed, Table, describe_count
 
 LABELS = ("vehicle", "cyclist", "pedestrian", "heavy")
 VEHICLE, CYCLIST, PEDESTRIAN, HEAVY = range(4)
@@ -31,10 +32,11 @@ def label_index(label: str | int) -> int:
 _Taken = TypeVar("_Taken", bound="_Rows")
 
 
-class _Rows:
+class _Rows(Displayed):
     """Columns of one length."""
 
     boxes: Shaped[np.ndarray, "n 7"]
+    labels: Shaped[np.ndarray, " n"]
 
     def __len__(self) -> int:
         return len(self.boxes)
@@ -42,6 +44,17 @@ class _Rows:
     def __getitem__(self: _Taken, rows: object) -> _Taken:
         """Return what is at a mask, slice or index array."""
         return type(self)(*(column[rows] for column in vars(self).values()))
+
+    def _card(self) -> Card:
+        counts = np.bincount(self.labels, minlength=len(LABELS))
+        kinds = tuple(f"{number} {label}" for label, number in zip(LABELS, counts, strict=True) if number)
+        facts = (describe_count(len(self), "box", "boxes"), *kinds)
+        return Card(type(self).__name__, facts, {"boxes": self._table}, "toolkit.viewing.still:draw_boxes")
+
+    def _table(self) -> Table:
+        boxes = zip(("x", "y", "z", "length", "width", "height", "yaw"), self.boxes.T, strict=True)
+        rest = {name[:-1]: column for name, column in vars(self).items() if name not in ("boxes", "labels")}
+        return {"label": [LABELS[label] for label in self.labels]} | rest | dict(boxes)
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from toolkit.arrays import Bool, Float64, Int64, Shaped
+from toolkit.display import Card, Displayed, Table, describe_count
 from toolkit.geometry import pose
-from toolkit.sensors.sensor import Sensor, SensorModel
+from toolkit.sensors.sensor import Sensor, SensorModel, tabulate_sensors
 from toolkit.sites.site import Mount
 
 ROUNDED = 1e-9  # share of a link's capacity by which rounding may exceed it
@@ -49,7 +50,7 @@ class Axes:
 
 
 @dataclass(frozen=True, eq=False)
-class Candidates:
+class Candidates(Displayed):
     """C sensors of different names to choose from, on M mounts.
 
     factors: index of each sensor's mount, and its place on each of the `axes` (a mount's own range may have moved its
@@ -86,6 +87,21 @@ class Candidates:
 
     def __len__(self) -> int:
         return len(self.sensors)
+
+    def _card(self) -> Card:
+        _, heights, headings, tilts, _ = self.shape
+        kinds = ", ".join(dict.fromkeys(model.kind for model in self.axes.models))
+        numbers = {"mount": len(self.mounts), "height": heights, "heading": headings, "tilt": tilts}
+        facts = *(describe_count(number, name) for name, number in numbers.items()), kinds
+        title = describe_count(len(self), "candidate sensor")
+        return Card(title, facts, {"sensors": self._tabulate}, "placement_env.report.maps:draw_pool")
+
+    def _tabulate(self) -> Table:
+        heading, tilt = self.factors[:, 2:4].T
+        axes = self.axes
+        degrees = {"heading_deg": np.degrees(axes.headings)[heading], "tilt_deg": np.degrees(axes.tilts)[tilt]}
+        poles = [self.mounts[mount].name for mount in self.mount]
+        return {"mount": poles, **tabulate_sensors(self.sensors), **degrees, "price": self.prices}
 
     @property
     def shape(self) -> tuple[int, int, int, int, int]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,7 +11,18 @@ import numpy as np
 from placement_env.cases import iou_text
 from placement_env.handover.mounted import RATE, LinkLoad
 from placement_env.report import content
-from toolkit.plots.canvas import CHART_INCHES, blank_figure, draw_heading, house_style, pad_limits, shorten, svg_text
+from placement_env.search.result import Result
+from toolkit.plots.canvas import (
+    CHART_INCHES,
+    blank_figure,
+    draw_heading,
+    house_style,
+    pad_limits,
+    shorten,
+    svg_text,
+    write_figure,
+)
+from toolkit.plots.curves import curve_axes
 from toolkit.plots.palette import BAR, INK, OUTCOME, SENSORS, PlotStyle
 from toolkit.plots.plan_view import sensor_labels
 
@@ -57,6 +69,15 @@ def interval_bars(
         if hatched and judged[0]:
             axes.axvline(judged[0].ap, color=INK, linewidth=0.9, dashes=(4, 2), zorder=1.5)
         return svg_text(figure, alt or title)
+
+
+def draw_history(result: Result, out: str | Path) -> None:
+    """Write the best reward of a search over the sets it scored as a picture."""
+    with house_style():
+        figure, axes = curve_axes(f"{result.method}: best reward so far", 0)
+        axes.step(result.history.evaluations, result.history.reward, where="post", color=BAR, marker=".")
+        axes.set(xlabel="sets scored", ylabel="reward")
+        write_figure(figure, out)
 
 
 def scheme_chart(schemes: Sequence[content.SchemeFigures]) -> str:

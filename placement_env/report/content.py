@@ -7,7 +7,7 @@ by the detector on traffic that no search saw. An undefined figure is None.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from placement_env.cases import IoUs
 from placement_env.handover.ground import Ground, GroundShares
 from placement_env.handover.mounted import LinkLoad, MaterialItem, PlannedSensor
 from toolkit.arrays import Bool, Float32
+from toolkit.display import Card, Displayed, Table
 from toolkit.objects import Detections, Objects
 from toolkit.sites.site import Site
 
@@ -174,7 +175,7 @@ class Verdict:
 
 
 @dataclass(frozen=True)
-class Plan:
+class Plan(Displayed):
     """A deployment plan.
 
     question: every option, in words or numbers; detector: in words; iou: at which a detection counts, several for their
@@ -228,6 +229,25 @@ class Plan:
     unknown: tuple[str, ...] = ()
     provenance: dict[str, object] = field(default_factory=dict)
 
+    def _card(self) -> Card:
+        judged = None if self.chosen is None else self.chosen.counted
+        found = () if judged is None else (f"AP {judged.ap:.3f} ({judged.low:.3f} to {judged.high:.3f})",)
+        tables = {"sensors": self._list_sensors, "considered": self._list_options}
+        return Card(f"Plan for {self.site}", (self.verdict.sentence, *found), tables)
+
+    def _list_sensors(self) -> Table:
+        names = ("pole", "model", "x", "y", "height", "bearing_deg", "tilt_deg", "kbit")
+        prices = [sensor.model_price + sensor.pole_price for sensor in self.sensors]
+        return {name: [getattr(sensor, name) for sensor in self.sensors] for name in names} | {"price": prices}
+
+    def _list_options(self) -> Table:
+        plain = ("sensors", "price", "kbit", "predicted")
+        judged = [option.counted for option in self.considered]
+        table = {name: [getattr(option, name) for option in self.considered] for name in plain}
+        return table | {
+            name: [getattr(each, name, None) for each in judged] for name in ("ap", "low", "high", "recall")
+        }
+
     def as_dict(self) -> dict[str, object]:
         """Return the values for plan.json."""
         return asdict(self)
@@ -250,7 +270,7 @@ class Moment:
 
 
 @dataclass(frozen=True, eq=False)
-class Planned:
+class Planned(Displayed):
     """A plan with the inputs of its pages and maps.
 
     site: with the chosen sensors mounted; candidates: None without any; ground, moments: None and empty if no set may
@@ -262,3 +282,7 @@ class Planned:
     candidates: Candidates | None = None
     ground: Ground | None = None
     moments: tuple[Moment, ...] = ()
+
+    def _card(self) -> Card:
+        drawn = self.plan.chosen is not None
+        return replace(self.plan._card(), drawing="placement_env.report.maps:draw_planned" if drawn else "")

@@ -7,16 +7,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import shapely
 
+from placement_env.candidates.candidates import Candidates
 from placement_env.handover.ground import Ground, visible_polygons
+from placement_env.report.content import Planned
 from toolkit.arrays import Bool, Float64
 from toolkit.plots import plan_view as above
-from toolkit.plots.canvas import house_style, shorten, svg_text
-from toolkit.plots.palette import BLIND, INK, VIEW_COLOURS, point_colours, point_names, sensor_colour
+from toolkit.plots.canvas import blank_figure, house_style, shorten, svg_text, write_figure
+from toolkit.plots.palette import BAR, BLIND, INK, VIEW_COLOURS, point_colours, point_names, sensor_colour
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
 
@@ -24,6 +27,34 @@ MAP_INCHES = 7.0  # of a map's greater side
 SMOOTHED = 1.5  # m; side of the square over which density is averaged
 ENLARGED = 3  # pixels along a cell's side, because viewers smooth images
 NAMED = 30  # poles up to which they are named
+STROKE = 0.05  # of a map's extent: length of a heading
+
+
+def draw_planned(planned: Planned, out: str | Path) -> None:
+    """Write the plan view of a plan as a picture."""
+    with house_style():
+        write_figure(_plan_sheet(planned.site, planned.site.sensors, planned.ground).figure, out)
+
+
+def draw_pool(candidates: Candidates, out: str | Path) -> None:
+    """Draw the mounts of candidates, with a stroke for each direction that some sensor looks in."""
+    x, y, _ = np.array([mount.position for mount in candidates.mounts]).reshape(-1, 3).T
+    looks = np.unique(candidates.factors[:, [0, 2]], axis=0)
+    headings = candidates.axes.headings[looks[:, 1]]
+    reach = STROKE * max(float(np.ptp(x)), float(np.ptp(y)), 1.0)
+    with house_style():
+        figure = blank_figure(
+            6.0, float(np.clip(5.0 * np.ptp(y) / max(np.ptp(x), 1.0), 1.0, 6.0)) + 1.0, constrained=True
+        )
+        axes = figure.add_subplot(aspect="equal", xlabel="x (m)", ylabel="y (m)")
+        axes.set_title(f"{len(candidates)} candidate sensors on {len(x)} mounts")
+        ends = np.stack([reach * np.cos(headings), reach * np.sin(headings)])
+        feet = np.stack([x, y])[:, looks[:, 0]]
+        axes.plot(*np.stack([feet, feet + ends], axis=1), color=BAR, linewidth=0.8)
+        above.draw_poles(axes, np.stack([x, y], axis=1))
+        for mount in candidates.mounts if len(x) <= NAMED else ():
+            axes.annotate(mount.name, tuple(mount.position[:2]), (4, 4), textcoords="offset points", fontsize=7)
+        write_figure(figure, out)
 
 
 def plan_view(
@@ -38,6 +69,19 @@ def plan_view(
     Without `ground`, fields of view up to the first building are drawn. Raises ValueError for an unknown pole, and for
     a ground of other sensors.
     """
+    with house_style():
+        return svg_text(
+            _plan_sheet(site, sensors, ground, poles, poles_unused).figure, "Plan view of the chosen sensors"
+        )
+
+
+def _plan_sheet(
+    site: Site,
+    sensors: Sequence[Sensor],
+    ground: Ground | None,
+    poles: Sequence[str] = (),
+    poles_unused: Sequence[str] = (),
+) -> above.MapSheet:
     used, unused = (_places(site, names) for names in (poles, poles_unused))
     legend = [
         *above.ground_entries(site),
@@ -49,23 +93,22 @@ def plan_view(
         _check(ground, sensors)
         subtitle = "coloured: ground that each sensor sees, by casting rays at the empty site"
     places = above.sensor_places(sensors)
-    with house_style():
-        title, holds = shorten(f"{site.name}: where the sensors stand", 70), np.concatenate([places, used, unused])
-        sheet = above.map_sheet(site, title, subtitle, holds=holds, legend=legend, inches=MAP_INCHES)
-        if ground is None:
-            above.draw_wedges(sheet.axes, sensors, site.solids)
-        else:
-            open_ground = ground.open_ground  # smoothing drops slivers
-            calm = [open_ground & (smooth(seen * 1.0, open_ground, ground.cell) > 0.5) for seen in ground.seen]
-            smoothed = replace(ground, seen=np.array(calm, bool).reshape(ground.seen.shape))
-            for index, polygons in enumerate(visible_polygons(smoothed)):
-                above.fill_polygons(sheet.axes, polygons, sensor_colour(index), order=2.2, alpha=0.09, edge=1.2)
-        above.draw_poles(sheet.axes, unused)
-        above.draw_poles(sheet.axes, used, used=True)
-        if len(unused) <= NAMED:
-            above.name_poles(sheet.axes, unused, poles_unused, sheet.points_per_metre, keep_off=places)
-        above.draw_sensors(sheet.axes, sensors, sheet.points_per_metre)
-        return svg_text(sheet.figure, "Plan view of the chosen sensors")
+    title, holds = shorten(f"{site.name}: where the sensors stand", 70), np.concatenate([places, used, unused])
+    sheet = above.map_sheet(site, title, subtitle, holds=holds, legend=legend, inches=MAP_INCHES)
+    if ground is None:
+        above.draw_wedges(sheet.axes, sensors, site.solids)
+    else:
+        open_ground = ground.open_ground  # smoothing drops slivers
+        calm = [open_ground & (smooth(seen * 1.0, open_ground, ground.cell) > 0.5) for seen in ground.seen]
+        smoothed = replace(ground, seen=np.array(calm, bool).reshape(ground.seen.shape))
+        for index, polygons in enumerate(visible_polygons(smoothed)):
+            above.fill_polygons(sheet.axes, polygons, sensor_colour(index), order=2.2, alpha=0.09, edge=1.2)
+    above.draw_poles(sheet.axes, unused)
+    above.draw_poles(sheet.axes, used, used=True)
+    if len(unused) <= NAMED:
+        above.name_poles(sheet.axes, unused, poles_unused, sheet.points_per_metre, keep_off=places)
+    above.draw_sensors(sheet.axes, sensors, sheet.points_per_metre)
+    return sheet
 
 
 def coverage_map(site: Site, ground: Ground, sensors: Sequence[Sensor]) -> str:

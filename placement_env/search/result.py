@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any, Literal
@@ -13,6 +13,7 @@ import numpy as np
 
 from placement_env.objective import Score
 from toolkit.arrays import Float64, Int64
+from toolkit.display import Card, Displayed, Table
 from toolkit.runtime.files import read_json, replace_infinite, write_text
 from toolkit.sensors.models import make_model
 from toolkit.sensors.sensor import Sensor
@@ -130,7 +131,7 @@ class Assessment:
 
 
 @dataclass(frozen=True, eq=False)
-class Result:
+class Result(Displayed):
     """Answer of a search. evaluations: sets scored, repeated ones too; sensors: in continuous poses.
 
     front: scored sets that no other beats in AP, kbit and price at once, by price and kbit, and by_size: the best set
@@ -174,6 +175,16 @@ class Result:
             said = str(error).partition("\n")[0][:120]
             raise ValueError(f"{path} is no result of a search ({said}): restore the file") from None
 
+    def _card(self) -> Card:
+        title, _, fact = str(self).partition(": ")
+        tables = {"history": lambda: vars(self.history), "front": lambda: _tabulate(self.front)}
+        if self.assessment is not None:
+            contenders = self.assessment.contenders
+            tables = {"contenders": lambda: _tabulate(contenders)} | tables
+        named = self.origin.get("sensors") or [sensor.name for sensor in self.sensors]
+        facts = fact, *([f"sensors {', '.join(named)}"] if named else [])
+        return Card(f"Result of {title}", facts, tables, "placement_env.report.charts:draw_history")
+
     def __str__(self) -> str:
         known, judged = self.certificate, self.assessment
         end = "least" if known.measure == "price" else "most"
@@ -183,6 +194,12 @@ class Result:
             f"{self.method}: {{{', '.join(map(str, self.best.subset))}}} {figure} after {self.evaluations} sets and "
             f"{self.seconds:.1f} s ({known.kind}{bound})"
         )
+
+
+def _tabulate(rows: Sequence[Score | Contender]) -> Table:
+    """Columns of plain values."""
+    names = [each.name for each in fields(rows[0]) if each.name not in ("terms", "class_ap")] if rows else []
+    return {name: [getattr(row, name) for row in rows] for name in names}
 
 
 def _describe_sensor(sensor: Sensor) -> _Row:

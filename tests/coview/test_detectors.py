@@ -1,15 +1,20 @@
-"""Detectors by name, with `+background` behind it or not."""
+"""Detectors by name, with `+background` behind it or not, and in clouds of any kind."""
 
+import warnings
 from types import SimpleNamespace
 
 import numpy as np
+import open3d as o3d
 import pytest
 
-from coview.detectors import place_detector, recording_detector, site_detector, split_background
+import models
+from coview.detectors import load_detector, place_detector, recording_detector, site_detector, split_background
+from toolkit.clouds import from_points
+from toolkit.datasets.dataset import CoopDataset
 from toolkit.detection.background import Background, KnownBackground, site_background
 from toolkit.detection.cluster import ClusterDetector
 from toolkit.detection.place import Place
-from toolkit.objects import known_labels
+from toolkit.objects import UnionDetector, known_labels
 from toolkit.sites.files import load_site
 
 
@@ -38,3 +43,55 @@ def test_cluster_knows_its_background_anyhow(monkeypatch):
     for name in ("cluster", "cluster+background"):
         with pytest.raises(ValueError, match="learns from a recording"):
             site_detector(name, load_site("tjunction"))
+
+
+class TestCloudsOfAnyKind:
+    """`coview.load_detector` takes what Open3D and numpy hold, and levels it or says that it did not."""
+
+    AREA = (-40, -20, 40, 20)
+
+    @pytest.fixture
+    def street(self, recording):
+        """A cloud of the T-junction's six sensors with its ground at z = 0."""
+        return CoopDataset(recording)[0].points().astype(np.float32)
+
+    def test_all_kinds_give_the_same_boxes(self, street):
+        detect = load_detector("general", area=self.AREA)
+        bare = models.load_detector("general", area=self.AREA)(street)
+        assert len(bare) > 3
+        four = np.column_stack([street, np.ones(len(street), np.float32)])
+        legacy = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(street.astype(np.float64)))
+        tensors = o3d.t.geometry.PointCloud(o3d.core.Tensor(street))
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            for cloud in (street, four, legacy, tensors, from_points(street)):
+                np.testing.assert_allclose(detect(cloud).boxes, bare.boxes, atol=1e-4)
+        assert detect.digest == models.load_detector("general", area=self.AREA).digest
+        assert len(detect(o3d.t.geometry.PointCloud())) == 0
+        assert isinstance(detect, UnionDetector)
+        (joined,) = detect.unions([street[::2], street[1::2]], np.ones((1, 2), np.bool_))
+        assert abs(len(joined) - len(bare)) <= 1
+
+    def test_a_cloud_that_stands_lower_is_levelled_or_the_warning_says_where_it_stands(self, street):
+        lower = street - np.float32([0, 0, 1.7])
+        detect = load_detector("general", area=self.AREA)
+        with pytest.warns(UserWarning, match=r"^not levelled: .*ground seems to lie at z = -1\.[67].*level=\"map\""):
+            detect(lower)
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            detect(lower)  # said once
+            levelled = load_detector("general", area=self.AREA, level="plane")
+            found, known = levelled(lower), detect(street)
+        assert len(found) >= 0.8 * len(known)
+        assert abs(np.median(found.boxes[:, 2]) - (np.median(known.boxes[:, 2]) - 1.7)) < 0.2
+        assert levelled.digest != detect.digest
+        halves = levelled.unions([lower[::2], lower[1::2]], np.ones((1, 2), np.bool_))
+        assert len(halves[0]) >= 0.8 * len(known)
+
+    def test_what_is_no_cloud_is_refused(self):
+        detect = load_detector("general")
+        for wrong in (np.zeros((3, 900)), np.zeros(3), [["a", "b", "c"]]):
+            with pytest.raises(ValueError, match=r"points must have shape \(n, 3\)"):
+                detect(wrong)
+        with pytest.raises(ValueError, match='level must be "map", "plane" or None'):
+            load_detector("general", level="flat")

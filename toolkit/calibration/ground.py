@@ -230,6 +230,7 @@ Levelling = Literal["map", "plane"]
 TOLERANCE = 0.15  # m that the ground may be off zero before `level_warning` warns
 _HARDLY = 0.02  # share of points between the ground and 4 m that counts as hardly any
 _FEW = 200  # points: with fewer there is no warning
+_MOST_COLUMNS = 4  # of an array of points: x y z intensity
 
 
 @dataclass(frozen=True)
@@ -303,7 +304,7 @@ def level(
 ) -> Ground:
     """Find the ground below a cloud, in any frame whose z is up to within `max_tilt` (rad).
 
-    cloud: an Open3D cloud or points (n, 3). method: "plane" for one plane, "map" for a smooth map of heights upon it,
+    cloud: of any kind, see `plain_points`. method: "plane" for one plane, "map" for a smooth map of heights upon it,
     as far as `reach` (m) from the middle of the points. Raises ValueError if no ground is found.
 
     >>> rng = np.random.default_rng(0)
@@ -312,7 +313,7 @@ def level(
     >>> ground.height(np.array([[5.0, 5.0]])).round(3)
     array([-1.7])
     """
-    points = _plain_points(cloud)
+    points = plain_points(cloud)
     if method not in ("map", "plane"):
         raise ValueError(f'method must be "map" or "plane", got {method!r}')
     if not 0 <= max_tilt < np.pi / 4:
@@ -329,7 +330,7 @@ def level_warning(cloud: PointCloud | _Points, *, height: float = 4.0, seed: int
 
     It also warns of no ground with hardly a point between 0 and `height` (m), but not of a cloud cropped to that slice.
     """
-    points = _plain_points(cloud)
+    points = plain_points(cloud)
     points = points[np.isfinite(points).all(axis=1)]
     within = (points[:, 2] > 0) & (points[:, 2] < height)
     if len(points) < _FEW or within.all():
@@ -346,10 +347,20 @@ def level_warning(cloud: PointCloud | _Points, *, height: float = 4.0, seed: int
     return f"{counted}: {seems}: level the points first"
 
 
-def _plain_points(cloud: PointCloud | _Points) -> _Points:
-    held = getattr(cloud, "point", None)
-    points = np.asarray(cloud) if held is None else held.positions.cpu().numpy()
-    if points.ndim != 2 or points.shape[1] != 3:
+def plain_points(cloud: object) -> _Points:
+    """Return the points (n, 3) of a cloud of any kind: Open3D's, tensor or legacy, or an array (n, 3) or (n, 4).
+
+    A fourth column, such as intensity, is left out.
+
+    >>> plain_points([[1.0, 2.0, 3.0, 0.5]])
+    array([[1., 2., 3.]])
+    """
+    tensors, legacy = getattr(cloud, "point", None), getattr(cloud, "points", None)
+    if tensors is not None:
+        points = tensors.positions.cpu().numpy() if "positions" in tensors else np.zeros((0, 3))
+    else:
+        points = np.asarray(cloud if legacy is None else legacy)
+    if points.ndim != 2 or not 3 <= points.shape[1] <= _MOST_COLUMNS or points.dtype.kind not in "fiu":
         hint = ": pass points.T?" if points.ndim == 2 and points.shape[0] == 3 else ""
         raise ValueError(f"points must have shape (n, 3), got {points.shape}{hint}")
-    return points if points.dtype.kind == "f" else points.astype(np.float64)
+    return points[:, :3] if points.dtype.kind == "f" else points[:, :3].astype(np.float64)

@@ -16,7 +16,7 @@ import numpy as np
 
 from toolkit.datasets import published_layout as published
 from toolkit.datasets.recording import OWN_IMAGES
-from toolkit.frame import Frame, Rectangle
+from toolkit.frame import DisplayedRecording, Frame, Rectangle
 from toolkit.objects import LABELS, Objects
 from toolkit.runtime import hdf5
 from toolkit.runtime.files import parse_json
@@ -42,7 +42,7 @@ class StoredChannel(NamedTuple):
     stride: int = 1
 
 
-class CoopDataset(Sequence[Frame]):
+class CoopDataset(DisplayedRecording, Sequence[Frame]):
     """Noise-free frames of an HDF5 file, in the site frame.
 
     `dataset[k]` is a `Frame`; a slice is a list of them. The file is opened when needed, and again in every process it
@@ -125,10 +125,6 @@ class CoopDataset(Sequence[Frame]):
 
     def __getstate__(self) -> dict[str, object]:
         return {**self.__dict__, "_open": None}
-
-    def __repr__(self) -> str:
-        sensors = f"{len(self.sensors)} sensors at {self.site.name!r}"
-        return f"CoopDataset({str(self.path)!r}): {len(self)} frames of {sensors}"
 
     def _file(self) -> tuple[h5py.File, dict[str, h5py.Dataset]]:
         if self._open is None or self._open[0] != os.getpid():  # a forked process must not share the parent's handle

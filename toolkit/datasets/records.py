@@ -18,7 +18,7 @@ import numpy as np
 from toolkit.arrays import Float64, Int64, Shaped
 from toolkit.datasets.cloud_files import check_extent, read_recorded
 from toolkit.datasets.published_layout import FARTHEST_OBJECT
-from toolkit.frame import Frame, Frames, OtherObjects, RecordingView, SensorCloud
+from toolkit.frame import DisplayedRecording, Frame, Frames, OtherObjects, RecordingView, SensorCloud
 from toolkit.geometry import check_pose, transform
 from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE, Detections, Objects
 from toolkit.point_files import pcd_bytes
@@ -33,7 +33,7 @@ _DAMAGE = (ValueError, TypeError, KeyError, IndexError, AttributeError, Overflow
 
 
 @dataclass(frozen=True)
-class Listing:
+class Listing(DisplayedRecording):
     """A recording of named frames, read on demand.
 
     labelled: names, times or tokens by which labels say what they belong to, also of clouds that are not there;

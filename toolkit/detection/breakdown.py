@@ -133,9 +133,13 @@ class FrameTruth:
 
     def keep(self, found: Detections) -> Detections:
         """Keep detections in the area, where labels are complete."""
+        return found[self.inside(found)]
+
+    def inside(self, found: Detections) -> Bool[np.ndarray, " m"]:
+        """Mask of detections in the area, where labels are complete."""
         if self.complete is None:
-            return found
-        return found[has_centre_inside(found.boxes, self.corners) & self.complete.covers(found.boxes)]
+            return np.ones(len(found), np.bool_)
+        return np.asarray(has_centre_inside(found.boxes, self.corners) & self.complete.covers(found.boxes))
 
     def judge(self, found: Detections) -> Judged:
         """Return detections and truths with their ranges from the middle of the area. The range of a detection is that

@@ -13,6 +13,7 @@ whose fields all have defaults: files hold them under the name of its class (`mo
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import Field, asdict, dataclass, field, fields
 from functools import cached_property
 from hashlib import sha256
@@ -21,6 +22,7 @@ from typing import Any, ClassVar, Literal, Protocol, runtime_checkable
 import numpy as np
 
 from toolkit.arrays import Bool, Float, Float32, Float64, Int64
+from toolkit.display import Table
 from toolkit.geometry import check_pose, invert
 
 NEAR = 0.3  # m; nothing nearer returns, so a sensor does not see the post it hangs on
@@ -219,3 +221,10 @@ class Sensor:
         """x, y and z of each pixel's ray, world axes (paper equation 1), row after row of the image."""
         rays = self.model.rays().reshape(-1, 3).astype(np.float64)
         return freeze(np.ascontiguousarray(self.pose[:3, :3] @ rays.T))
+
+
+def tabulate_sensors(sensors: Sequence[Sensor]) -> Table:
+    """Columns of a table of sensors: name, model and position (m)."""
+    x, y, z = np.array([sensor.position for sensor in sensors]).reshape(-1, 3).T
+    models = [type(sensor.model).__name__ for sensor in sensors]
+    return {"name": [sensor.name for sensor in sensors], "model": models, "x": x, "y": y, "z": z}

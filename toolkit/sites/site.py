@@ -16,8 +16,9 @@ import numpy as np
 import shapely
 
 from toolkit.arrays import Float, Float64
+from toolkit.display import Card, Displayed, Table, describe_count
 from toolkit.geometry import LEVEL, Slope, check_pose, check_slope
-from toolkit.sensors.sensor import Sensor
+from toolkit.sensors.sensor import Sensor, tabulate_sensors
 
 KINDS = (
     *("building", "wall", "fence", "hedge", "bush", "tree", "trunk", "post", "sign", "bin", "bench", "shelter"),
@@ -102,8 +103,8 @@ class Relief:
         object.__setattr__(self, "slope", check_slope(self.slope, "relief.slope"))
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class Site:
+@dataclass(frozen=True, eq=False)
+class Site(Displayed):
     """A junction: detection area, roads, solids, mounts, sensors and network.
 
     Two sites are equal if all fields are, numbers to `EQUAL`, networks line by line. Raises ValueError that names the
@@ -163,13 +164,26 @@ class Site:
 
     __hash__ = None  # type: ignore[assignment]
 
-    def __repr__(self) -> str:
+    def _card(self) -> Card:
         xmin, ymin, xmax, ymax = self.area
-        return (
-            f"Site({self.name!r}): {xmax - xmin:g} x {ymax - ymin:g} m, {len(self.lanes)} lane polygons, "
-            f"{len(self.solids)} solids, {len(self.mounts)} mounts, {len(self.parking)} parking bays, sensors "
-            + (", ".join(f"{sensor.name} ({type(sensor.model).__name__})" for sensor in self.sensors) or "none")
+        things = {"lane polygon": self.lanes, "solid": self.solids, "mount": self.mounts, "parking bay": self.parking}
+        facts = (
+            f"{xmax - xmin:g} x {ymax - ymin:g} m",
+            *(describe_count(len(each), name) for name, each in things.items()),
         )
+        names = ", ".join(f"{sensor.name} ({type(sensor.model).__name__})" for sensor in self.sensors[:4]) or "none"
+        more = f" and {len(self.sensors) - 4} more" if len(self.sensors) > 4 else ""
+        tables = {"sensors": lambda: tabulate_sensors(self.sensors), "mounts": self._list_mounts}
+        shown = tables if self.sensors else dict(reversed(tables.items()))
+        return Card(
+            f"Site({self.name!r})", (*facts, f"sensors {names}{more}"), shown, "toolkit.plots.plan_view:draw_site"
+        )
+
+    def _list_mounts(self) -> Table:
+        x, y, _ = np.array([mount.position for mount in self.mounts]).reshape(-1, 3).T
+        columns = ("name", "min_height", "max_height", "price", "origin")
+        named: dict[str, Any] = {name: [getattr(mount, name) for mount in self.mounts] for name in columns}
+        return {"name": named.pop("name"), "x": x, "y": y} | named
 
     @property
     def bay_origins(self) -> tuple[str, ...]:

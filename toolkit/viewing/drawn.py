@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -15,28 +15,42 @@ from toolkit.detection.breakdown import select_truth
 from toolkit.detection.detect import Detected, detect_frames
 from toolkit.detection.metrics import TRUE_IOU, matches
 from toolkit.detection.place import Place
+from toolkit.display import describe_count
 from toolkit.frame import Frame, OtherObjects
 from toolkit.objects import LABELS, Detections, Detector, label_index
 from toolkit.plots.palette import Outcome, sensor_colour
 
-Marked = Literal["hits", "missed", "false alarms"]
-MARKED: dict[Marked, Outcome] = {"hits": "hit", "missed": "missed", "false alarms": "false alarm"}
+Marked = Literal["hits", "missed", "false alarms", "ignored"]
+MARKED: dict[Marked, Outcome] = {
+    "hits": "hit",
+    "missed": "missed",
+    "false alarms": "false alarm",
+    "ignored": "not scored",
+}
 
 BoxesByKind = dict[str, Float64[np.ndarray, "_ 7"]]
 
 
-def sort_outcomes(each: Detected) -> dict[Marked, BoxesByKind]:
-    """Boxes of each outcome and class, world frame."""
-    made: dict[Marked, BoxesByKind] = {name: {} for name in MARKED}
+def sort_outcomes(each: Detected) -> dict[Marked, dict[str, Detections]]:
+    """Detections of each outcome and class, world frame, and labelled boxes that were missed, with scores NaN.
+
+    Every detection is a hit, a false alarm or ignored: beyond the area or the complete labels, or on an object that
+    does not count.
+    """
+    made: dict[Marked, dict[str, Detections]] = {name: {} for name in MARKED}
     if not len(each.frame.objects):
         return {}
-    scored = select_truth(each.frame, each.stand.corners).judge(each.detections)
+    truth = select_truth(each.frame, each.stand.corners)
+    scored, inside = truth.judge(each.detections), truth.inside(each.detections)
     for label, name in enumerate(LABELS):
         (what,) = matches(scored.found, scored.truths, [TRUE_IOU[label]], label=label, counted=scored.counted)
-        rows = {
-            "hits": scored.found.boxes[~what.ignored & (what.truth >= 0)],
-            "missed": scored.truths.boxes[what.scored & ~what.hit],
-            "false alarms": scored.found.boxes[~what.ignored & (what.truth < 0)],
+        missed = scored.truths[what.scored & ~what.hit]
+        here = each.detections[~inside], scored.found[what.ignored]
+        rows: dict[Marked, Detections] = {
+            "hits": scored.found[~what.ignored & (what.truth >= 0)],
+            "missed": Detections(missed.boxes, np.full(len(missed), np.nan), missed.labels),
+            "false alarms": scored.found[~what.ignored & (what.truth < 0)],
+            "ignored": Detections.merge(some[some.labels == label] for some in here),
         }
         for outcome, so_far in made.items():
             so_far |= {name: rows[outcome]} if len(rows[outcome]) else {}
@@ -63,10 +77,27 @@ class DrawnCloud:
     intensity: Float32[np.ndarray, " n"] | None = None
 
 
+class Tag(NamedTuple):
+    """Class and score beside a box, with its outcome, and where that stands: the middle of the roof."""
+
+    kind: str
+    outcome: Outcome
+    text: str
+    place: tuple[float, float, float]
+
+
+def _list_tags(outcome: Outcome, kind: str, boxes: np.ndarray, rows: Detections) -> list[Tag]:
+    tags = []
+    for (x, y, z, _, _, height, _), score in zip(boxes.tolist(), rows.scores, strict=True):
+        text = f"{kind} missed" if outcome == "missed" else f"{kind} {score:.2f}"
+        tags.append(Tag(kind, outcome, text + (" false" if outcome == "false alarm" else ""), (x, y, z + height / 2)))
+    return tags
+
+
 @dataclass(frozen=True, eq=False)
 class DrawnSample:
     """One instant to be drawn. truth, detections: boxes by kind of `BOX_KINDS`, without the kinds that are absent;
-    warning: of ground that is not level; outcomes: hits, missed and false alarms, empty if unknown."""
+    warning: of ground that is not level; outcomes: boxes by outcome, empty if unknown; tags: of detected and missed."""
 
     name: str
     time: float
@@ -75,15 +106,19 @@ class DrawnSample:
     detections: BoxesByKind
     warning: str | None = None
     outcomes: dict[Marked, BoxesByKind] = field(default_factory=dict)
+    tags: tuple[Tag, ...] = ()
 
     def describe(self) -> str:
         """Describe its contents in one line."""
-        counts = {"points": sum(len(cloud.points) for cloud in self.clouds)}
-        counts |= {"labelled": sum(map(len, self.truth.values())), "detected": sum(map(len, self.detections.values()))}
-        for name, boxes in self.outcomes.items():
-            number = sum(map(len, boxes.values()))
-            counts[MARKED[name] if number == 1 else name] = number
-        return f"{self.name}: " + ", ".join(f"{number} {what}" for what, number in counts.items())
+        labelled, detected = (sum(map(len, boxes.values())) for boxes in (self.truth, self.detections))
+        of_labels = of_detections = ""
+        if self.outcomes:
+            hits, missed, false, ignored = (sum(map(len, self.outcomes[name].values())) for name in MARKED)
+            of_labels = f" ({hits} hit, {missed} missed, {labelled - hits - missed} not counted)"
+            alarms = describe_count(false, "false alarm")
+            of_detections = f" ({describe_count(hits, 'hit')}, {alarms}, {ignored} ignored)"
+        points = sum(len(cloud.points) for cloud in self.clouds)
+        return f"{self.name}: {points} points, {labelled} labelled{of_labels}, {detected} detected{of_detections}"
 
 
 @dataclass(frozen=True)
@@ -133,13 +168,16 @@ class Drawing:
         for cloud in sample.clouds:
             points, place = placed(cloud.in_world()).astype(np.float32), placed(cloud.world_SE3_sensor[None, :3, 3])[0]
             clouds.append(DrawnCloud(cloud.name, points, place, cloud.time, cloud.intensity))
-        truth = _by_kind(boxes(sample.objects.boxes), sample.objects.labels)
+        truth = sort_kinds(boxes(sample.objects.boxes), sample.objects.labels)
         truth |= {OTHERS: boxes(sample.others.boxes)} if len(sample.others.boxes) else {}
-        detections = _by_kind(boxes(found.boxes), found.labels)
+        detections = sort_kinds(boxes(found.boxes), found.labels)
         known = {} if self.detector is None else sort_outcomes(each)
-        outcomes = {name: {kind: boxes(rows) for kind, rows in by.items()} for name, by in known.items()}
-        warning = each.stand.warning
-        return DrawnSample(sample.name, sample.time, tuple(clouds), truth, detections, warning, outcomes)
+        outcomes = {name: {kind: boxes(rows.boxes) for kind, rows in by.items()} for name, by in known.items()}
+        named = [(MARKED[name], kind, rows) for name, by in known.items() for kind, rows in by.items()]
+        named = named or [("detection", LABELS[label], found[found.labels == label]) for label in set(found.labels)]
+        tags = tuple(tag for outcome, kind, rows in named for tag in _list_tags(outcome, kind, boxes(rows.boxes), rows))
+        drawn = DrawnSample(sample.name, sample.time, tuple(clouds), truth, detections)
+        return replace(drawn, warning=each.stand.warning, outcomes=outcomes, tags=tags)
 
     def draw_all(
         self, samples: Iterable[Frame], progress: Callable[[int], None] = lambda done: None
@@ -154,7 +192,8 @@ class Drawing:
         return drawn
 
 
-def _by_kind(boxes: np.ndarray, labels: np.ndarray) -> BoxesByKind:
+def sort_kinds(boxes: np.ndarray, labels: np.ndarray) -> BoxesByKind:
+    """Sort boxes by kind."""
     return {LABELS[label]: boxes[labels == label] for label in np.unique(labels).tolist()}
 
 

@@ -58,6 +58,8 @@ class LiveView:
             self._add_switch(boxes, how, [f"/{group}"])
         for name, node in recording_scene.OUTCOME_NODES.items() if drawing.detector is not None else ():
             self._add_switch(boxes, f"{name}, {recording_scene.SHOWN_AS[name]}", [f"/{node}"])
+        if drawing.detector is not None:
+            self._add_switch(boxes, recording_scene.TAGS_NAME, [f"/{recording_scene.TAGS}"])
         for kind in BOX_KINDS:
             self._add_switch(boxes, kind, recording_scene.nodes_of_kind(kind, outcomes=True))
         self._add_switch(boxes, "grid of 10 m", [recording_scene.GRID_NODE])

@@ -62,10 +62,13 @@ def page_content(samples: Sequence[DrawnSample], title: str, *, most: int = PAGE
         set_view(server, *overview(area))
         html = scene_html(server)
     switches = [Switch(name, f"/sensors/{k}", sensor_colour(k)) for k, name in enumerate(sensors)]
-    switches += [Switch(name, f"/{name}", colour) for name, colour in recording_scene.BOXES.items()]
     known = any(sample.outcomes for sample in samples)
+    boxes = [name for name in recording_scene.BOXES if name != "detections" or not all(s.outcomes for s in samples)]
+    switches += [Switch(name, f"/{name}", recording_scene.BOXES[name]) for name in boxes]
     colours = {name: OUTCOME[outcome].colour for name, outcome in MARKED.items() if known}
     switches += [Switch(name, f"/{recording_scene.OUTCOME_NODES[name]}", colour) for name, colour in colours.items()]
+    if any(sample.tags for sample in samples):
+        switches.append(Switch(recording_scene.TAGS_NAME, f"/{recording_scene.TAGS}"))
     there = {kind for sample in samples for kind in (*sample.truth, *sample.detections)}
     switches += [
         Switch(kind, " ".join(recording_scene.nodes_of_kind(kind, outcomes=known)))

@@ -5,7 +5,8 @@
     /sensors/K/place/FRAME          its place
     /truth/KIND/FRAME               labelled boxes of one kind
     /detections/KIND/FRAME          detected boxes of one kind
-    /hits/KIND/FRAME                true ones; /missed and /false_alarms likewise
+    /hits/KIND/FRAME                true ones; /missed, /false_alarms and /ignored likewise
+    /tags/KIND/FRAME-K              class and score of a box
 
 A node is seen if it and all nodes above it are visible.
 """
@@ -40,7 +41,13 @@ if TYPE_CHECKING:
 
 BOXES = {"truth": FAINT, "detections": OUTCOME["detection"].colour}  # colour by node
 OUTCOME_NODES: dict[Marked, str] = {name: name.replace(" ", "_") for name in MARKED}
-SHOWN_AS: dict[Marked, str] = {"hits": "green", "missed": "red with a cross", "false alarms": "violet with a mark"}
+SHOWN_AS: dict[Marked, str] = {
+    "hits": "green",
+    "missed": "red with a cross",
+    "false alarms": "violet with a mark",
+    "ignored": "grey, dotted",
+}
+TAGS, TAGS_NAME = "tags", "class and score"
 SHOWN_POINT_SIZE = 0.07  # m
 GRID_NODE = "/grid"
 _LEAST_AREA = 20.0  # m: least extent of a scene
@@ -52,6 +59,7 @@ _LINES: dict[str, tuple[float, Callable[[Float64[np.ndarray, "_ 7"]], list[Segme
     "hits": (3.0, lambda boxes: [box_edges(boxes)]),
     "missed": (3.0, lambda boxes: [box_edges(boxes), scene.roof_crosses(boxes)]),
     "false_alarms": (3.0, lambda boxes: [box_edges(boxes), scene.spikes(boxes)]),
+    "ignored": (2.0, lambda boxes: [scene.dashes(box_edges(boxes), dash=0.15, gap=0.25)]),
 }
 
 
@@ -74,8 +82,9 @@ def list_sensors(samples: Iterable[DrawnSample]) -> tuple[str, ...]:
 
 def add_groups(api: SceneApi, style: SceneStyle) -> list[Handle]:
     """Add the nodes above all others; return their handles."""
-    names = ["/sensors", *(f"/{group}" for group in _LINES)]
-    names += [f"/{group}/{kind}" for group in _LINES for kind in BOX_KINDS]
+    groups = (*_LINES, TAGS)
+    names = ["/sensors", *(f"/{group}" for group in groups)]
+    names += [f"/{group}/{kind}" for group in groups for kind in BOX_KINDS]
     made = [api.add_frame(name, show_axes=False) for name in names]
     return made + [handle for number in range(len(style.sensors)) for handle in add_sensor(api, style, number)]
 
@@ -103,7 +112,11 @@ def add_sample(
             colours = shades(cloud, colouring, style.scales, index=number, newest=newest)
             node, drawn = f"/sensors/{number}/{colouring}/{frame}", Look(visible=visible, precision=style.precision)
             made.append(scene.add_points(api, node, cloud.points, colours, size=SHOWN_POINT_SIZE, **drawn))
-    groups = [("truth", BOXES["truth"], sample.truth), ("detections", BOXES["detections"], sample.detections)]
+    for number, tag in enumerate(sample.tags):
+        node = f"/{TAGS}/{tag.kind}/{frame}-{number}"
+        made.append(api.add_label(node, tag.text, position=tag.place, anchor="bottom-center", visible=visible))
+    groups = [("truth", BOXES["truth"], sample.truth)]
+    groups += [] if sample.outcomes else [("detections", BOXES["detections"], sample.detections)]
     groups += [(OUTCOME_NODES[name], OUTCOME[MARKED[name]].colour, boxes) for name, boxes in sample.outcomes.items()]
     for group, colour, by_kind in groups:
         width, lines = _LINES[group]
@@ -117,7 +130,7 @@ def add_sample(
 
 def nodes_of_kind(kind: str, *, outcomes: bool) -> list[str]:
     """Nodes above all boxes of one kind."""
-    return [f"/{group}/{kind}" for group in (_LINES if outcomes else BOXES)]
+    return [f"/{group}/{kind}" for group in ((*_LINES, TAGS) if outcomes else (*BOXES, TAGS))]
 
 
 def add_grid(api: SceneApi, area: tuple[float, float, float, float]) -> Handle:

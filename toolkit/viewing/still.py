@@ -8,10 +8,23 @@ from pathlib import Path
 import numpy as np
 
 from toolkit.boxes import footprints
+from toolkit.frame import Frame, Recording
+from toolkit.objects import Detections, Objects
 from toolkit.plots.canvas import blank_figure, house_style, shorten, write_figure
-from toolkit.plots.palette import FAINT, INK, Outcome, PlotStyle, sensor_colour
-from toolkit.plots.plan_view import Entry, draw_outcome, outcome_entry
-from toolkit.viewing.drawn import MARKED, BoxesByKind, Colouring, DrawnSample, Scales, find_newest, shades, thinned
+from toolkit.plots.palette import FAINT, INK, OUTCOME, PAPER_WHITE, Outcome, PlotStyle, sensor_colour
+from toolkit.plots.plan_view import Entry, draw_frame, draw_outcome, outcome_entry
+from toolkit.viewing.drawn import (
+    MARKED,
+    BoxesByKind,
+    Colouring,
+    Drawing,
+    DrawnSample,
+    Scales,
+    find_newest,
+    shades,
+    sort_kinds,
+    thinned,
+)
 from toolkit.viewing.recording_scene import find_view_area
 
 STILL_POINTS = 200_000  # of a cloud
@@ -64,6 +77,10 @@ def write_still(
         for outcome, boxes in rows.items():
             draw_outcome(axes, boxes, outcome)
             entries.append(outcome_entry(outcome, f"{outcome} ({len(boxes)})"))
+        for tag in sample.tags:
+            look: PlotStyle = {"color": OUTCOME[tag.outcome].colour, "fontsize": 6.5, "clip_on": True, "zorder": 5.5}
+            look["bbox"] = {"facecolor": PAPER_WHITE, "edgecolor": "none", "alpha": 0.7, "pad": 0.4}
+            axes.annotate(tag.text, tag.place[:2], (0, 7), textcoords="offset points", ha="center", **look)
         for cloud in sample.clouds:
             colour = sensor_colour(order.index(cloud.name))
             axes.plot(*cloud.place[:2], "s", color=colour, markersize=8, markeredgecolor=INK, zorder=6, clip_on=True)
@@ -71,10 +88,34 @@ def write_still(
             mark: PlotStyle = {"marker": "s", "markersize": 7, "markeredgecolor": INK, "linestyle": "none"}
             entries.append((Line2D([], [], color=sensor_colour(k), **mark), shorten(name, 30)))
         figure.suptitle(shorten(title or sample.name, 90), fontsize=11.0)
-        axes.set_title(shorten(f"{sample.describe()}; points by {scales.describe(colouring)}", 130), fontsize=7.5)
+        axes.set_title(shorten(f"{sample.describe()}; points by {scales.describe(colouring)}", 180), fontsize=7.5)
         if entries:
             figure.legend(*zip(*entries, strict=True), loc="outside lower center", ncols=4)
         write_figure(figure, out)
+
+
+def draw_frame_alone(frame: Frame, out: str | Path) -> None:
+    """Draw a frame where its points are."""
+    view = Drawing()
+    write_still(view.draw(frame, view.origin(frame)), out)
+
+
+def draw_recording(recording: Recording, out: str | Path) -> None:
+    """Draw the first frame of a recording, on its site if that is known. Raises IndexError without frames."""
+    frame, site = recording[0], recording.site
+    if site is None:
+        return draw_frame_alone(frame, out)
+    clouds = [cloud.in_world() for cloud in frame.clouds]
+    return draw_frame(
+        site, out, clouds=clouds, sensors=frame.sensors, truth=frame.objects, title=f"{site.name}: frame 0"
+    )
+
+
+def draw_boxes(found: Objects | Detections, out: str | Path) -> None:
+    """Draw boxes from above."""
+    kinds = sort_kinds(found.boxes, found.labels)
+    truth, detections = ({}, kinds) if isinstance(found, Detections) else (kinds, {})
+    write_still(DrawnSample("boxes", np.nan, (), truth, detections), out)
 
 
 def _all(boxes: BoxesByKind) -> np.ndarray:

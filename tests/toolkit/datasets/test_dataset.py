@@ -123,7 +123,7 @@ def test_frames_are_a_sequence_of_cameras_where_the_file_says(path):
         assert dataset[-1].index == dataset[np.int64(2)].index == 2
         assert [frame.index for frame in dataset[::-2]] == [2, 0]
         assert dataset[3:] == []
-        assert "3 frames of 1 sensors at 'corner'" in repr(dataset)
+        assert "3 frames, 1 sensor, site 'corner'" in repr(dataset)
         for outside in (3, -4):
             with pytest.raises(IndexError, match="has 3 frames, 0 to 2"):
                 dataset[outside]

@@ -38,7 +38,7 @@ def detected(boxes, labels=None, complete=None, objects=None):
 
 
 def by_x(outcomes):
-    return {name: {kind: boxes[:, 0].tolist() for kind, boxes in by.items()} for name, by in outcomes.items()}
+    return {name: {kind: rows.boxes[:, 0].tolist() for kind, rows in by.items()} for name, by in outcomes.items()}
 
 
 def test_hits_misses_and_false_alarms_of_each_class_by_iou_or_neither():
@@ -48,18 +48,42 @@ def test_hits_misses_and_false_alarms_of_each_class_by_iou_or_neither():
         "hits": {"vehicle": [0.2], "pedestrian": [30.0]},
         "missed": {"vehicle": [10.0]},
         "false alarms": {"vehicle": [0.9], "pedestrian": [10.0]},
+        "ignored": {},
     }
+    assert outcomes["hits"]["vehicle"].scores.tolist() == [0.9]
     lifted = BOXES[[0, 3]] + np.array([0, 0, 0.9, 0, 0, 0, 0])  # IoU 1.1 / 2.9 = 0.38
     outcomes = sort_outcomes(detected(lifted, np.array([0, 2])))
     assert by_x(outcomes)["hits"] == {"pedestrian": [30.0]}
     assert by_x(outcomes)["false alarms"] == {"vehicle": [0.0]}
     # A label without points, one beyond the area, and what lies where labels are not complete.
     outcomes = sort_outcomes(detected(BOXES[[2, 4]]))
-    assert by_x(outcomes) == {"hits": {}, "missed": {"vehicle": [0.0, 10.0], "pedestrian": [30.0]}, "false alarms": {}}
+    missed = {"vehicle": [0.0, 10.0], "pedestrian": [30.0]}
+    assert by_x(outcomes) == {"hits": {}, "missed": missed, "false alarms": {}, "ignored": {"vehicle": [80.0, 20.0]}}
     near = sort_outcomes(detected(BOXES[[1]] + 5.0, complete=Rectangle((-5.0, -5.0, 5.0, 5.0))))
-    assert by_x(near) == {"hits": {}, "missed": {"vehicle": [0.0]}, "false alarms": {}}
+    missed = {"vehicle": [0.0]}
+    assert by_x(near) == {"hits": {}, "missed": missed, "false alarms": {}, "ignored": {"vehicle": [15.0]}}
     assert sort_outcomes(detected(BOXES, objects=Objects.empty())) == {}
-    assert list(MARKED) == ["hits", "missed", "false alarms"]
+    assert list(MARKED) == ["hits", "missed", "false alarms", "ignored"]
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_every_detection_has_one_outcome_and_no_label_two(seed):
+    rng = np.random.default_rng(seed)
+    boxes = BOXES[rng.integers(0, 5, 12)] + rng.normal(0, [2, 1, 0.2, 0, 0, 0, 0.1], (12, 7))
+    each = detected(boxes, rng.integers(0, 4, 12), Rectangle((-5.0, -5.0, 40.0, 5.0)))
+    by_outcome = {name: sum(map(len, by.values())) for name, by in sort_outcomes(each).items()}
+    assert by_outcome["hits"] + by_outcome["false alarms"] + by_outcome["ignored"] == len(boxes)
+    assert by_outcome["hits"] + by_outcome["missed"] == 3  # of five labels one has no point, one is too far away
+
+
+def test_tags_say_class_score_and_outcome_above_the_box(touched, finds_the_car):
+    (drawn,) = Drawing(finds_the_car).draw_all([touched])
+    assert [tag.text for tag in drawn.tags] == ["vehicle 0.90", "pedestrian missed"]
+    x, y, z = drawn.tags[0].place
+    assert (x, y) == tuple(drawn.detections["vehicle"][0, :2])
+    assert z == drawn.detections["vehicle"][0, 2] + drawn.detections["vehicle"][0, 5] / 2
+    (drawn,) = Drawing(finds_the_car).draw_all([replace(touched, objects=Objects.empty())])
+    assert [(tag.text, tag.outcome) for tag in drawn.tags] == [("vehicle 0.90", "detection")]
 
 
 def moved(sample, shift):
@@ -82,8 +106,12 @@ def test_points_boxes_and_classes_are_drawn_as_asked(samples, finds_the_car):
     assert list(first.truth) == ["vehicle", "pedestrian", "others"]
     np.testing.assert_allclose(first.detections["vehicle"][0, :6], samples[0].objects.boxes[0, :6])
     assert first.detections["vehicle"][0, 6] == pytest.approx(0.2)
-    assert first.describe() == "first: 400 points, 3 labelled, 1 detected, 0 hits, 0 missed, 0 false alarms"
-    assert second.describe() == "second: 500 points, 2 labelled, 1 detected, 0 hits, 0 missed, 1 false alarm"
+    assert first.describe() == (
+        "first: 400 points, 3 labelled (0 hit, 0 missed, 3 not counted), 1 detected (0 hits, 0 false alarms, 1 ignored)"
+    )
+    assert second.describe() == (
+        "second: 500 points, 2 labelled (0 hit, 0 missed, 2 not counted), 1 detected (0 hits, 1 false alarm, 0 ignored)"
+    )
     assert Drawing().draw_all(samples)[0].describe() == "first: 400 points, 3 labelled, 0 detected"
     (_, second) = Drawing(finds_the_car, classes=["pedestrian"], sensors=["south"]).draw_all(samples[1:] * 2)
     assert ([cloud.name for cloud in second.clouds], second.truth, second.detections) == (["south"], {}, {})
@@ -106,9 +134,16 @@ def test_labels_detections_and_outcomes_stand_on_level_ground(touched, finds_the
     np.testing.assert_array_equal(drawn.outcomes["hits"]["vehicle"], drawn.detections["vehicle"])
     np.testing.assert_array_equal(drawn.outcomes["missed"]["pedestrian"], drawn.truth["pedestrian"])
     assert drawn.outcomes["false alarms"] == {}
-    assert drawn.describe() == "first: 408 points, 3 labelled, 1 detected, 1 hit, 1 missed, 0 false alarms"
+    assert drawn.describe() == (
+        "first: 408 points, 3 labelled (1 hit, 1 missed, 1 not counted), 1 detected (1 hit, 0 false alarms, 0 ignored)"
+    )
     (far,) = Drawing(finds_the_car, Place("none", area=(95.0, -5.0, 105.0, 5.0))).draw_all([touched])
-    assert far.outcomes == {"hits": {}, "missed": {}, "false alarms": {}}
+    assert {name: list(by) for name, by in far.outcomes.items()} == {
+        "hits": [],
+        "missed": [],
+        "false alarms": [],
+        "ignored": ["vehicle"],
+    }
     (drawn,) = Drawing(finds_the_car, Place("plane")).draw_all([moved(touched, [3.0, 0.0, -7.3])])
     assert drawn.outcomes["hits"]["vehicle"][0, 2] == pytest.approx(0.75, abs=0.05)
 

@@ -36,13 +36,15 @@ def shown(view):
 
 
 FIRST = {
-    *("/sensors/0/place/0", "/sensors/0/sensor/0", "/detections/vehicle/0"),
+    *("/sensors/0/place/0", "/sensors/0/sensor/0", "/ignored/vehicle/0", "/tags/vehicle/0-0"),
     *(f"/truth/{kind}/0" for kind in ("vehicle", "pedestrian", "others")),
 }
 
 
 def test_it_shows_samples_and_colourings_in_turn(view):
-    assert view.said == "first: 400 points, 3 labelled, 1 detected, 0 hits, 0 missed, 0 false alarms"
+    assert view.said == (
+        "first: 400 points, 3 labelled (0 hit, 0 missed, 3 not counted), 1 detected (0 hits, 0 false alarms, 1 ignored)"
+    )
     assert shown(view) == FIRST
     assert set(view.groups) >= {"/grid", "/sensors/0", "/truth/heavy", "/detections/others"}
     view.show(1)

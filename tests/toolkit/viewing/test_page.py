@@ -9,7 +9,9 @@ from toolkit.viewing.drawn import Drawing
 from toolkit.viewing.page import PageContent, Switch, page_content, page_html, write_page
 from toolkit.viewing.recording_scene import nodes_of_kind
 
-SECOND = "second: 500 points, 2 labelled, 1 detected, 0 hits, 0 missed, 1 false alarm"
+SECOND = (
+    "second: 500 points, 2 labelled (0 hit, 0 missed, 2 not counted), 1 detected (0 hits, 1 false alarm, 0 ignored)"
+)
 
 
 @pytest.fixture(scope="module")
@@ -26,8 +28,9 @@ def written(drawn, tmp_path_factory):
 def test_every_frame_has_its_nodes_and_everything_a_switch(written):
     _, content = written
     assert [(each.name, each.nodes) for each in content.switches] == [
-        *(("north", "/sensors/0"), ("south", "/sensors/1"), ("truth", "/truth"), ("detections", "/detections")),
-        *(("hits", "/hits"), ("missed", "/missed"), ("false alarms", "/false_alarms")),
+        *(("north", "/sensors/0"), ("south", "/sensors/1"), ("truth", "/truth")),
+        *(("hits", "/hits"), ("missed", "/missed"), ("false alarms", "/false_alarms"), ("ignored", "/ignored")),
+        ("class and score", "/tags"),
         *((kind, " ".join(nodes_of_kind(kind, outcomes=True))) for kind in ("vehicle", "pedestrian", "others")),
         ("grid of 10 m", "/grid"),
     ]
@@ -36,7 +39,8 @@ def test_every_frame_has_its_nodes_and_everything_a_switch(written):
     ]
     assert content.colourings[1].nodes == "/sensors/0/height /sensors/1/height"
     _, content = written
-    assert content.names == ("first: 400 points, 3 labelled, 1 detected, 0 hits, 0 missed, 0 false alarms", SECOND)
+    assert content.names[1] == SECOND
+    assert content.names[0].startswith("first: 400 points, 3 labelled (0 hit, 0 missed, 3 not counted), 1 detected (")
     assert "/truth/pedestrian/0" in content.frames[0]
     assert "/sensors/1/age/1" in content.frames[1]
     assert not set(content.frames[0]) & set(content.frames[1])
@@ -51,7 +55,7 @@ def test_pages_need_a_sample_and_thin_its_points(drawn, samples):
     content = page_content([replace(drawn[0], clouds=())], "boxes")
     assert (content.points, content.drawn, content.switches[0].name) == (0, 0, "truth")
     names = [(each.name, each.nodes) for each in page_content(Drawing().draw_all(samples[1:]), "labels").switches]
-    assert ("vehicle", "/truth/vehicle /detections/vehicle") in names
+    assert ("vehicle", "/truth/vehicle /detections/vehicle /tags/vehicle") in names
     assert not {"hits", "missed", "false alarms"} & {name for name, _ in names}
 
 
@@ -93,7 +97,8 @@ def test_frames_colours_and_switches_work_in_a_browser(written, browser):
     assert page.locator("#scene-now").inner_text() == f"2 of 2 · {SECOND}"
     page.get_by_label("vehicle").uncheck()
     wait_until("/truth/vehicle/1", False)
-    wait_until("/detections/vehicle/1", False)
+    wait_until("/false_alarms/vehicle/1", False)
+    wait_until("/tags/vehicle/1-0", False)
     wait_until("/truth/others/1", True)
     page.get_by_label("north").uncheck()
     wait_until("/sensors/0/height/1", False)

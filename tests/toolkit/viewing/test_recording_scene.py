@@ -37,7 +37,7 @@ def test_sensors_keep_numbers_and_the_first_view_has_most_points(drawn):
 def test_samples_have_nodes_for_all_in_them_and_few_points_one_colouring(api, drawn):
     made = {handle.name: handle.visible for handle in recording_scene.add_groups(api, style(drawn))}
     assert [name for name in made if name.count("/") == 1] == [
-        *("/sensors", "/truth", "/detections", "/hits", "/missed", "/false_alarms")
+        *("/sensors", "/truth", "/detections", "/hits", "/missed", "/false_alarms", "/ignored", "/tags")
     ]
     assert {name for name in made if name.startswith("/truth/")} == {
         f"/truth/{kind}" for kind in ("vehicle", "cyclist", "pedestrian", "heavy", "others")
@@ -50,17 +50,17 @@ def test_samples_have_nodes_for_all_in_them_and_few_points_one_colouring(api, dr
         for handle in recording_scene.add_sample(api, drawn[1], style(drawn), frame=7, visible=False)
     }
     sensors = {f"/sensors/{k}/{part}/7" for k in (0, 1) for part in ("place", *COLOURINGS)}
-    boxes = {"/truth/vehicle/7", "/truth/others/7", "/detections/vehicle/7", "/false_alarms/vehicle/7"}
+    boxes = {"/truth/vehicle/7", "/truth/others/7", "/false_alarms/vehicle/7", "/tags/vehicle/7-0"}
     assert set(made) == sensors | boxes
     assert not any(handle.visible for handle in made.values())
     assert made["/sensors/0/age/7"].points.shape == (400, 3)
     assert made["/sensors/1/height/7"].points.shape == (100, 3)
     np.testing.assert_array_equal(made["/sensors/0/sensor/7"].points, drawn[1].clouds[0].points)
     assert made["/truth/vehicle/7"].points.shape == (13, 2, 3)  # twelve edges and a heading
-    assert len(made["/detections/vehicle/7"].points) > 40  # dashes
+    assert made["/tags/vehicle/7-0"].text == "vehicle 0.90 false"
     made = {h.name: h for h in recording_scene.add_sample(api, drawn[0], style(drawn, most=50, colourings=("height",)))}
     assert set(made) == {
-        *("/sensors/0/place/0", "/sensors/0/height/0", "/detections/vehicle/0"),
+        *("/sensors/0/place/0", "/sensors/0/height/0", "/ignored/vehicle/0", "/tags/vehicle/0-0"),
         *(f"/truth/{kind}/0" for kind in ("vehicle", "pedestrian", "others")),
     }
     assert made["/sensors/0/height/0"].points.shape == made["/sensors/0/height/0"].colors.shape == (50, 3)
@@ -83,11 +83,17 @@ def test_outcomes_have_nodes_and_marks_of_their_own(api, touched, finds_the_car)
 
 
 def test_the_grid_lies_on_the_area_and_kinds_can_be_hidden(api):
-    assert recording_scene.nodes_of_kind("heavy", outcomes=False) == ["/truth/heavy", "/detections/heavy"]
+    assert recording_scene.nodes_of_kind("heavy", outcomes=False) == [
+        "/truth/heavy",
+        "/detections/heavy",
+        "/tags/heavy",
+    ]
     assert recording_scene.nodes_of_kind("heavy", outcomes=True)[2:] == [
         "/hits/heavy",
         "/missed/heavy",
         "/false_alarms/heavy",
+        "/ignored/heavy",
+        "/tags/heavy",
     ]
     grid = recording_scene.add_grid(api, (-20.0, 0.0, 40.0, 30.0))
     assert (grid.name, grid.width, grid.height, grid.cell_size) == ("/grid", 60.0, 30.0, 10.0)

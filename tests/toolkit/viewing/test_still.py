@@ -40,7 +40,7 @@ def test_a_picture_has_sensors_points_and_outcomes(judged, tmp_path):
 
 
 def test_colourings_and_outcomes_that_nobody_judges_are_drawn(drawn, tmp_path):
-    write_still(replace(drawn, outcomes={}, truth={}), tmp_path / "a.png")
+    write_still(replace(drawn, outcomes={}, truth={}, tags=()), tmp_path / "a.png")
     picture = image.imread(tmp_path / "a.png")
     assert [has(picture, palette.sensor_colour(k)) for k in (0, 1, 2)] == [True, True, False]
     assert not any(has(picture, palette.OUTCOME[outcome].colour) for outcome in ("hit", "false alarm"))

@@ -1,0 +1,140 @@
+"""Display of nouns: a short `repr`, a picture with a table in notebooks, and tables for pandas.
+
+A noun gives a `Card`. It names the function that draws it, since pictures stand floors above most nouns.
+"""
+
+from __future__ import annotations
+
+import math
+from base64 import b64encode
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from html import escape
+from importlib import import_module
+from io import BytesIO
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+MOST_ROWS = 8  # of a table in a notebook
+PICTURE_PIXELS = 800  # of a picture in a notebook
+_CELL = "padding:.15em .6em;text-align:left;white-space:nowrap"
+
+Table = Mapping[str, Sequence[Any] | np.ndarray]  # columns of one length by name
+
+
+@dataclass(frozen=True)
+class Card:
+    """Content of what a noun shows. facts: short phrases; tables: by name, built when needed, the first is shown;
+    drawing: "module:function" that writes a picture, called with the noun and the name of a PNG file."""
+
+    title: str
+    facts: tuple[str, ...] = ()
+    tables: Mapping[str, Callable[[], Table]] = field(default_factory=dict)
+    drawing: str = ""
+
+
+class Displayed:
+    """Base of nouns that show themselves; dataclasses among them keep this `repr`."""
+
+    def __init_subclass__(cls, **more: Any) -> None:
+        super().__init_subclass__(**more)
+        cls.__repr__ = Displayed.__repr__  # type: ignore[method-assign]  # dataclass() replaces no method of the class
+
+    def _card(self) -> Card:
+        """Content of `repr`, notebook and tables."""
+        raise NotImplementedError
+
+    def __repr__(self) -> str:
+        card = self._card()
+        return f"{card.title}: {', '.join(card.facts)}"
+
+    def _repr_html_(self) -> str:
+        """HTML for a notebook. Names are escaped, nothing is loaded from elsewhere."""
+        card = self._card()
+        table = next(iter(card.tables.values()), dict)()
+        parts = [_draw(self, card), _format_table(table)]
+        facts = " · ".join(card.facts)
+        return (
+            f'<div style="font-family:sans-serif;font-size:.85rem"><p><b>{escape(card.title)}</b> {escape(facts)}</p>'
+            f'<div style="display:flex;flex-wrap:wrap;gap:1em;align-items:flex-start">{"".join(parts)}</div></div>'
+        )
+
+    def to_frame(self, table: str = "") -> Any:
+        """Return a table as a pandas DataFrame. table: its name, the one that notebooks show when empty.
+
+        Raises ValueError for an unknown table, ImportError without pandas.
+        """
+        tables = self._card().tables
+        if table and table not in tables:
+            raise ValueError(f"table must be one of {', '.join(tables)}, got {table!r}")
+        try:
+            import pandas
+        except ImportError:
+            raise ImportError("to_frame needs pandas, which is not installed: pip install pandas") from None
+        return pandas.DataFrame(dict(tables[table or next(iter(tables))]()))
+
+
+def describe_count(number: int, thing: str, things: str = "") -> str:
+    """Return a number with its noun in the singular or plural.
+
+    >>> describe_count(1, "frame"), describe_count(2363, "frame"), describe_count(0, "box", "boxes")
+    ('1 frame', '2,363 frames', '0 boxes')
+    """
+    return f"{number:,} {thing if number == 1 else things or thing + 's'}"
+
+
+def _draw(noun: object, card: Card) -> str:
+    """Picture of a noun as an <img>, or the reason why there is none."""
+    if not card.drawing:
+        return ""
+    from PIL import Image
+
+    module, _, name = card.drawing.partition(":")
+    shrunk = BytesIO()
+    try:
+        with TemporaryDirectory() as folder:
+            getattr(import_module(module), name)(noun, Path(folder) / "drawn.png")
+            with Image.open(Path(folder) / "drawn.png") as drawn:
+                picture = drawn.convert("RGB")
+        picture.thumbnail((PICTURE_PIXELS, PICTURE_PIXELS))
+        picture.quantize(dither=Image.Dither.NONE).save(shrunk, "PNG", optimize=True)
+    except (ImportError, IndexError, OSError, ValueError) as error:
+        return f"<p>no picture: {escape(str(error))}</p>"
+    source = b64encode(shrunk.getvalue()).decode()
+    size = f"width:{picture.width * 0.8:.0f}px;max-width:100%;height:auto"
+    return f'<img style="{size}" alt="{escape(card.title)}" src="data:image/png;base64,{source}">'
+
+
+def _format_table(table: Table) -> str:
+    count = max(map(len, table.values()), default=0)
+    if not count:
+        return ""
+    head = "".join(f'<th style="{_CELL}">{escape(str(name))}</th>' for name in table)
+    rows = zip(*(column[:MOST_ROWS] for column in table.values()), strict=True)
+    body = "".join(
+        f"<tr>{''.join(f'<td style={_CELL!r}>{escape(_format_value(value))}</td>' for value in row)}</tr>"
+        for row in rows
+    )
+    rest = f"<p>{MOST_ROWS} of {count:,} rows; to_frame() has all</p>" if count > MOST_ROWS else ""
+    scrolled = '<div style="overflow-x:auto;max-width:100%"><table style="border-collapse:collapse">'
+    return f"{scrolled}<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>{rest}</div>"
+
+
+def _format_value(value: object) -> str:
+    """Return a cell's text.
+
+    >>> [_format_value(value) for value in (0.123456, 12345.6, float("nan"), None, "a", ("b", "c"))]
+    ['0.1235', '12,346', '', '', 'a', 'b, c']
+    """
+    if isinstance(value, tuple):
+        return ", ".join(map(_format_value, value))
+    try:
+        number = float(value) if not isinstance(value, str | int | bool) else None  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        return "" if value is None else str(value)
+    if number is None:
+        return str(value)
+    return "" if math.isnan(number) else f"{number:,.0f}" if abs(number) >= 1000 else f"{number:.4g}"
