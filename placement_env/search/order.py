@@ -271,7 +271,8 @@ def describe_sensors(names: Sequence[str], moved: Sequence[Sensor] = ()) -> list
 
 def _judged(each: Assessment | CurvePoint | Contender | ProfileAP, by: str) -> str:
     """The figure that a fidelity gives, with its interval. Coverage is no AP."""
-    ends = describe_interval(each.low, each.high, 4)
+    raced = isinstance(each, Contender) and math.isnan(each.low)
+    ends = "in the race" if raced else describe_interval(each.low, each.high, 4)
     return f"{'coverage' if by == 'coverage' else 'AP'} {each.ap:.4f} ({ends})"
 
 

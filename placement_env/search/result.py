@@ -69,7 +69,8 @@ class Certificate:
 class Contender:
     """Answer of some searches of a portfolio, or its winner. searches: empty where it is a neighbour.
 
-    predicted: AP by the searched objective; ap, low, high: by the judge on traffic that neither searches nor race saw.
+    predicted: AP by the searched objective; ap, low, high: of the winner by the judge, on traffic that neither searches
+    nor race saw; of others in the race, without an interval.
     """
 
     searches: tuple[str, ...]

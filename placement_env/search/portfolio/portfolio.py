@@ -23,9 +23,7 @@ from placement_env.search.checkpoint import NOWHERE, Checkpoint
 from placement_env.search.portfolio.entrants import ENTRANTS, Effort, Entrants, join_entrants, keep_entrants
 from placement_env.search.portfolio.evaluators import (
     CasesEvaluator,
-    Evaluated,
     Frames,
-    Report,
     Schedule,
     Sets,
     Timed,
@@ -91,11 +89,10 @@ def search(
     judging: Judging = Judging(),
     checkpoint: Checkpoint = NOWHERE,
 ) -> Result:
-    """Winner of the race: its score by the objective, and the judge's assessment of each search's answer.
+    """Winner of the race: its score by the objective, and the judge's assessment of it.
 
-    seconds: of searches, race and assessment together; with less time there are fewer frames, and some answers are not
-    assessed; evaluations: of each search; checkpoint: keeps the progress of the searches. Raises ValueError where these
-    do not fit.
+    seconds: of searches, race and assessment together; with less time there are fewer frames; evaluations: of each
+    search; checkpoint: keeps the progress of the searches. Raises ValueError where these do not fit.
     """
     check_whole("budget", budget, least=1)
     limits, confidence = Limits(seconds, evaluations), judging.confidence
@@ -175,33 +172,39 @@ def weigh_costs(objective: Objective, sets: Sets, kbit: Float64[np.ndarray, " n"
 def _assess(
     objective: Objective, found: Entrants, ran: Contest, judging: tuple[CasesEvaluator, Schedule], *, asked: float
 ) -> Assessment:
-    """Judge the winner first, then each search's answer as far as time allows, on the third part of the traffic."""
+    """Judge the winner on the third part of the traffic. The searches' other answers have their figures of the race."""
     winner, (final, schedule) = int(ran.ranking[0]), judging
-    rows = np.array([winner, *(i for i, names in enumerate(found.searches) if names and i != winner)])
-    report = objective.run.stage("judging", final.frames)
-    judged, frames = _judge_in_time(found.sets[rows], final, schedule, report)
+    chosen, order = found.sets[[winner]], np.arange(final.frames)
+    if schedule.seconds is not None:
+        order = race_order(final.frames)
+    judged = schedule.limit(final).evaluate(chosen, order, objective.run.stage("judging", final.frames))
+    frames, ap = order[: judged.frames], float(judged.ap[0])
+    low, high = final.interval(ap, judged.resamples[0], frames)
+    in_race = ran.figures + weigh_costs(
+        objective, found.sets[ran.ranking], objective.scores(found.sets[ran.ranking]).kbit
+    )
     contenders = []
-    for row, ap, resamples in zip(rows.tolist(), judged.ap.tolist(), judged.resamples, strict=False):
-        interval = final.interval(ap, resamples, frames)
-        members = tuple(np.flatnonzero(found.sets[row]).tolist())
-        contenders.append(Contender(found.searches[row], members, float(found.predicted[row]), ap, *interval))
-    own, chosen = contenders[0], found.sets[[winner]]
+    for row, figure in zip(ran.ranking.tolist(), in_race.tolist(), strict=True):
+        if names := found.searches[row]:
+            figures = (ap, low, high) if row == winner else (figure, math.nan, math.nan)
+            members = tuple(np.flatnonzero(found.sets[row]).tolist())
+            contenders.append(Contender(names, members, float(found.predicted[row]), *figures))
     by_errors = aps_at_profiles(final, chosen, frames)[0]
     return Assessment(
         by=final.name,
-        ap=own.ap,
-        low=own.low,
-        high=own.high,
+        ap=ap,
+        low=low,
+        high=high,
         kbit=float(judged.kbit[0]),
         objects=final.count_objects(frames),
         frames=len(frames),
-        predicted=own.predicted,
+        predicted=float(found.predicted[winner]),
         confidence=ran.confidence,
         asked=asked,
         tolerance=AP_TOLERANCE,
         entrants=len(found.sets),
         raced=int(ran.frames[0]),
-        contenders=tuple(each for each in contenders if each.searches),
+        contenders=tuple(contenders),
         expected=float(ran.expected[0] + weigh_costs(objective, chosen, judged.kbit[:1])[0]),
         by_errors=by_errors,
         errors_by=final.cases.errors_by if by_errors else "",
@@ -219,20 +222,3 @@ def aps_at_profiles(final: CasesEvaluator, sets: Sets, frames: Frames) -> list[t
         intervals = ((name, ap, *final.interval(ap, drawn, frames)) for name, ap, drawn in each)
         found.append(tuple(ProfileAP(*figures) for figures in intervals))
     return found
-
-
-def _judge_in_time(
-    sets: Sets, final: CasesEvaluator, schedule: Schedule, report: Report | None
-) -> tuple[Evaluated, Frames]:
-    """Figures of the sets judged in time, the first in any case, and the frames, the same for all."""
-    every = np.arange(final.frames)
-    if schedule.seconds is None:
-        return final.evaluate(sets, every, report), every
-    order = race_order(final.frames)
-    frames = order[: schedule.limit(final).evaluate(sets[:1], order, report).frames]
-    done = 1
-    while done < len(sets) and schedule.left > 0:
-        if schedule.limit(final).evaluate(sets[done : done + 1], frames).frames is not None:
-            break
-        done += 1
-    return final.evaluate(sets[:done], frames), frames
