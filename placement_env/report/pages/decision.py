@@ -102,7 +102,7 @@ def _describe_classes(plan: content.Plan) -> tuple[Fact, ...]:
     missing = [_count_found(row) for row in plan.class_ap if not row.weight]
     present = [row for row in plan.by_class if row.objects and row.label not in judged]
     unknown = [f"{row.objects:,} {PLURALS[row.label]}" for row in present]
-    said = [f"These did not count in the choice. Found are {'. '.join(missing)}."] if missing else []
+    said = [f"Also found, but not counted in the choice: {'. '.join(missing)}."] if missing else []
     said += [f"The detector does not know {join_names(unknown)} that crossed the area."] if unknown else []
     return Fact("Finds", " ".join(lines)), *((Fact("Does not count", " ".join(said), alarm=True),) if said else ())
 
@@ -124,7 +124,7 @@ def _describe_blind(plan: content.Plan) -> Fact | None:
     streets = list(plan.blind_streets.items())
     named = [f"{name} ({area:,.0f} m²)" for name, area in streets[:MOST_STREETS]]
     others = sum(area for _, area in streets[MOST_STREETS:])
-    named += [f"elsewhere ({others:,.0f} m²)"] if others else []
+    named += [f"elsewhere ({others:,.0f} m²)"] if others >= 0.5 else []
     lanes = f"No sensor sees {percent(plan.ground.blind_lanes)} of the lanes"
     lanes = f"{lanes}: {join_names(named)}." if named else f"{lanes}."
     return Fact("Blind", f"{lanes} Of all open ground, {percent(plan.ground.blind)} is unseen.")
@@ -222,8 +222,8 @@ def _describe_drawings(plan: content.Plan) -> str:
     count, aps = len(plan.by_drawing), [each.judged.ap for each in plan.by_drawing]
     kept = [f"{pole} in {sum(pole in each.poles for each in plan.by_drawing)}" for pole in _poles(plan)]
     return (
-        f"Of {count} drawings, each with an answer of its own, {join_names(kept)} use these poles. The set has AP "
-        f"{number(min(aps))} to {number(max(aps))} among them."
+        f"Planned for each of {count} drawings alone, the answer would use {join_names(kept)}. This set has AP "
+        f"{number(min(aps))} to {number(max(aps))} at them."
     )
 
 

@@ -1,12 +1,13 @@
 """Sections on what to build."""
 
+import math
 from dataclasses import replace
 from inspect import signature
 
 import numpy as np
 
 from placement_env.handover.mounted import MaterialItem
-from placement_env.report.content import ClassAP, Judgement, Verdict
+from placement_env.report.content import ClassAP, DrawingResult, DrawnErrors, Judgement, SchemeFigures, Verdict
 from placement_env.report.pages import document, report
 from placement_env.report.pages.decision import decision_section
 from placement_env.report.pages.report import build_document, value_text
@@ -66,7 +67,7 @@ def test_what_is_found_missed_unseen_and_lost_is_said_in_road_users(example):
     assert said["DOES NOT COUNT"] == "The detector does not know 61 cyclists that crossed the area."
     known = (*class_ap, ClassAP("cyclist", 0.0, 0.5, replace(judged, recall=0.5, precision=None, vehicles=61)))
     _, other = facts(replace(plan, class_ap=known), example)
-    assert other["DOES NOT COUNT"] == ("These did not count in the choice. Found are 30 of 61 cyclists; 31 are missed.")
+    assert other["DOES NOT COUNT"] == ("Also found, but not counted in the choice: 30 of 61 cyclists; 31 are missed.")
     assert said["Blind"] == (
         "No sensor sees 4% of the lanes: Elm Street in the west (60 m²), the junction (12 m²), A (5 m²) and elsewhere "
         "(4 m²). Of all open ground, 31% is unseen."
@@ -208,3 +209,38 @@ def test_assumptions_unknowns_and_provenance(example):
 def test_nothing_is_claimed_where_nothing_was_judged(nothing_chosen):
     (asked,) = read(report.method_section, nothing_chosen.plan).blocks
     assert [cell.text for cell in asked.rows[1]] == ["max kbit", "0.001"]
+
+
+def test_how_sure_it_is_what_would_do_as_well_and_which_poles_survive(example):
+    plan = example.plan
+    schemes = (
+        *(
+            SchemeFigures("early", 0.7, plan.chosen.judged, 1500.0),
+            SchemeFigures("late", 0.7, plan.chosen.judged, 300.0),
+        ),
+    )
+    early = replace(plan, scheme="early", schemes=(schemes[0], replace(schemes[1], as_good=True)))
+    _, said = facts(replace(early, links=plan.links[1:]), example)
+    assert said["Links"].endswith(
+        "Sending boxes alone would do as well: AP 0.962 instead of 0.962, for 300.0 instead of 1,500.0 kbit per sensor "
+        "and frame (--scheme late)."
+    )
+    assert "540 frames would narrow it to 0.02" in facts(plan, example)[1]["How sure"].replace("544", "540")
+    assert "sure that no other set" not in facts(plan, example)[1]["How sure"]
+    assert "90% sure that no other set" in facts(replace(plan, confidence=0.9), example)[1]["How sure"]
+    few = replace(plan.chosen, judged=replace(plan.chosen.judged, low=math.nan, high=math.nan))
+    assert "An interval needs 80 --frames or more." in facts(replace(plan, chosen=few), example)[1]["How sure"]
+    drawn = (DrawnErrors("poor", (0.9, 0.96), 0.93, 0.906, 60),)
+    assert facts(replace(plan, by_draw=drawn), example)[1]["Mounting"] == (
+        "Mounted anew 2 times with errors of profile poor, the sensors reach AP 0.930 in the mean; one time in ten it "
+        "falls below 0.906."
+    )
+    other = tuple(DrawingResult(judged, poles) for judged, poles in ((plan.chosen.judged, ("post00", "x")),) * 2)
+    made = replace(plan, by_drawing=other, origins={"drawn": {"tree": 2}})
+    assert (
+        "Planned for each of 2 drawings alone, the answer would use post00 in 2, post01 in 0"
+        in (facts(made, example)[1]["NOT SURVEYED"])
+    )
+    best = replace(plan.chosen, sensors=("a", "b", "c", "d", "e"), price=8.0)
+    section, _ = facts(replace(plan, best=best), example)
+    assert section.conclusion.endswith("5 sensors for 2 EUR more would find no more that is certain.")
