@@ -18,7 +18,7 @@ from toolkit.rendering.renderer import Renderer
 from toolkit.runtime.cache import Cache
 from toolkit.runtime.run import Run
 from toolkit.sensors.error_profiles import PAPER_ERRORS, POOR, TYPICAL, ErrorProfile
-from toolkit.sensors.error_terms import ClockOffset, rain
+from toolkit.sensors.error_terms import Calibration, ClockOffset, rain
 from toolkit.sites.files import load_site
 
 
@@ -88,6 +88,26 @@ def test_clouds_of_errors_are_the_same_in_any_company(small_traffic, small_candi
     assert np.array_equal(pickle.loads(pickle.dumps(turned)).clouds(3, 1), rough.clouds(3, 2))
     other = Renders(small_traffic, small_candidates, noise_seed=1, errors=POOR)
     assert not np.array_equal(other.clouds(3, 2)[:9], rough.clouds(3, 2)[:9])
+
+
+def test_errors_are_drawn_anew_for_each_block_or_once(small_traffic, small_candidates):
+    """The last of five frames is of the second block of four: there the sensors are mounted anew."""
+    crooked = ErrorProfile("crooked", (Calibration(0.02, 0.1),))
+
+    def believed(renders):
+        return [renders._reading(k, 0).sensors[0].pose.round(9).tolist() for k in range(5)]
+
+    anew = Renders(small_traffic, small_candidates, errors=crooked)
+    poses = believed(anew)
+    assert poses[0] == poses[1] == poses[2] == poses[3] != poses[4]
+    once = anew.draw_once(0, [0], 5)
+    poses = believed(once)
+    assert poses.count(poses[0]) == 5
+    assert len(once.sensors) == 1
+    assert anew.draw_once(1, [0], 3).frames == 3
+    assert believed(anew.draw_once(1, [0], 5))[0] != poses[0]
+    assert len({anew.digest, once.digest, Renders(small_traffic, small_candidates).digest}) == 3
+    assert pickle.loads(pickle.dumps(once)).digest == once.digest
 
 
 def test_far_points_and_objects(renders, small_traffic):

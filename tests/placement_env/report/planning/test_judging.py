@@ -1,5 +1,7 @@
 """Judgements of sets on a street where everything is known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,7 +9,8 @@ from placement_env.analysis.intervals import Tally, percentiles
 from placement_env.cases import Cases
 from placement_env.classes import VEHICLES, Classes
 from placement_env.fidelity.detector import Detected
-from placement_env.report.planning.judging import Judge, judge_tallies
+from placement_env.report.content import PlanOption
+from placement_env.report.planning.judging import Choice, Judge, choose_at_drawings, judge_tallies
 from toolkit.objects import Detections
 
 
@@ -233,6 +236,26 @@ def hazy(street):
 
 
 SETS = np.array([[1, 1, 0, 0], [0, 0, 0, 1]], bool)
+
+
+def test_figures_over_drawings_of_a_site_are_means(street, rush):
+    """Where a hedge is drawn before sensor 0, it sees nothing in half of the frames."""
+    other = rush(Cases(), ())
+    both = replace(street.judge, drawings=(other,))
+    (judged,), (draws,) = both.judge_drawn(SETS[:1], both.cases)
+    alone = [each.judge_drawn(SETS[:1], each.cases) for each in both.alone]
+    assert judged.ap == pytest.approx((0.75 + 0.625) / 2)
+    assert draws == pytest.approx(np.mean([drawn[0] for _, drawn in alone], axis=0))
+    assert (judged.vehicles, judged.frames) == (32, 8)
+    assert both.evaluator.evaluate(SETS[:1], np.arange(8)).ap == pytest.approx([judged.ap], abs=1e-6)
+    assert both.evaluator.mean_ap(SETS[:1], np.arange(8)) == pytest.approx([judged.ap])
+    options = tuple(PlanOption((name,), 1.0, 1.0, 1.0, 0.5, judged, poles=(name,)) for name in "ab")
+    first, second = choose_at_drawings(both, Choice(options, SETS, 0, 0, (), "best"), None)
+    assert (first.judged.ap, second.judged.ap, first.poles) == (0.75, 0.625, ("a",))
+    cheap = (options[0], replace(options[1], price=0.5))
+    results = choose_at_drawings(both, Choice(cheap, SETS, 0, 0, (), "cheapest"), 0.2)
+    assert [each.poles for each in results] == [("b",), ("b",)]
+    assert choose_at_drawings(street.judge, Choice(options, SETS, 0, 0, (), "best"), None) == ()
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,9 @@
 """Plans of the T-junction's own sensors by the shipped network: whole, repeated, interrupted, and refused."""
 
 import json
+import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,10 +12,13 @@ import shapely
 from placement_env.candidates.pool import paper_candidates
 from placement_env.fidelity.preparation import Preparation
 from placement_env.report.content import Judgement, Plan, Planned, PlanOption, Verdict
-from placement_env.report.planning.planning import find_buildable, format_json, plan, write_plan
+from placement_env.report.planning import planning
+from placement_env.report.planning.judging import SetJudgement
+from placement_env.report.planning.planning import find_buildable, format_json, judge_finally, plan, write_plan
 from placement_env.search.order import describe_exclusions
 from placement_env.setting import Setting
 from toolkit.objects import Detections
+from toolkit.runtime.run import Run
 from toolkit.sensors.error_profiles import POOR
 from toolkit.sites.files import load_site
 from toolkit.sites.site import Site
@@ -221,12 +226,44 @@ def test_levels_of_traffic_decide_and_are_said(planned, asked):
     assert any(worst < all_traffic for worst, all_traffic in both)  # searched over levels, not taken from the cache
 
 
+def test_the_last_part_has_the_frames_that_a_width_takes(street, monkeypatch):
+    """An interval as wide as what 100 vehicles leave, and none from few frames."""
+    asked = []
+
+    class Sure:
+        absent = ()
+
+        def __init__(self, frames):
+            self.frames = frames
+
+        def judge_cases(self, sets):
+            half = math.nan if self.frames < 80 else 0.2 / math.sqrt(self.frames)
+            judged = Judgement(0.9, 0.9 - half, 0.9 + half, 0.9, 0.9, self.frames, self.frames)
+            return [SetJudgement(judged)], np.zeros((1, 1))
+
+    def prepare(question, objectives, run):
+        asked.append(run.frames)
+        return SimpleNamespace(frames=run.frames), Sure(run.frames)
+
+    monkeypatch.setattr(planning, "_prepare_judge", prepare)
+    for width, frames in ((None, [60]), (0.04, [60, 120]), (0.021, [60, 120, 368]), (0.001, [60, 120, 1200])):
+        asked.clear()
+        question = SimpleNamespace(part=lambda name: Run(frames=60), width=width, run=Run())
+        _, judge = judge_finally(question, [], np.zeros(4, bool))
+        assert asked == frames, width
+        assert judge.frames == frames[-1]
+
+
 def test_error_profiles_decide_and_are_said(planned, asked):
     """Judged at both profiles, searched as before; what else is said is at the first."""
     made = plan(asked(sensors=1, errors=("paper", "poor"), min_ap=0.01)).plan
     chosen = made.chosen
     assert (made.question["errors"], made.question["errors_by"]) == (["paper", "poor"], "worst")
     assert [row.name for row in made.by_errors] == ["paper", "poor"]
+    (drawn,) = made.by_draw
+    assert (drawn.profile, len(drawn.aps), drawn.frames) == ("poor", 10, 5)
+    assert min(drawn.aps) <= drawn.tenth <= drawn.mean == pytest.approx(np.mean(drawn.aps))
+    assert len(set(drawn.aps)) > 1
     assert chosen.over_errors.ap == min(row.judged.ap for row in made.by_errors)
     assert chosen.judged == made.by_errors[0].judged
     assert "at the worst of the error profiles paper and poor" in made.verdict.sentence
