@@ -68,10 +68,10 @@ class CoopDataset(DisplayedRecording, Sequence[Frame]):
             self.sensors = tuple(channel.sensor for channel in self.channels)
             xmin, ymin, xmax, ymax = self.site.area.tolist()
             self._area = Rectangle((xmin, ymin, xmax, ymax))
-            self._times = hdf5.find_array(file, "coview/time", axes=1)
+            self.times = hdf5.find_array(file, "coview/time", axes=1)
             self._starts = hdf5.find_array(file, "coview/object_start", axes=1)
             lengths = {channel.name: self.stored(channel.name).shape[0] for channel in self.channels}
-            lengths |= {} if self._times is None else {"coview/time": len(self._times)}
+            lengths |= {} if self.times is None else {"coview/time": len(self.times)}
             if len(set(lengths.values())) != 1:
                 raise ValueError(f"its datasets must have one length, the number of frames, got {lengths}")
             self._length = next(iter(lengths.values()))
@@ -146,7 +146,7 @@ class CoopDataset(DisplayedRecording, Sequence[Frame]):
             raise OSError(f"{self.path}: frame {k} cannot be read: {error}") from None
         except ValueError as error:
             raise type(error)(f"{self.path}: frame {k}: {error}") from None
-        time = 0.0 if self._times is None else float(self._times[k])
+        time = 0.0 if self.times is None else float(self.times[k])
         categories = tuple(LABELS[label] for label in objects.labels.tolist())
         return Frame(
             *(self.sensors, measurements, objects, time, k),

@@ -12,7 +12,7 @@ from typing import Literal
 import h5py
 import numpy as np
 
-from toolkit.arrays import Bool
+from toolkit.arrays import Bool, Float64
 from toolkit.boxes import count_points, iou_bev
 from toolkit.datasets import mistakes, published_layout as published
 from toolkit.datasets.dataset import CoopDataset, UnknownSite, check_kinds, object_rows, open_file
@@ -299,11 +299,28 @@ def diagnose_file(path: str | Path, site: Site | None = None) -> list[Finding]:
         with dataset:
             if not len(dataset):
                 return [_error("dslices", "no frames", "it has 0 frames", "record some, or restore the file")]
-            return damaged + _repetitions(tables, whole) + check_measurements(dataset, tables, units)
+            times = [] if dataset.times is None else [*suspect_times(dataset.times)]
+            return damaged + times + _repetitions(tables, whole) + check_measurements(dataset, tables, units)
     except FileNotFoundError:
         raise
     except (OSError, ValueError) as error:
         return [_error(str(path), "it cannot be read", str(error), "repair it or restore it")]
+
+
+SHORTEST_STEP, LONGEST_STEP = 1e-3, 300.0  # s from frame to frame
+
+
+def suspect_times(times: Float64[np.ndarray, " frames"]) -> Iterator[Finding]:
+    """Find times of frames (s) that cannot follow each other."""
+    steps = np.diff(times[np.isfinite(times)])
+    if (back := int((steps <= 0).sum())) > max(1, len(steps) / 10):  # a new scene or sensor may begin again
+        evidence = f"{back} of {len(steps)} steps, the smallest of {steps.min():g} s"
+        yield _error("frames", "times that repeat or go back", evidence, "check the times, or sort the frames")
+    elif len(steps) and not SHORTEST_STEP < np.median(steps) < LONGEST_STEP:
+        evidence = f"{np.median(steps):g} s from frame to frame, median of {len(steps)}"
+        yield Finding(
+            "warning", "frames", "times in another unit than seconds", evidence, "check the unit of the times"
+        )
 
 
 def _depth_units(file: h5py.File) -> tuple[float, ...]:

@@ -393,6 +393,15 @@ def _seconds(time: np.ndarray) -> np.ndarray:
     return since * (1e-9 if whole else 1.0)
 
 
+def clock_time(frame: Frame, number: int) -> float:
+    """Return the time (s) to write of a frame, `number` tenths where it has none. Raises ValueError for a time that is
+    none since 1970, which no layout with clock times holds."""
+    time = frame.time if np.isfinite(frame.time) else 0.1 * number
+    if not 0 <= time < 2**31:
+        raise ValueError(f"frame {frame.name!r} must have seconds since 1970, below 2^31, got {time:g}: mend its time")
+    return time
+
+
 def write_cloud(path: str | Path, cloud: SensorCloud) -> None:
     """Write x y z, intensity, and ring if known, of a cloud, in its frame, as a binary PCD file."""
     columns = dict(zip("xyz", cloud.points.astype(np.float32).T, strict=True))

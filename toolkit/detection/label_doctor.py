@@ -19,7 +19,7 @@ from toolkit.arrays import Float, Float64, Int64
 from toolkit.boxes import count_points
 from toolkit.calibration.ground import Ground, level
 from toolkit.datasets import records
-from toolkit.datasets.doctor import Finding, diagnose_file
+from toolkit.datasets.doctor import Finding, diagnose_file, suspect_times
 from toolkit.datasets.layouts.hdf5 import holds_clouds
 from toolkit.datasets.recordings import Part, guess_layout, open_recording
 from toolkit.frame import AWAY, Frame
@@ -260,7 +260,6 @@ def find_movers(samples: Sequence[Frame], k: int) -> Movers:
 SUNK = 0.3  # fraction of its height that the median box may be off its place above the ground
 ALIKE = 0.04  # difference in mean fit within which the first mistake in the list is named
 TURNED_TOO_FAR = 0.2  # share of yaws beyond a full turn that is suspected
-SHORTEST_STEP, LONGEST_STEP = 1e-3, 300.0  # s from frame to frame
 _UNIT = "check their unit, metres are read"
 _REMEDIES = {  # of what reading counts and no sound recording has
     records.STRAY: "name clouds and labels alike, times in the same unit",
@@ -315,18 +314,7 @@ def find_impossible(samples: Sequence[Frame]) -> Iterator[Finding]:
             if kind in (records.EMPTY, records.FAR_POINTS):
                 where, beside = "clouds", f"in {len(samples)} frames"
             yield Finding("error", where, kind, f"{problems[kind]}, {beside}", remedy)
-    times = np.array([each.time for each in samples])
-    steps = np.diff(times[np.isfinite(times)])
-    if (back := int((steps <= 0).sum())) > max(1, len(steps) / 10):  # a new scene or sensor may begin again
-        evidence = f"{back} of {len(steps)} steps, the smallest of {steps.min():g} s"
-        yield Finding(
-            "error", "frames", "times that repeat or go back", evidence, "check the times, or sort the frames"
-        )
-    elif len(steps) and not SHORTEST_STEP < np.median(steps) < LONGEST_STEP:
-        evidence = f"{np.median(steps):g} s from frame to frame, median of {len(steps)}"
-        yield Finding(
-            "warning", "frames", "times in another unit than seconds", evidence, "check the unit of the times"
-        )
+    yield from suspect_times(np.array([each.time for each in samples]))
 
 
 def diagnose_labels(samples: Iterable[Frame]) -> list[Finding]:

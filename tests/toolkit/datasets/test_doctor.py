@@ -164,3 +164,17 @@ def test_files_that_cannot_be_read(tmp_path, healthy):
         path.write_bytes(content)
         (finding,) = diagnose_file(path)
         assert says in finding.evidence
+
+
+def test_times_that_go_back_or_are_no_seconds_are_named(spoil):
+    for change, says in (
+        (lambda times: times[::-1], "times that repeat or go back"),
+        (lambda times: times * 0, "times that repeat or go back"),
+        (lambda times: times * 1e6, "times in another unit than seconds"),
+    ):
+
+        def spoiled(file, change=change):
+            times = file["coview/time"]
+            times[...] = change(np.arange(1.0, 1 + len(times)))
+
+        assert says in [each.suspected for each in spoil(spoiled)]

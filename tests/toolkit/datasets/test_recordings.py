@@ -3,6 +3,7 @@
 import os
 import random
 import signal
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -282,3 +283,19 @@ def test_pipes_devices_folders_and_lost_links_in_place_of_files_are_told(tmp_pat
                 list(open_recording(tmp_path, layout))
             file.rmdir() if file.is_dir() else file.unlink()
             file.write_bytes(sound)
+
+
+@pytest.mark.filterwarnings("ignore:.*no place for labels")
+@pytest.mark.parametrize("layout", ["nuscenes", "argoverse", "rosbag"])
+def test_times_that_no_clock_shows_or_that_two_sweeps_share_are_refused(tmp_path, layout):
+    if layout == "rosbag":
+        pytest.importorskip("rosbags")
+    for k, time in enumerate((-1.0, 2.0**31, 1e300)):
+        with pytest.raises(ValueError, match=r"frame '0' must have seconds since 1970, below 2\^31, got"):
+            write_recording([replace(scene()[0], time=time)], tmp_path / str(k), layout)
+    twice = [replace(frame, time=1e9) for frame in scene()]
+    if layout == "argoverse":
+        with pytest.raises(ValueError, match="named by their times, but two are of 1e\\+09 s"):
+            write_recording(twice, tmp_path / "log", layout)
+    else:
+        assert write_recording(twice, tmp_path / "log", layout) == 2

@@ -22,6 +22,7 @@ from toolkit.datasets.records import (
     Problems,
     add_problem,
     build_cloud,
+    clock_time,
     get_intensity,
     labelled,
     named_damage,
@@ -156,7 +157,9 @@ def write_argoverse(samples: Iterable[Frame], folder: Path) -> int:
         if len(sample.clouds) > len(LASERS):
             count = len(sample.clouds)
             raise ValueError(f"an Argoverse log has two lidars, but {sample.name!r} has {count}: fuse some")
-        stamps.append(round((sample.time if np.isfinite(sample.time) else 0.1 * k) * 1e9))
+        stamps.append(round(clock_time(sample, k) * 1e9))
+        if stamps[-1] in stamps[:-1]:
+            raise ValueError(f"sweeps of an Argoverse log are named by their times, but two are of {sample.time:g} s")
         cities.append(sample.map_SE3_world)
         mounted |= {name: cloud.world_SE3_sensor for name, cloud in zip(LASERS, sample.clouds, strict=False)}
         _write_table(folder / "sensors" / "lidar" / f"{stamps[-1]}.feather", _sweep(sample))

@@ -130,7 +130,7 @@ def write_nuscenes(samples: Iterable[Frame], folder: Path) -> int:
     written, alone = 0, {"prev": "", "next": ""}
     for written, sample in enumerate(samples, 1):
         token = f"{written - 1:06d}"
-        stamp = round((sample.time if np.isfinite(sample.time) else 0.1 * written) * 1e6)
+        stamp = round(records.clock_time(sample, written) * 1e6)
         tables["sample"].append({"token": token, "timestamp": stamp, "scene_token": "", **alone})
         tables["ego_pose"].append({"token": token, "timestamp": stamp, **_format_pose(sample.map_SE3_world)})
         for cloud in sample.clouds:

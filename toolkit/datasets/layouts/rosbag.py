@@ -26,7 +26,7 @@ import numpy as np
 from toolkit.arrays import Float64
 from toolkit.datasets.cloud_files import quaternion_pose
 from toolkit.datasets.layouts.nuscenes import compute_quaternion
-from toolkit.datasets.records import Problems, add_problem, build_cloud, get_intensity, named_damage
+from toolkit.datasets.records import Problems, add_problem, build_cloud, clock_time, get_intensity, named_damage
 from toolkit.frame import Frame, SensorCloud
 from toolkit.objects import Objects
 from toolkit.point_files import name_attributes
@@ -241,7 +241,7 @@ def write_rosbag(samples: Iterable[Frame], folder: Path) -> int:
         tf = writer.add_connection("/tf", TF, typestore=store)
         for written, sample in enumerate(samples, 1):
             labels += len(sample.objects)
-            stamp = round((sample.time if np.isfinite(sample.time) else 0.1 * written) * 1e9)
+            stamp = round(clock_time(sample, written) * 1e9)
             links = store.types[TF](transforms=[_link(store, cloud, stamp) for cloud in sample.clouds])
             writer.write(tf, stamp, store.serialize_cdr(links, TF))
             for cloud in sample.clouds:
