@@ -434,7 +434,7 @@ def read_entries(path: str | Path) -> dict[str, Unchecked]:
     with named_damage(path, "file of boxes"):
         content = load_json(path)
         if entry(content, "coview") != "boxes" or entry(content, "version") != _VERSION:
-            raise ValueError(f"it must say coview boxes, version {_VERSION}: see toolkit.datasets.records")
+            raise ValueError(f"it must say coview boxes, version {_VERSION}: see docs/how-to/labels.md")
         return {str(entry(each, "name")): each for each in as_list(entry(content, "samples"), "samples")}
 
 
