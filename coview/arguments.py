@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Literal
 
@@ -55,3 +55,9 @@ def sensor_set(text: str) -> list[int | str] | None:
 def site_file(site: str | None) -> list[Path]:
     """File that a site is read from, if any."""
     return [Path(site)] if site is not None and Path(site).is_file() else []
+
+
+def check_ending(out: Path, endings: Sequence[str], what: str) -> None:
+    """Raise ValueError for a file to write whose name ends like another kind of file."""
+    if out.suffix.lower() not in endings:
+        raise ValueError(f"the name of {what} must end in {' or '.join(endings)}, got {out.name}: it is known by that")

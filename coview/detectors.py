@@ -143,6 +143,10 @@ def check_detector(name: str, place: Place | None = None) -> None:
 
         if not weights_file(bare).is_file():
             raise FileNotFoundError(f"no such file of weights: {bare}")
+    if ":" in bare:
+        from toolkit.detection.detect import resolve_detector
+
+        resolve_detector(bare)
     if place is not None and place.area is not None and bare not in ("voxelnet", CLUSTER):
         place_detector(bare, place)
 

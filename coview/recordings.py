@@ -43,8 +43,11 @@ class Opening:
         from toolkit.datasets.dataset import UnknownSite
         from toolkit.datasets.published_layout import InvalidObjects
         from toolkit.datasets.recordings import open_recording
+        from toolkit.sites import BUILT_IN
         from toolkit.sites.files import load_site
 
+        if str(path) in BUILT_IN and not path.exists():
+            raise ValueError(f"{path} is a site, no recording: make one with coview simulate {path} --out {path}.hdf5")
         place = load_site(self.site) if self.site else None
         try:
             recording = open_recording(

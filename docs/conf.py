@@ -14,8 +14,10 @@ try:
 except metadata.PackageNotFoundError:  # a checkout that is not installed
     release = ""
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "faces", "commands"]
+extensions = ["myst_nb", "sphinx.ext.autodoc", "faces", "commands"]
 exclude_patterns = ["_build"]
+nb_execution_mode = "off"  # `docs/notebooks/execute.py` runs them, and keeps what they show
+nb_merge_streams = True
 suppress_warnings = ["misc.highlighting_failure"]
 nitpicky = False
 highlight_language = "text"  # of blocks that name none: command lines

@@ -98,7 +98,9 @@ def test_commands_pictures_and_pages_are_where_readers_find_them():
     assert [path.name for path in pictures if path.stat().st_size > 150_000] == []
     tables = re.findall(r"```{toctree}(.*?)```", (ROOT / "docs" / "index.md").read_text(), re.DOTALL)
     listed = re.findall(r"^([\w/-]+)$", "\n".join(tables), re.MULTILINE)
-    pages = [path for path in (ROOT / "docs").rglob("*") if path.suffix in (".md", ".rst") and path.stem != "index"]
+    pages = [
+        path for path in (ROOT / "docs").rglob("*") if path.suffix in (".md", ".rst", ".ipynb") and path.stem != "index"
+    ]
     assert sorted(listed) == sorted(str(path.relative_to(ROOT / "docs").with_suffix("")) for path in pages)
 
 

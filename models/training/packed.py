@@ -55,6 +55,8 @@ class PackedFrames:
             raise FileNotFoundError(f"no packed file {path}: make it with coview pack")
         try:
             with hdf5.open_hdf5(path) as file:
+                if hdf5.contains(file, "coview") or hdf5.contains(file, "dslices"):
+                    raise ValueError("it is a recording")
                 whole = partial(hdf5.array, file, kinds="iu")
                 self._rig_of_frame, self._ends = whole("frames/rig", axes=1), whole("frames/ends", axes=2)
                 self._pixels, self._steps = whole("pixels", axes=1), whole("steps", axes=1)

@@ -157,6 +157,8 @@ def guess_property(key: str) -> str | None:
 def _read(path: Path) -> Json:
     if not path.is_file():
         raise FileNotFoundError(f"no file {str(path)!r}: give a GeoJSON of poles")
+    if path.suffix.lower() in (".osm", ".xodr", ".csv", ".shp", ".kml"):
+        raise ValueError(f"{path} is no GeoJSON: save the poles as points in a .geojson file, such as from QGIS")
     collection = read_json(path)
     if not isinstance(collection, dict) or not isinstance(collection.get("features"), list):
         raise ValueError(f"{path}: must be a GeoJSON FeatureCollection with a list of features: export it again")

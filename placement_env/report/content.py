@@ -230,10 +230,8 @@ class Plan(Displayed):
     provenance: dict[str, object] = field(default_factory=dict)
 
     def _card(self) -> Card:
-        judged = None if self.chosen is None else self.chosen.counted
-        found = () if judged is None else (f"AP {judged.ap:.3f} ({judged.low:.3f} to {judged.high:.3f})",)
         tables = {"sensors": self._list_sensors, "considered": self._list_options}
-        return Card(f"Plan for {self.site}", (self.verdict.sentence, *found), tables)
+        return Card(f"Plan for {self.site}", (self.verdict.sentence,), tables)
 
     def _list_sensors(self) -> Table:
         names = ("pole", "model", "x", "y", "height", "bearing_deg", "tilt_deg", "kbit")
@@ -241,12 +239,13 @@ class Plan(Displayed):
         return {name: [getattr(sensor, name) for sensor in self.sensors] for name in names} | {"price": prices}
 
     def _list_options(self) -> Table:
-        plain = ("sensors", "price", "kbit", "predicted")
+        plain = ("poles", "price", "kbit", "predicted")
         judged = [option.counted for option in self.considered]
         table = {name: [getattr(option, name) for option in self.considered] for name in plain}
-        return table | {
+        figures = {
             name: [getattr(each, name, None) for each in judged] for name in ("ap", "low", "high", "recall")
         }
+        return table | figures | {"sensors": [option.sensors for option in self.considered]}
 
     def as_dict(self) -> dict[str, object]:
         """Return the values for plan.json."""

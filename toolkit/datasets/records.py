@@ -454,7 +454,7 @@ def read_entries(path: str | Path) -> dict[str, Unchecked]:
     with named_damage(path, "file of boxes"):
         content = load_json(path)
         if entry(content, "coview") != "boxes" or entry(content, "version") != _VERSION:
-            raise ValueError(f"it must say coview boxes, version {_VERSION}: see toolkit.datasets.records")
+            raise ValueError(f"it must say coview boxes, version {_VERSION}: see docs/how-to/labels.md")
         entries = as_list(entry(content, "samples"), "samples")
         named = {str(entry(each, "name")): each for each in entries}
         if len(named) < len(entries):

@@ -112,6 +112,21 @@ def describe_summary(figures: dict[str, Any]) -> str:
     return "; ".join(part for part in (counts, ", ".join(times), ", ".join(problems)) if part)
 
 
+def resolve_detector(name: str) -> Any:
+    """Import what `package.module:callable` names, also from the current folder. Raises ValueError in one line."""
+    if not re.fullmatch("[^:]+:[^:]+", name):
+        raise ValueError(f"a detector to import must be named package.module:callable, got {name!r}")
+    if os.getcwd() not in sys.path:
+        sys.path.append(os.getcwd())  # modules of the current folder are found last
+    try:
+        named = resolve_name(name)
+    except Exception as error:  # importing runs the module
+        raise ValueError(f"detector {name} cannot be imported ({type(error).__name__}: {error})") from error
+    if not callable(named):
+        raise ValueError(f"detector {name} must be callable, got {type(named).__name__}")
+    return named
+
+
 class ImportedDetector:
     """Any Python detector by its import path `package.module:callable`, also from the current folder.
 
@@ -124,16 +139,7 @@ class ImportedDetector:
 
     def __init__(self, name: str, site: Site) -> None:
         self.name, self.site = name, site
-        if not re.fullmatch("[^:]+:[^:]+", name):
-            raise ValueError(f"a detector to import must be named package.module:callable, got {name!r}")
-        if os.getcwd() not in sys.path:
-            sys.path.append(os.getcwd())  # modules of the current folder are found last
-        try:
-            named = resolve_name(name)
-        except Exception as error:  # importing runs the module
-            raise ValueError(f"detector {name} cannot be imported ({type(error).__name__}: {error})") from error
-        if not callable(named):
-            raise ValueError(f"detector {name} must be callable, got {type(named).__name__}")
+        named = resolve_detector(name)
         offered = {"site": site, "area": tuple(site.area.tolist())}
         try:
             parameters = inspect.signature(named).parameters

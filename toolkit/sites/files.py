@@ -43,6 +43,8 @@ def load_site(name_or_path: str | Path) -> Site:
         kind = "opendrive" if path.suffix.lower() == ".xodr" else "osm"
         made = f"coview site import --{kind} {path} --centre X Y --size 80 60 --out site.json"
         raise ValueError(f"{path} is a map, of which a site must be made first: {made}")
+    if path.suffix.lower() in (".hdf5", ".h5", ".bag", ".mcap"):
+        raise ValueError(f"{path} is a recording, no site: give the file of its site, or one of {', '.join(BUILT_IN)}")
     content = read_json(path)
     with name_errors(path):
         return parse(content)

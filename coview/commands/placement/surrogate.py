@@ -8,7 +8,7 @@ from pathlib import Path
 
 from tyro.conf import Positional
 
-from coview.arguments import Label, check_least, check_schemes, site_file
+from coview.arguments import Label, check_ending, check_least, check_schemes, site_file
 from coview.detectors import check_digest, site_detector
 from coview.outputs import OK, Writing, check_file, check_writable, claim, print_result
 from coview.progress_bar import progress_bar
@@ -81,6 +81,7 @@ def surrogate(
     from toolkit.sites.files import load_site
     from toolkit.sites.random import random_site
 
+    check_ending(out, (".json",), "a surrogate")
     counted = ClassOptions(classes=fit.classes, small_iou=fit.small_iou).build()
     check = partial(check_file, out, inputs=[path for site in sites for path in site_file(site)])
     check(overwrite=True)

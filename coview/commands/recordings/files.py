@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Literal, cast
 
 from tyro.conf import Positional
 
-from coview.arguments import Label, check_least, check_positive
+from coview.arguments import Label, check_ending, check_least, check_positive
 from coview.outputs import OK, Writing, check_file, check_new_folder, claim, print_result
 from coview.progress_bar import progress_bar
 from coview.recordings import Opening, count_passing, frame_count
@@ -69,6 +69,10 @@ def convert(
         find_profile(contents.errors)
     check_links(recording)
     target = find_layout(to)
+    if target.file:
+        check_ending(out, (".hdf5", ".h5"), f"a recording in layout {to}") if to == "hdf5" else None
+    elif out.suffix.lower() in (".hdf5", ".h5", ".json", ".zip"):
+        raise ValueError(f"layout {to} is a folder, which cannot be called {out.name}: name a folder, or say --to hdf5")
     write, problems = target.write, dict[str, int]()
     with opening.open(recording) as opened:
         inputs, asked = [recording, *opening.files], (recording, to, contents, opening)

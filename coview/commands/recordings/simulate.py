@@ -9,7 +9,7 @@ from typing import Literal
 
 from tyro.conf import Positional
 
-from coview.arguments import site_file
+from coview.arguments import check_ending, site_file
 from coview.outputs import OK, Writing, check_file, print_result, say
 from coview.progress_bar import progress_bar
 from toolkit.runtime.run import Simulation
@@ -54,6 +54,7 @@ def simulate(
     from toolkit.datasets.simulation import FRAMES, simulate_dataset
     from toolkit.sites.files import load_site
 
+    check_ending(out, (".hdf5", ".h5"), "a recording")
     fleet = fleet_named(bodies.fleet, bodies.meshes, held_out=bodies.held_out, mirrors=bodies.mirrors_in_boxes)
     if not writing.json:
         for note in fleet.notes:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import Positional, subcommand
 
-from coview.arguments import check_least, site_file
+from coview.arguments import check_ending, check_least, site_file
 from coview.outputs import OK, check_file, say
 
 if TYPE_CHECKING:
@@ -64,6 +64,7 @@ class ImportMap:
             raise ValueError("--lefthand is for --osm: an OpenDRIVE map says itself which side traffic keeps to")
         maps = [each for each in (self.opendrive, self.osm) if each is not None]
         check_least("--sensors", self.sensors, 1, "leave it out for a site without sensors")
+        check_ending(self.out, SITE_ENDINGS, "a site's file")
         seed = None if self.furnish == "none" else self.seed
         piece = MapPiece(maps[0], self.centre, self.size, radians(self.heading_deg), seed, self.furnish)
         check_file(self.out, inputs=maps, overwrite=self.overwrite)
@@ -105,6 +106,7 @@ class ExportSite:
         from toolkit.sites.files import load_site
         from toolkit.sites.georeference import site_geojson
 
+        check_ending(self.out, SITE_ENDINGS, "the export")
         text = site_geojson(load_site(self.site))
         check_file(self.out, inputs=site_file(self.site), overwrite=self.overwrite)
         write_text(self.out, text)
@@ -133,6 +135,7 @@ class RandomSite:
         from toolkit.sites.random import random_site
 
         check_least("--seed", self.seed, 0)
+        check_ending(self.out, SITE_ENDINGS, "a site's file")
         check_file(self.out, overwrite=self.overwrite)
         return _save(random_site(self.seed), self.out)
 
@@ -155,11 +158,14 @@ class ShowSite:
 
     def __call__(self) -> int:
         """Load (and so validate), say what is there, draw."""
+        from toolkit.plots.canvas import check_picture
         from toolkit.plots.plan_view import draw_site
         from toolkit.sites.files import load_site
         from toolkit.sites.origins import count_things, describe_things
 
         shown = load_site(self.site)
+        if self.out is not None:
+            check_picture(self.out)
         check_file(self.out, inputs=site_file(self.site), overwrite=self.overwrite)
         say(shown)
         for origin, counts in count_things(shown).items():
@@ -178,6 +184,9 @@ def site(
 ) -> int:
     """Make, draw and check sites."""
     return command()
+
+
+SITE_ENDINGS = (".json", ".geojson")
 
 
 def _save(made: Site, out: Path) -> int:
