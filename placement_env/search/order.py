@@ -42,10 +42,10 @@ class SearchOrder:
     """Specification of a search. Raises ValueError and ImportError, before anything is rendered, where it does not fit.
 
     setting: the question, with the errors of the detecting fidelities; method: of `placement_env.search.methods`;
-    budget: most sensors; verify: fidelity that scores an answer and its neighbours; judge, confidence: of a portfolio's
-    race and assessment; demand: of the cheapest set; curve: the best set of every number of sensors up to the budget,
-    or for every amount of money where it is limited, by a portfolio; currency: of prices, "" for those of one ordinary
-    pole.
+    budget: most sensors; verify: fidelity that scores an answer and its neighbours; judge, confidence, contenders: of a
+    portfolio's race and assessment; demand: of the cheapest set; curve: the best set of every number of sensors up to
+    the budget, or for every amount of money where it is limited, by a portfolio; currency: of prices, "" for those of
+    one ordinary pole.
     """
 
     setting: Setting
@@ -55,6 +55,7 @@ class SearchOrder:
     verify: Literal["detector"] | None = None
     judge: FidelityName = "detector"
     confidence: float = 0.95
+    contenders: bool = False
     seconds: float | None = None
     evaluations: int | None = None
     demand: Demand | None = None
@@ -98,8 +99,10 @@ class SearchOrder:
         """Everything the answer depends on, as JSON values. These must be equal for a search to resume."""
         setting = self.setting
         files = {"surrogate": setting.surrogate, "table": setting.table}
-        own = ("method", "budget", "verify", "judge", "confidence", "seconds", "evaluations", "currency", "curve")
+        own = ("method", "budget", "verify", "judge", "confidence", "contenders", "seconds", "evaluations")
         return {
+            "currency": self.currency,
+            "curve": self.curve,
             **{name: getattr(self, name) for name in own},
             **({} if self.demand is None else asdict(self.demand)),
             **{name: path and sha256(Path(path).read_bytes()).hexdigest() for name, path in files.items()},
@@ -170,6 +173,7 @@ def run_search(order: SearchOrder, checkpoint: Checkpoint = NOWHERE) -> Answer:
     judging = Judging(
         by=order.judge,
         confidence=order.confidence,
+        contenders=order.contenders,
         race_frames=min(RACE_FRAMES, frames),
         final_frames=min(JUDGED_FRAMES, frames),
         setting=order.setting.with_fidelity(order.judge) if order.method == PORTFOLIO else None,

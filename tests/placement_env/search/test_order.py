@@ -28,7 +28,7 @@ def common(tmp_path_factory):
 
 
 def test_portfolios_say_fresh_traffic_and_all_error_profiles(common):
-    found = run_search(common())
+    found = run_search(common(contenders=True))
     said = json.loads(json.dumps(replace_infinite(found.summary)))["assessment"]
     assert found.met
     assert (said["by"], said["frames"]) == ("coverage", 2)
