@@ -13,7 +13,7 @@ from typing import Any, Literal
 import numpy as np
 
 from placement_env.candidates.candidates import aims
-from placement_env.fidelity.preparation import check_scorable
+from placement_env.fidelity.preparation import BY_LEVELS, check_scorable
 from placement_env.fidelity.table import hash_site
 from placement_env.objective import Objective, Score
 from placement_env.protocol import Doubting, FidelityName
@@ -34,6 +34,7 @@ from toolkit.sensors.sensor import Sensor
 PORTFOLIO = "portfolio"
 UNFINISHED = ".parts"  # after the name of a folder: where the search for it is unfinished
 USUAL_FRAMES = 200
+SEARCHED = 48  # frames, spread over all, that a portfolio's searches look at if there are as many
 Summary = dict[str, Any]  # JSON values
 
 
@@ -163,13 +164,14 @@ class Answer:
 
 def run_search(order: SearchOrder, checkpoint: Checkpoint = NOWHERE) -> Answer:
     """Search as ordered, and check the answer. checkpoint: where the state of the search is kept."""
-    objective = Objective(order.searched, order.run)
+    frames = order.run.frames_or(USUAL_FRAMES)
+    stride = max(1, frames // SEARCHED) if order.method == PORTFOLIO and order.fidelity in BY_LEVELS else 1
+    objective = Objective(order.searched, order.run, stride=stride)
     check_present(objective)
     if not objective.allowed([]).any():
         reasons = describe_exclusions(objective, currency=order.currency)
         line = f"none may be built: {' '.join(reasons)}"
         return Answer(objective, {"sensors": [], "reasons": reasons}, (line,), False)
-    frames = order.run.frames_or(USUAL_FRAMES)
     judging = Judging(
         by=order.judge,
         confidence=order.confidence,
