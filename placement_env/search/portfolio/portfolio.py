@@ -41,7 +41,7 @@ RACE_FRAMES, JUDGED_FRAMES = 96, 120
 AP_TOLERANCE = 0.01  # lead in AP that the race ignores
 FIRST, ETA = 12, 2  # frames of the race's first rung, and by how much the next ones are longer
 LEAST_RACED = 24  # fewest frames of a race: on fewer the luckiest of many wins
-SET_FRAMES = 1600.0  # set-frames that a race may score without a time limit
+SET_FRAMES = 480.0  # set-frames that a race may score without a time limit, beyond its first rungs
 INTERVAL_SHARE = 0.95  # confidence of the stated AP's interval
 SEARCHES = 5  # searches that share their time
 
