@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from hashlib import sha256
@@ -34,6 +34,7 @@ from toolkit.sensors.sensor import Sensor
 PORTFOLIO = "portfolio"
 UNFINISHED = ".parts"  # after the name of a folder: where the search for it is unfinished
 USUAL_FRAMES = 200
+FIRST_LOOK = 16  # simulated frames of a first answer, every second of them looked at
 SEARCHED = 48  # frames, spread over all, that a portfolio's searches look at if there are as many
 Summary = dict[str, Any]  # JSON values
 
@@ -46,7 +47,7 @@ class SearchOrder:
     budget: most sensors; verify: fidelity that scores an answer and its neighbours; judge, confidence, contenders: of a
     portfolio's race and assessment; demand: of the cheapest set; curve: the best set of every number of sensors up to
     the budget, or for every amount of money where it is limited, by a portfolio; currency: of prices, "" for those of
-    one ordinary pole.
+    one ordinary pole; tell: takes a line with a first answer.
     """
 
     setting: Setting
@@ -62,6 +63,7 @@ class SearchOrder:
     demand: Demand | None = None
     curve: bool = False
     currency: str = ""
+    tell: Callable[[str], None] | None = None
 
     def __post_init__(self) -> None:
         setting = self.setting
@@ -166,6 +168,8 @@ def run_search(order: SearchOrder, checkpoint: Checkpoint = NOWHERE) -> Answer:
     """Search as ordered, and check the answer. checkpoint: where the state of the search is kept."""
     frames = order.run.frames_or(USUAL_FRAMES)
     stride = max(1, frames // SEARCHED) if order.method == PORTFOLIO and order.fidelity in BY_LEVELS else 1
+    if order.tell is not None and stride > 1 and order.setting.cases.levels == 1:
+        order.tell(_first_answer(order))
     objective = Objective(order.searched, order.run, stride=stride)
     check_present(objective)
     if not objective.allowed([]).any():
@@ -210,6 +214,14 @@ def run_search(order: SearchOrder, checkpoint: Checkpoint = NOWHERE) -> Answer:
         lines += [f"by the {order.verify}, {'moved' if result.sensors else f'best of {sets} sets'}:"]
         lines += [*(f"  {name}" for name in names), describe_score(checked), *describe_by_errors(by_errors)]
     return Answer(objective, replace_infinite(summary), tuple(line for line in lines if line), True, result, chosen)
+
+
+def _first_answer(order: SearchOrder) -> str:
+    """Greedy's answer from a few frames, in seconds, in a line."""
+    quick = Objective(order.searched, replace(order.run, frames=FIRST_LOOK, progress=None), stride=2)
+    best = load_search("greedy")(quick, order.budget, seed=order.run.seed).best
+    names = ", ".join(_names(quick, best.subset)) or "no sensors"
+    return f"first answer, by greedy on {FIRST_LOOK // 2} frames: {names}, predicted AP {best.ap:.3f}"
 
 
 def _report(objective: Objective, result: Result) -> tuple[Summary, list[str]]:

@@ -108,6 +108,7 @@ def search(
             demand=demand,
             curve=search.curve,
             currency=currency,
+            tell=bar.line,
         )
         inputs = [*site_file(site), *site_file(setting.candidates.candidates)]
         if output.out is not None:

@@ -1,6 +1,7 @@
 """One search from its settings to what is printed."""
 
 import json
+from dataclasses import replace
 
 import pytest
 
@@ -90,3 +91,16 @@ def test_several_error_profiles_are_judged_and_said(common):
     assert alone.summary["errors"] == POOR.origin
     assert not alone.summary["assessment"]["by_errors"]
     assert "errors" not in run_search(common(cases=poor)).summary  # judged by coverage
+
+
+@pytest.mark.slow
+def test_a_long_search_tells_a_first_answer_and_looks_at_fewer_frames(common, monkeypatch):
+    monkeypatch.setattr("placement_env.search.order.SEARCHED", 2)
+    monkeypatch.setattr("placement_env.search.order.FIRST_LOOK", 4)
+    told = []
+    order = common(tell=told.append)
+    found = run_search(replace(order, run=replace(order.run, frames=5)))
+    (line,) = told
+    assert line.startswith("first answer, by greedy on 2 frames: ")
+    assert found.summary["provenance"]["frames"] == 3
+    assert found.summary["assessment"]["frames"] == 5
