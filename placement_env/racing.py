@@ -114,7 +114,7 @@ class RaceRules:
 
     confidence: level to reach; tolerance: a lead that does not count; first, eta: frames of the first rung, and the
     factor by which later ones grow; least: frames before which no confidence ends it; most: set-frames, beyond which
-    only the best go on.
+    only the best go on, and a single one need not.
     """
 
     confidence: float = 0.95
@@ -191,6 +191,9 @@ def race_until(
         stays[0] = True
         added = min(frames, seen * rules.eta) - seen
         stays &= np.cumsum(stays) <= max(1.0, (rules.most - spent) / added)
+        if seen >= rules.least and stays.sum() == 1:  # more frames would change no rank
+            dropped.append((running, measured, seen))
+            break
         dropped.append((running[~stays], measured[~stays], seen))
         running = running[stays]
     rows, figures, counts = zip(*dropped[::-1], strict=True)

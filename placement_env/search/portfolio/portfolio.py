@@ -41,7 +41,7 @@ RACE_FRAMES, JUDGED_FRAMES = 96, 120
 TIE = 0.75 * AP_TOLERANCE  # lead in AP that other IoU thresholds may outweigh; the rest is left to chance
 FIRST, ETA = 12, 2  # frames of the race's first rung, and by how much the next ones are longer
 LEAST_RACED = 24  # fewest frames of a race: on fewer the luckiest of many wins
-SET_FRAMES = 1600.0  # set-frames that a race may score without a time limit
+SET_FRAMES = 480.0  # set-frames that a race may score without a time limit, beyond its first rungs
 SEARCHES = 5  # searches that share their time
 
 
@@ -51,7 +51,8 @@ class Judging:
 
     by: fidelity of both; confidence: at which the race ends, that no entrant is better by more than `AP_TOLERANCE`;
     race_frames, final_frames: of parts 1 and 2 of the traffic of the run; neighbours: entrants that join the
-    answers; setting: asked of both, None for the objective's; evaluators: of both, in place of most of these.
+    answers; contenders: judge the answer of each search beside the winner; setting: asked of both, None for the
+    objective's; evaluators: of both, in place of most of these.
     """
 
     by: FidelityName = "detector"
@@ -59,6 +60,7 @@ class Judging:
     race_frames: int = RACE_FRAMES
     final_frames: int = JUDGED_FRAMES
     neighbours: int = ENTRANTS
+    contenders: bool = False
     setting: Setting | None = None
     evaluators: tuple[CasesEvaluator, CasesEvaluator] | None = None
 
@@ -91,7 +93,7 @@ def search(
     judging: Judging = Judging(),
     checkpoint: Checkpoint = NOWHERE,
 ) -> Result:
-    """Winner of the race: its score by the objective, and the judge's assessment of each search's answer.
+    """Winner of the race: its score by the objective, and the judge's assessment.
 
     seconds: of searches, race and assessment together; with less time there are fewer frames, and some answers are not
     assessed; evaluations: of each search; checkpoint: keeps the progress of the searches. Raises ValueError where these
@@ -127,7 +129,7 @@ def search(
     members = np.flatnonzero(found.sets[ran.ranking[0]]).tolist()
     limits.record(objective.score(members).reward)
     winner = answer(members, f"raced by the {racing.name}: of the {len(found.sets)} entrants, not of all sets")
-    return replace(winner, assessment=_assess(objective, found, ran, (final, schedule), asked=confidence))
+    return replace(winner, assessment=_assess(objective, found, ran, (final, schedule), judging))
 
 
 def contest(
@@ -173,11 +175,12 @@ def weigh_costs(objective: Objective, sets: Sets, kbit: Float64[np.ndarray, " n"
 
 
 def _assess(
-    objective: Objective, found: Entrants, ran: Contest, judging: tuple[CasesEvaluator, Schedule], *, asked: float
+    objective: Objective, found: Entrants, ran: Contest, judge: tuple[CasesEvaluator, Schedule], judging: Judging
 ) -> Assessment:
-    """Judge the winner first, then each search's answer as far as time allows, on the third part of the traffic."""
-    winner, (final, schedule) = int(ran.ranking[0]), judging
-    rows = np.array([winner, *(i for i, names in enumerate(found.searches) if names and i != winner)])
+    """Judge the winner first, then any contenders as far as time allows, on the third part of the traffic."""
+    winner, (final, schedule) = int(ran.ranking[0]), judge
+    others = enumerate(found.searches) if judging.contenders else ()
+    rows = np.array([winner, *(i for i, names in others if names and i != winner)])
     report = objective.run.stage("judging", final.frames)
     judged, frames = _judge_in_time(found.sets[rows], final, schedule, report)
     contenders = []
@@ -197,7 +200,7 @@ def _assess(
         frames=len(frames),
         predicted=own.predicted,
         confidence=ran.confidence,
-        asked=asked,
+        asked=judging.confidence,
         tolerance=AP_TOLERANCE,
         entrants=len(found.sets),
         raced=int(ran.frames[0]),
