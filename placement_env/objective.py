@@ -251,7 +251,8 @@ class Objective:
         built = np.zeros((len(subsets), len(self.candidates.mounts)), np.bool_)
         row, candidate = subsets.nonzero()
         built[row, self.candidates.mount[candidate]] = True
-        return np.asarray(built @ self.candidates.mount_prices + subsets @ self.candidates.model_prices)
+        models = np.bincount(row, self.candidates.model_prices[candidate], minlength=len(subsets))
+        return np.asarray(built @ self.candidates.mount_prices + models)
 
     def affordable(self, prices: Float64[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
         """Mask of prices within `most_price`, up to rounding."""
