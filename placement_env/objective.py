@@ -76,11 +76,12 @@ class Objective:
     """Score sets of candidate sensors for a setting, a site or the name of one.
 
     visibility: what the candidates see, for a setting with a custom fidelity. Without it, each candidate is scored
-    alone to find how much it sends. Raises ValueError where the fidelity cannot score the setting this way.
+    alone to find how much it sends. stride: step between the frames of the run that count. Raises ValueError where the
+    fidelity cannot score the setting this way.
     """
 
     def __init__(
-        self, setting: Setting | Site | str, run: Run = Run(), *, visibility: Visibility | None = None
+        self, setting: Setting | Site | str, run: Run = Run(), *, visibility: Visibility | None = None, stride: int = 1
     ) -> None:
         self.setting = setting if isinstance(setting, Setting) else Setting(setting)
         self.run, self.visibility, self._scored = run, visibility, 0
@@ -88,7 +89,7 @@ class Objective:
         if isinstance(self.setting.fidelity, str):
             from placement_env.fidelity.preparation import Preparation
 
-            self.preparation = Preparation(self.setting, run)
+            self.preparation = Preparation(self.setting, run, stride)
             self.preparation.check()
             if self.setting.fidelity != "table":
                 self.visibility = self.preparation.visibility
@@ -250,7 +251,8 @@ class Objective:
         built = np.zeros((len(subsets), len(self.candidates.mounts)), np.bool_)
         row, candidate = subsets.nonzero()
         built[row, self.candidates.mount[candidate]] = True
-        return np.asarray(built @ self.candidates.mount_prices + subsets @ self.candidates.model_prices)
+        models = np.bincount(row, self.candidates.model_prices[candidate], minlength=len(subsets))
+        return np.asarray(built @ self.candidates.mount_prices + models)
 
     def affordable(self, prices: Float64[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
         """Mask of prices within `most_price`, up to rounding."""

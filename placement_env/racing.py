@@ -114,7 +114,7 @@ class RaceRules:
 
     confidence: level to reach; tolerance: a lead that does not count; first, eta: frames of the first rung, and the
     factor by which later ones grow; least: frames before which no confidence ends it; most: set-frames, beyond which
-    only the best go on.
+    only the best go on, and a single one need not.
     """
 
     confidence: float = 0.95
@@ -148,8 +148,8 @@ def race_until(
     makes of both.
 
     A set is dropped where it beats the best in fewer than (1 - confidence) / n of the resamples. The remaining doubt is
-    the share of resamples in which a set still in the race beats the winner by more than the tolerance, plus these
-    shares of dropped sets at the time they were dropped. Where time ran out it is at least 2^-blocks, the chance that
+    the share of resamples in which a set still in the race beats the winner by more than the tolerance, plus, for each
+    rung, the share in which a set dropped after it does. Where time ran out it is at least 2^-blocks, the chance that
     the same of two equal sets is the better one in every block. Raises ValueError without a set or frame.
 
     >>> ap = np.array([0.3, 0.9, 0.5])
@@ -191,6 +191,9 @@ def race_until(
         stays[0] = True
         added = min(frames, seen * rules.eta) - seen
         stays &= np.cumsum(stays) <= max(1.0, (rules.most - spent) / added)
+        if seen >= rules.least and stays.sum() == 1:  # more frames would change no rank
+            dropped.append((running, measured, seen))
+            break
         dropped.append((running[~stays], measured[~stays], seen))
         running = running[stays]
     rows, figures, counts = zip(*dropped[::-1], strict=True)
@@ -200,13 +203,13 @@ def race_until(
 
 
 def _doubt(rungs: list[tuple[Int64[np.ndarray, " _"], Resampled]], winner: int, tolerance: float) -> float:
-    """Chance that some set beats the winner clearly: a share of the resamples, that of each set in its last rung."""
+    """Chance that some set beats the winner clearly: of sets with the same last rung, a share of its resamples."""
     doubt = 0.0
     going_on = np.zeros(0, np.int64)
-    for last, (rows, found) in enumerate(reversed(rungs)):
+    for rows, found in reversed(rungs):
         better = found.resamples - found.resamples[rows == winner] > tolerance
         gone = ~np.isin(rows, going_on)
-        doubt += float(better[gone].mean(axis=1).sum()) if last else float(better.any(axis=0).mean())
+        doubt += float(better[gone].any(axis=0).mean())
         going_on = rows
     return doubt
 

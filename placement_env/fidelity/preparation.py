@@ -41,22 +41,23 @@ _DETECTORS: dict[tuple[str, str], Detector] = {}  # by network and text of the s
 
 @dataclass(frozen=True, eq=False)
 class Preparation:
-    """Shared parts of a setting's fidelities."""
+    """Shared parts of a setting's fidelities. stride: step between the frames that count."""
 
     setting: Setting
     run: Run = Run()
+    stride: int = 1
 
     @property
     def frames(self) -> int:
         """Number of frames of traffic."""
-        return self.run.frames_or(FRAMES)
+        return -(-self.run.frames_or(FRAMES) // self.stride)
 
     @cached_property
     def traffic(self) -> Traffic:
         """Simulated frames."""
         from placement_env.fidelity.traffic import simulate_traffic
 
-        return simulate_traffic(self.setting.place, self.frames, self.run.seed)
+        return simulate_traffic(self.setting.place, self.run.frames_or(FRAMES), self.run.seed).every(self.stride)
 
     def split(self, levels: int) -> tuple[Int64[np.ndarray, " _"], ...]:
         """Frames of each level of traffic. The level is the number of road users of any class in the site's area."""

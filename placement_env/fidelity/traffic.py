@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from hashlib import sha256
 from typing import TYPE_CHECKING
@@ -38,6 +38,10 @@ class Traffic:
 
     def __len__(self) -> int:
         return len(self.snapshots)
+
+    def every(self, stride: int) -> Traffic:
+        """Same traffic with every stride-th frame alone, from the first."""
+        return self if stride == 1 else replace(self, snapshots=self.snapshots[::stride])
 
     def digest(self) -> str:
         """SHA-256 over site, bodies and frames. Equal digests mean that everything a sensor might see is equal."""

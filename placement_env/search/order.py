@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from hashlib import sha256
@@ -14,7 +14,7 @@ import numpy as np
 
 from placement_env.analysis.intervals import describe_interval
 from placement_env.candidates.candidates import aims
-from placement_env.fidelity.preparation import check_scorable
+from placement_env.fidelity.preparation import BY_LEVELS, check_scorable
 from placement_env.fidelity.table import hash_site
 from placement_env.objective import Objective, Score
 from placement_env.protocol import Doubting, FidelityName
@@ -37,6 +37,8 @@ FRESH_ERROR = 0.026, 0.077  # of the surrogate's AP, mean and largest of 36 case
 FEWEST_AT_LEVEL = 100  # objects, below which a level of traffic is warned about
 UNFINISHED = ".parts"  # after the name of a folder: where the search for it is unfinished
 USUAL_FRAMES = 200
+FIRST_LOOK = 16  # simulated frames of a first answer, every second of them looked at
+SEARCHED = 48  # frames, spread over all, that a portfolio's searches look at if there are as many
 Summary = dict[str, Any]  # JSON values
 
 
@@ -45,10 +47,10 @@ class SearchOrder:
     """Specification of a search. Raises ValueError and ImportError, before anything is rendered, where it does not fit.
 
     setting: the question, with the errors of the detecting fidelities; method: of `placement_env.search.methods`;
-    budget: most sensors; verify: fidelity that scores an answer and its neighbours; judge, confidence: of a portfolio's
-    race and assessment; demand: of the cheapest set; curve: the best set of every number of sensors up to the budget,
-    or for every amount of money where it is limited, by a portfolio; currency: of prices, "" for those of one ordinary
-    pole.
+    budget: most sensors; verify: fidelity that scores an answer and its neighbours; judge, confidence, contenders: of a
+    portfolio's race and assessment; demand: of the cheapest set; curve: the best set of every number of sensors up to
+    the budget, or for every amount of money where it is limited, by a portfolio; currency: of prices, "" for those of
+    one ordinary pole; tell: takes a line with a first answer.
     """
 
     setting: Setting
@@ -58,11 +60,13 @@ class SearchOrder:
     verify: Literal["detector"] | None = None
     judge: FidelityName = "detector"
     confidence: float = 0.95
+    contenders: bool = False
     seconds: float | None = None
     evaluations: int | None = None
     demand: Demand | None = None
     curve: bool = False
     currency: str = ""
+    tell: Callable[[str], None] | None = None
 
     def __post_init__(self) -> None:
         setting = self.setting
@@ -101,8 +105,10 @@ class SearchOrder:
         """Everything the answer depends on, as JSON values. These must be equal for a search to resume."""
         setting = self.setting
         files = {"surrogate": setting.surrogate, "table": setting.table}
-        own = ("method", "budget", "verify", "judge", "confidence", "seconds", "evaluations", "currency", "curve")
+        own = ("method", "budget", "verify", "judge", "confidence", "contenders", "seconds", "evaluations")
         return {
+            "currency": self.currency,
+            "curve": self.curve,
             **{name: getattr(self, name) for name in own},
             **({} if self.demand is None else asdict(self.demand)),
             **{name: path and sha256(Path(path).read_bytes()).hexdigest() for name, path in files.items()},
@@ -163,16 +169,20 @@ class Answer:
 
 def run_search(order: SearchOrder, checkpoint: Checkpoint = NOWHERE) -> Answer:
     """Search as ordered, and check the answer. checkpoint: where the state of the search is kept."""
-    objective = Objective(order.searched, order.run)
+    frames = order.run.frames_or(USUAL_FRAMES)
+    stride = max(1, frames // SEARCHED) if order.method == PORTFOLIO and order.fidelity in BY_LEVELS else 1
+    if order.tell is not None and stride > 1 and order.setting.cases.levels == 1:
+        order.tell(_first_answer(order))
+    objective = Objective(order.searched, order.run, stride=stride)
     check_present(objective)
     if not objective.allowed([]).any():
         reasons = describe_exclusions(objective, currency=order.currency)
         line = f"none may be built: {' '.join(reasons)}"
         return Answer(objective, {"sensors": [], "reasons": reasons}, (line,), False)
-    frames = order.run.frames_or(USUAL_FRAMES)
     judging = Judging(
         by=order.judge,
         confidence=order.confidence,
+        contenders=order.contenders,
         race_frames=min(RACE_FRAMES, frames),
         final_frames=min(JUDGED_FRAMES, frames),
         setting=order.setting.with_fidelity(order.judge) if order.method == PORTFOLIO else None,
@@ -207,6 +217,14 @@ def run_search(order: SearchOrder, checkpoint: Checkpoint = NOWHERE) -> Answer:
         lines += [f"by the {order.verify}, {'moved' if result.sensors else f'best of {sets} sets'}:"]
         lines += [*(f"  {name}" for name in names), describe_score(checked), *describe_by_errors(by_errors)]
     return Answer(objective, replace_infinite(summary), tuple(line for line in lines if line), True, result, chosen)
+
+
+def _first_answer(order: SearchOrder) -> str:
+    """Greedy's answer from a few frames, in seconds, in a line."""
+    quick = Objective(order.searched, replace(order.run, frames=FIRST_LOOK, progress=None), stride=2)
+    best = load_search("greedy")(quick, order.budget, seed=order.run.seed).best
+    names = ", ".join(_names(quick, best.subset)) or "no sensors"
+    return f"first answer, by greedy on {FIRST_LOOK // 2} frames: {names}, predicted AP {best.ap:.3f}"
 
 
 def _report(objective: Objective, result: Result) -> tuple[Summary, list[str]]:
@@ -271,8 +289,7 @@ def describe_sensors(names: Sequence[str], moved: Sequence[Sensor] = ()) -> list
 
 def _judged(each: Assessment | CurvePoint | Contender | ProfileAP, by: str) -> str:
     """The figure that a fidelity gives, with its interval. Coverage is no AP."""
-    raced = isinstance(each, Contender) and math.isnan(each.low)
-    ends = "in the race" if raced else describe_interval(each.low, each.high, 4)
+    ends = describe_interval(each.low, each.high, 4)
     return f"{'coverage' if by == 'coverage' else 'AP'} {each.ap:.4f} ({ends})"
 
 

@@ -69,8 +69,7 @@ class Certificate:
 class Contender:
     """Answer of some searches of a portfolio, or its winner. searches: empty where it is a neighbour.
 
-    predicted: AP by the searched objective; ap, low, high: of the winner by the judge, on traffic that neither searches
-    nor race saw; of others in the race, without an interval.
+    predicted: AP by the searched objective; ap, low, high: by the judge on traffic that neither searches nor race saw.
     """
 
     searches: tuple[str, ...]
@@ -103,8 +102,8 @@ class Assessment:
     by: fidelity of race and judgement; ap, low, high: of the answer, with its 95 % interval; kbit: of the whole set;
     objects, frames: used to judge it; predicted: AP by the searched objective; confidence: that no entrant is better by
     more than `tolerance`; `asked` is the level to reach; entrants: sets that raced; raced: frames that the winner was
-    raced on; contenders: the answer of each search; by_errors: AP at each of several error profiles by itself, of which
-    `ap` is the "worst" or the "mean", as `errors_by` says.
+    raced on; contenders: judged answers of searches; by_errors: AP at each of several error profiles by
+    itself, of which `ap` is the "worst" or the "mean", as `errors_by` says.
     """
 
     by: str

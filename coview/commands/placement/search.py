@@ -31,6 +31,8 @@ class SearchOptions:
     """Score the answer of one method, and its best neighbours, with the detector."""
     judge: Literal["detector", "surrogate", "coverage"] | None = None
     """What judges a portfolio: the detector when left out; another where no detector knows the classes."""
+    contenders: bool = False
+    """Judge the answer of each of a portfolio's searches too, to see how far each overrates it."""
     confidence: float = 0.95
     """Confidence, at the end of a portfolio's race, that no other set is better by more than 0.01."""
     curve: bool = False
@@ -100,11 +102,13 @@ def search(
             verify=search.verify,
             judge=search.judge or "detector",
             confidence=search.confidence,
+            contenders=search.contenders,
             seconds=search.seconds,
             evaluations=search.evaluations,
             demand=demand,
             curve=search.curve,
             currency=currency,
+            tell=bar.line,
         )
         inputs = [*site_file(site), *site_file(setting.candidates.candidates)]
         if output.out is not None:
@@ -132,7 +136,11 @@ def _check(query: SearchOptions, setting: SettingOptions) -> str:
         raise ValueError("--at-least asks for the worst case: leave --failures mean and --levels-by mean out")
     if query.verify is not None and method == "portfolio":
         raise ValueError("--verify is for one method: portfolio is judged by --judge on fresh traffic anyway")
-    for option, said in (("--judge", query.judge), ("--curve", query.curve or None)):
+    for option, said in (
+        ("--judge", query.judge),
+        ("--curve", query.curve or None),
+        ("--contenders", query.contenders or None),
+    ):
         if said is not None and method != "portfolio":
             raise ValueError(f"{option} is for --method portfolio, got {method}: leave one of them out")
     judged = method == "portfolio" and query.judge in (None, "detector")

@@ -23,7 +23,9 @@ from placement_env.search.checkpoint import NOWHERE, Checkpoint
 from placement_env.search.portfolio.entrants import ENTRANTS, Effort, Entrants, join_entrants, keep_entrants
 from placement_env.search.portfolio.evaluators import (
     CasesEvaluator,
+    Evaluated,
     Frames,
+    Report,
     Schedule,
     Sets,
     Timed,
@@ -39,7 +41,7 @@ RACE_FRAMES, JUDGED_FRAMES = 96, 120
 TIE = 0.75 * AP_TOLERANCE  # lead in AP that other IoU thresholds may outweigh; the rest is left to chance
 FIRST, ETA = 12, 2  # frames of the race's first rung, and by how much the next ones are longer
 LEAST_RACED = 24  # fewest frames of a race: on fewer the luckiest of many wins
-SET_FRAMES = 1600.0  # set-frames that a race may score without a time limit
+SET_FRAMES = 480.0  # set-frames that a race may score without a time limit, beyond its first rungs
 SEARCHES = 5  # searches that share their time
 
 
@@ -49,7 +51,8 @@ class Judging:
 
     by: fidelity of both; confidence: at which the race ends, that no entrant is better by more than `AP_TOLERANCE`;
     race_frames, final_frames: of parts 1 and 2 of the traffic of the run; neighbours: entrants that join the
-    answers; setting: asked of both, None for the objective's; evaluators: of both, in place of most of these.
+    answers; contenders: judge the answer of each search beside the winner; setting: asked of both, None for the
+    objective's; evaluators: of both, in place of most of these.
     """
 
     by: FidelityName = "detector"
@@ -57,6 +60,7 @@ class Judging:
     race_frames: int = RACE_FRAMES
     final_frames: int = JUDGED_FRAMES
     neighbours: int = ENTRANTS
+    contenders: bool = False
     setting: Setting | None = None
     evaluators: tuple[CasesEvaluator, CasesEvaluator] | None = None
 
@@ -89,7 +93,7 @@ def search(
     judging: Judging = Judging(),
     checkpoint: Checkpoint = NOWHERE,
 ) -> Result:
-    """Winner of the race: its score by the objective, and the judge's assessment of it.
+    """Winner of the race: its score by the objective, and the judge's assessment.
 
     seconds: of searches, race and assessment together; with less time there are fewer frames; evaluations: of each
     search; checkpoint: keeps the progress of the searches. Raises ValueError where these do not fit.
@@ -124,7 +128,7 @@ def search(
     members = np.flatnonzero(found.sets[ran.ranking[0]]).tolist()
     limits.record(objective.score(members).reward)
     winner = answer(members, f"raced by the {racing.name}: of the {len(found.sets)} entrants, not of all sets")
-    return replace(winner, assessment=_assess(objective, found, ran, (final, schedule), asked=confidence))
+    return replace(winner, assessment=_assess(objective, found, ran, (final, schedule), judging))
 
 
 def contest(
@@ -170,41 +174,36 @@ def weigh_costs(objective: Objective, sets: Sets, kbit: Float64[np.ndarray, " n"
 
 
 def _assess(
-    objective: Objective, found: Entrants, ran: Contest, judging: tuple[CasesEvaluator, Schedule], *, asked: float
+    objective: Objective, found: Entrants, ran: Contest, judge: tuple[CasesEvaluator, Schedule], judging: Judging
 ) -> Assessment:
-    """Judge the winner on the third part of the traffic. The searches' other answers have their figures of the race."""
-    winner, (final, schedule) = int(ran.ranking[0]), judging
-    chosen, order = found.sets[[winner]], np.arange(final.frames)
-    if schedule.seconds is not None:
-        order = race_order(final.frames)
-    judged = schedule.limit(final).evaluate(chosen, order, objective.run.stage("judging", final.frames))
-    frames, ap = order[: judged.frames], float(judged.ap[0])
-    low, high = final.interval(ap, judged.resamples[0], frames)
-    in_race = ran.figures + weigh_costs(
-        objective, found.sets[ran.ranking], objective.scores(found.sets[ran.ranking]).kbit
-    )
+    """Judge the winner first, then any contenders as far as time allows, on the third part of the traffic."""
+    winner, (final, schedule) = int(ran.ranking[0]), judge
+    others = enumerate(found.searches) if judging.contenders else ()
+    rows = np.array([winner, *(i for i, names in others if names and i != winner)])
+    report = objective.run.stage("judging", final.frames)
+    judged, frames = _judge_in_time(found.sets[rows], final, schedule, report)
     contenders = []
-    for row, figure in zip(ran.ranking.tolist(), in_race.tolist(), strict=True):
-        if names := found.searches[row]:
-            figures = (ap, low, high) if row == winner else (figure, math.nan, math.nan)
-            members = tuple(np.flatnonzero(found.sets[row]).tolist())
-            contenders.append(Contender(names, members, float(found.predicted[row]), *figures))
+    for row, ap, resamples in zip(rows.tolist(), judged.ap.tolist(), judged.resamples, strict=False):
+        interval = final.interval(ap, resamples, frames)
+        members = tuple(np.flatnonzero(found.sets[row]).tolist())
+        contenders.append(Contender(found.searches[row], members, float(found.predicted[row]), ap, *interval))
+    own, chosen = contenders[0], found.sets[[winner]]
     by_errors = aps_at_profiles(final, chosen, frames)[0]
     return Assessment(
         by=final.name,
-        ap=ap,
-        low=low,
-        high=high,
+        ap=own.ap,
+        low=own.low,
+        high=own.high,
         kbit=float(judged.kbit[0]),
         objects=final.count_objects(frames),
         frames=len(frames),
-        predicted=float(found.predicted[winner]),
+        predicted=own.predicted,
         confidence=ran.confidence,
-        asked=asked,
+        asked=judging.confidence,
         tolerance=AP_TOLERANCE,
         entrants=len(found.sets),
         raced=int(ran.frames[0]),
-        contenders=tuple(contenders),
+        contenders=tuple(each for each in contenders if each.searches) if judging.contenders else (),
         expected=float(ran.expected[0] + weigh_costs(objective, chosen, judged.kbit[:1])[0]),
         by_errors=by_errors,
         errors_by=final.cases.errors_by if by_errors else "",
@@ -222,3 +221,20 @@ def aps_at_profiles(final: CasesEvaluator, sets: Sets, frames: Frames) -> list[t
         intervals = ((name, ap, *final.interval(ap, drawn, frames)) for name, ap, drawn in each)
         found.append(tuple(ProfileAP(*figures) for figures in intervals))
     return found
+
+
+def _judge_in_time(
+    sets: Sets, final: CasesEvaluator, schedule: Schedule, report: Report | None
+) -> tuple[Evaluated, Frames]:
+    """Figures of the sets judged in time, the first in any case, and the frames, the same for all."""
+    every = np.arange(final.frames)
+    if schedule.seconds is None:
+        return final.evaluate(sets, every, report), every
+    order = race_order(final.frames)
+    frames = order[: schedule.limit(final).evaluate(sets[:1], order, report).frames]
+    done = 1
+    while done < len(sets) and schedule.left > 0:
+        if schedule.limit(final).evaluate(sets[done : done + 1], frames).frames is not None:
+            break
+        done += 1
+    return final.evaluate(sets[:done], frames), frames

@@ -1,6 +1,7 @@
 """One search from its settings to what is printed."""
 
 import json
+from dataclasses import replace
 
 import pytest
 
@@ -28,7 +29,7 @@ def common(tmp_path_factory):
 
 
 def test_portfolios_say_fresh_traffic_and_all_error_profiles(common):
-    found = run_search(common())
+    found = run_search(common(contenders=True))
     said = json.loads(json.dumps(replace_infinite(found.summary)))["assessment"]
     assert found.met
     assert (said["by"], said["frames"]) == ("coverage", 2)
@@ -39,7 +40,7 @@ def test_portfolios_say_fresh_traffic_and_all_error_profiles(common):
         f"portfolio: {{{', '.join(map(str, found.summary['subset']))}}} AP {said['ap']:.4f}"
     )
     assert any("neither searches nor race saw, not a detector: it may err alike everywhere:" in x for x in found.lines)
-    assert found.lines[-1].startswith("searched by: AP ")
+    assert found.lines[-1].startswith("searched by: coverage ")
 
     def profiles(*errors, by="worst"):
         cases = Cases(errors=errors, errors_by=by)
@@ -91,3 +92,16 @@ def test_several_error_profiles_are_judged_and_said(common):
     assert alone.summary["errors"] == POOR.origin
     assert not alone.summary["assessment"]["by_errors"]
     assert "errors" not in run_search(common(cases=poor)).summary  # judged by coverage
+
+
+@pytest.mark.slow
+def test_a_long_search_tells_a_first_answer_and_looks_at_fewer_frames(common, monkeypatch):
+    monkeypatch.setattr("placement_env.search.order.SEARCHED", 2)
+    monkeypatch.setattr("placement_env.search.order.FIRST_LOOK", 4)
+    told = []
+    order = common(tell=told.append)
+    found = run_search(replace(order, run=replace(order.run, frames=5)))
+    (line,) = told
+    assert line.startswith("first answer, by greedy on 2 frames: ")
+    assert found.summary["provenance"]["frames"] == 3
+    assert found.summary["assessment"]["frames"] == 5

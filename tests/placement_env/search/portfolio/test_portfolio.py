@@ -1,6 +1,5 @@
 """A portfolio: searches that are deceived, a race that is not, and an AP that neither has seen."""
 
-import math
 import time
 
 import numpy as np
@@ -77,7 +76,9 @@ def test_the_winner_is_the_best_by_the_race_and_its_ap_is_from_the_third_part(st
     stages = []
     race, final = Truth(), Truth(frames=80, shift=-0.05)
     found = portfolio.search(
-        deceived(lambda *stage: stages.append(stage)), 2, judging=Judging(evaluators=(race, final), confidence=0.9)
+        deceived(lambda *stage: stages.append(stage)),
+        2,
+        judging=Judging(evaluators=(race, final), confidence=0.9, contenders=True),
     )
     said = found.assessment
     assert (found.method, found.best.subset) == ("portfolio", (1, 2))  # a neighbour of what all searches answered
@@ -94,9 +95,11 @@ def test_the_winner_is_the_best_by_the_race_and_its_ap_is_from_the_third_part(st
     (own,) = said.contenders
     assert own.searches == ("exhaustive", "greedy", "swap", "thrifty swap")
     assert own.subset == (0, 1)
-    assert (own.predicted, own.ap, own.curse) == pytest.approx((0.7, 0.4, 0.3))  # in the race
-    assert math.isnan(own.low)
-    assert [len(sets) for sets, _ in final.asked] == [1]
+    assert (own.predicted, own.ap, own.curse) == pytest.approx((0.7, 0.35, 0.35))
+    assert [len(sets) for sets, _ in final.asked] == [2]
+    unasked = Truth(frames=80)
+    alone = portfolio.search(deceived(None), 2, judging=Judging(evaluators=(race, unasked))).assessment
+    assert (alone.contenders, [len(sets) for sets, _ in unasked.asked]) == ((), [1])
     assert {stage[0] for stage in stages} == {"sets scored", "searching", "racing", "judging"}
     assert found.certificate.note == f"raced by the detector: of the {said.entrants} entrants, not of all sets"
 
@@ -191,7 +194,8 @@ def test_sets_race_by_ap_less_costs_in_the_order_of_a_seed(street, monkeypatch):
 
 def test_seconds_bound_race_and_judgement_on_the_same_frames(deceived):
     race, final = Truth(noise=50.0, seconds=0.03), Truth(frames=60, seconds=0.03)  # 11 s in all
-    found = portfolio.search(deceived, 2, judging=Judging(evaluators=(race, final)), seconds=1.0)
+    judging = Judging(evaluators=(race, final), contenders=True)
+    found = portfolio.search(deceived, 2, judging=judging, seconds=1.0)
     said = found.assessment
     assert said.confidence < 0.95
     assert 1 <= said.raced < 48
@@ -201,7 +205,8 @@ def test_seconds_bound_race_and_judgement_on_the_same_frames(deceived):
     assert [each.subset for each in said.contenders] == [(0, 1)]
     assert said.ap == pytest.approx(VALUE[list(found.best.subset)].sum())
     race, final = Truth(noise=0.0), Truth(frames=60)
-    found = portfolio.search(deceived, 2, judging=Judging(evaluators=(race, final)), seconds=20.0)
+    judging = Judging(evaluators=(race, final), contenders=True)
+    found = portfolio.search(deceived, 2, judging=judging, seconds=20.0)
     assert found.assessment.frames == 60
     assert found.assessment.confidence > 0.99
     (own,) = found.assessment.contenders
@@ -224,8 +229,8 @@ def test_a_race_with_a_time_may_take_all_of_it(deceived, monkeypatch):
     monkeypatch.setattr(portfolio, "contest", asked)
     for seconds in (None, 60.0):
         portfolio.search(deceived, 2, judging=Judging(evaluators=(Truth(), Truth())), seconds=seconds)
-    assert most == [1600.0, np.inf]
-    assert shares == [0.5, 1.0] * 2  # a race takes half of the time
+    assert most == [portfolio.SET_FRAMES, np.inf]
+    assert shares == [0.5, 0.5, *[1.0] * (len(shares) - 2)]  # races take half of the time
 
 
 def test_it_detects_on_a_real_evaluator(street):
