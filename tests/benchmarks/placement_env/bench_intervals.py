@@ -6,8 +6,8 @@
 At each site some sets of one to three sensors that searches found are judged by the detector in several traffics, each
 with a seed of its own. What a set is worth is its AP in all other traffics together. An interval of one traffic holds
 if it contains that figure, as far as the figure is known itself: its own interval is narrower by the root of the number
-of traffics. A recommendation is good if its AP there is within 0.01 of the best of the sets. Tallies are kept in
-OUT/SITE.npz, so --print needs no detector.
+of traffics. A recommendation is good if its AP there is within 0.01 of the best of the sets. For more frames than one
+traffic has, neighbouring traffics are joined. Tallies are kept in OUT/SITE.npz, so --print needs no detector.
 """
 
 import argparse
@@ -71,11 +71,11 @@ def collect(name: str, place: Place, out: Path, traffics: int, frames: int) -> N
         print(f"{name}: traffic {part}, {int(judge.to_find[label].sum())} vehicles", flush=True)
 
 
-def tally(kept: dict[str, Any], part: int, n: int, iou: int, frames: slice) -> Tally:
+def tally(kept: dict[str, Any], part: int, n: int, iou: int, frames: int = 10**6) -> Tally:
     """Tally of one set in some first frames of one traffic."""
     scores, truth, frame = (kept[f"{part}.{n}.{name}"] for name in ("scores", "truth", "frame"))
-    used = (truth[iou] != IGNORED) & (frame < frames.stop)
-    return Tally(scores[used], truth[iou, used] >= 0, frame[used], kept[f"{part}.truths"][frames])
+    used = (truth[iou] != IGNORED) & (frame < frames)
+    return Tally(scores[used], truth[iou, used] >= 0, frame[used], kept[f"{part}.truths"][:frames])
 
 
 def pool(tallies: list[Tally]) -> Tally:
@@ -90,16 +90,20 @@ def report(path: Path, frames: int) -> None:
     """Print how often intervals hold the AP of all other traffics, and how good recommendations are there."""
     kept: dict[str, Any] = dict(np.load(path))
     parts = sorted({int(name.partition(".")[0]) for name in kept if name.endswith(".truths")})
-    sets, first = kept["sets"], slice(0, frames)
+    sets, length = kept["sets"], len(kept[f"{parts[0]}.truths"])
+    cuts = [min(length, frames - first) for first in range(0, frames, length)]
+    groups = [parts[first : first + len(cuts)] for first in range(len(parts) - len(cuts) + 1)]
     held, widths, plain, losses, picked = [], [], [], [], []
-    for part in parts:
+    for number, part in enumerate(groups):
         options, draws, fresh, mean = [], {}, [], []
         for n, row in enumerate(sets):
-            own = [tally(kept, part, n, i, first) for i in range(len(IOUS))]
-            there = pool([tally(kept, other, n, 0, slice(0, 10**6)) for other in parts if other != part])
+            own = [
+                pool([tally(kept, p, n, i, cut) for p, cut in zip(part, cuts, strict=True)]) for i in range(len(IOUS))
+            ]
+            there = pool([tally(kept, other, n, 0) for other in parts if other not in part])
             fresh.append(there.ap)
             mean.append(float(np.mean([each.ap for each in own])))
-            drawn, ends = own[0].resamples(seed=part), own[0].interval(seed=part)
+            drawn, ends = own[0].resamples(seed=number), own[0].interval(seed=number)
             held.append(ends.low <= there.ap <= ends.high)
             widths.append(ends.high - ends.low)
             middle = np.quantile(drawn, [0.025, 0.975])
@@ -113,7 +117,7 @@ def report(path: Path, frames: int) -> None:
         picked.append(alike[0] != best)
     within, count = np.mean(np.array(losses) <= AP_TOLERANCE + 1e-9), len(held)
     print(
-        f"{path.stem}, {len(parts)} traffics of {frames} frames, {len(sets)} sets: intervals hold {np.sum(held)} of "
+        f"{path.stem}, {len(groups)} times {frames} frames, {len(sets)} sets: intervals hold {np.sum(held)} of "
         f"{count} ({np.mean(held):.1%}; plain percentiles {np.mean(plain):.1%}), mean width {np.mean(widths):.3f}; "
         f"recommended within {AP_TOLERANCE:g} of the best on all other frames {within:.0%}, loss {np.mean(losses):.4f} "
         f"in the mean, {max(losses):.4f} at most; cheaper than the best in {np.sum(picked)}"
