@@ -242,14 +242,12 @@ class Plan(Displayed):
         plain = ("poles", "price", "kbit", "predicted")
         judged = [option.counted for option in self.considered]
         table = {name: [getattr(option, name) for option in self.considered] for name in plain}
-        figures = {
-            name: [getattr(each, name, None) for each in judged] for name in ("ap", "low", "high", "recall")
-        }
+        figures = {name: [getattr(each, name, None) for each in judged] for name in ("ap", "low", "high", "recall")}
         return table | figures | {"sensors": [option.sensors for option in self.considered]}
 
     def as_dict(self) -> dict[str, object]:
         """Return the values for plan.json."""
-        return asdict(self)
+        return asdict(self) | {"head": {key: text for key, text in self.head.items() if key != "logo"}}
 
 
 @dataclass(frozen=True, eq=False)
