@@ -64,21 +64,16 @@ else:
                 return "0+unknown"
         if name not in _HOMES:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-        _check_parts()
+        from coview.main import refuse_hidden_packages
+
+        try:
+            refuse_hidden_packages()
+        except ValueError as error:
+            raise ImportError(str(error)) from None
         return getattr(import_module(_HOMES[name]), name)
 
     def __dir__() -> list[str]:
         return ["__version__", "make", "search", *sorted(_HOMES)]
-
-
-def _check_parts() -> None:
-    """Raise ImportError for a folder that hides ours."""
-    from coview.main import refuse_hidden_packages
-
-    try:
-        refuse_hidden_packages()
-    except ValueError as error:
-        raise ImportError(str(error)) from None
 
 
 def search(
@@ -108,7 +103,6 @@ def make(name: str = "SensorSelect", **settings: Any) -> "gymnasium.Env[Any, Any
 
     settings: of its configuration, such as site="tjunction" and budget=3. Raises ImportError without Gymnasium.
     """
-    _check_parts()
     try:
         import gymnasium
     except ImportError:

@@ -14,16 +14,18 @@ cable = 900
 power = 60
 years = 10
 
-[report]                   # head of the report: title, client, author, date
+[report]                   # head of the report: title, client, author, date, logo (a PNG or JPEG file beside this one)
 client = "City of Elm"
 """
 
 from __future__ import annotations
 
 import math
+from base64 import b64encode
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from hashlib import sha256
+from io import BytesIO
 from pathlib import Path
 
 from toolkit.runtime.files import name_errors, parse_toml, read_bytes
@@ -37,7 +39,8 @@ RATES = {  # for each of what, and whether every year
     "power": ("sensor", True),
     "upkeep": ("sensor", True),
 }
-_HEAD = ("title", "client", "author", "date")
+_HEAD = ("title", "client", "author", "date", "logo")
+_LARGEST_LOGO = 200_000  # bytes
 _LONGEST_HEAD = 200  # characters
 YEARS = 10.0  # that rates are added up for
 OWN = ("name", "model", "price")  # of a sensor, beside the fields of its model
@@ -58,7 +61,7 @@ class SensorCatalogue:
     """Models that may be bought.
 
     pole_price: of one ordinary mount; None if mounts are priced in the currency; rates: some of `RATES`, yearly ones
-    for `years`; report: head of a report, some of title, client, author, date.
+    for `years`; report: head of a report, some of title, client, author, date, logo (the picture as a data URI).
     """
 
     models: tuple[PricedModel, ...]
@@ -106,7 +109,28 @@ def load_sensor_catalogue(path: str | Path) -> SensorCatalogue:
     for key, text in head.items():
         if not text.isprintable() or len(text) > _LONGEST_HEAD:
             raise ValueError(f"{path}: report.{key} must be one line of up to {_LONGEST_HEAD} characters: shorten it")
-    return SensorCatalogue(models, currency, pole_price, sha256(content).hexdigest(), rates, years, head)
+    if "logo" in head:
+        head["logo"] = _read_logo(Path(path).parent / head["logo"], f"{path}: report.logo")
+    digest = sha256(content + head.get("logo", "").encode()).hexdigest()
+    return SensorCatalogue(models, currency, pole_price, digest, rates, years, head)
+
+
+def _read_logo(path: Path, where: str) -> str:
+    """Return a picture as a data URI, once it was seen to be whole."""
+    from PIL import Image
+
+    if not path.is_file():
+        raise FileNotFoundError(f"{where}: no file {path}: give a PNG or JPEG file beside the catalogue")
+    content = read_bytes(path)
+    if len(content) > _LARGEST_LOGO:
+        raise ValueError(f"{where} must have at most {_LARGEST_LOGO // 1000} kB, got {len(content) // 1000}: shrink it")
+    try:
+        with Image.open(BytesIO(content), formats=("PNG", "JPEG")) as picture:
+            picture.load()
+            kind = str(picture.format).lower()
+    except (OSError, SyntaxError, ValueError):
+        raise ValueError(f"{where}: {path.name} is no whole PNG or JPEG picture: save it again") from None
+    return f"data:image/{kind};base64,{b64encode(content).decode()}"
 
 
 def _table(

@@ -247,7 +247,7 @@ class Plan(Displayed):
 
     def as_dict(self) -> dict[str, object]:
         """Return the values for plan.json."""
-        return asdict(self)
+        return asdict(self) | {"head": {key: text for key, text in self.head.items() if key != "logo"}}
 
 
 @dataclass(frozen=True, eq=False)

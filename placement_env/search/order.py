@@ -341,7 +341,7 @@ def describe_doubts(objective: Objective, subset: Sequence[int]) -> list[str]:
     spread = float(surrogate.spread(objective.row(subset)[None])[0]) if subset else np.nan
     mean, most = FRESH_ERROR
     fit = "" if np.isnan(spread) else f"; its own resamples spread by {spread:.3f}"
-    sure = [f"at sites it was not fitted to, the surrogate's AP was off by {mean} in the mean and {most} at worst{fit}"]
+    sure = [f"at sites it was not fitted to, the surrogate's AP was off by {mean} on average and {most} at worst{fit}"]
     kinds = {type(sensor.model).__name__ for sensor in objective.candidates.sensors}
     return [*sure, *(f"warning: {doubt}" for doubt in (*surrogate.doubts(kinds), *_describe_few(objective)))]
 

@@ -69,9 +69,9 @@ def convert(
         find_profile(contents.errors)
     check_links(recording)
     target = find_layout(to)
-    if target.file:
-        check_ending(out, (".hdf5", ".h5"), f"a recording in layout {to}") if to == "hdf5" else None
-    elif out.suffix.lower() in (".hdf5", ".h5", ".json", ".zip"):
+    if to == "hdf5" and not out.is_dir():
+        check_ending(out, (".hdf5", ".h5"), f"a recording in layout {to}")
+    if not target.file and out.suffix.lower() in (".hdf5", ".h5", ".json", ".zip"):
         raise ValueError(f"layout {to} is a folder, which cannot be called {out.name}: name a folder, or say --to hdf5")
     write, problems = target.write, dict[str, int]()
     with opening.open(recording) as opened:

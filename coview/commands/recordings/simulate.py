@@ -54,13 +54,13 @@ def simulate(
     from toolkit.datasets.simulation import FRAMES, simulate_dataset
     from toolkit.sites.files import load_site
 
-    check_ending(out, (".hdf5", ".h5"), "a recording")
     fleet = fleet_named(bodies.fleet, bodies.meshes, held_out=bodies.held_out, mirrors=bodies.mirrors_in_boxes)
     if not writing.json:
         for note in fleet.notes:
             say(note)
     place, started, frames = load_site(site), perf_counter(), run.frames_or(FRAMES)
     check_file(out, inputs=site_file(site), overwrite=True)  # whether it holds the same recording is seen later
+    check_ending(out, (".hdf5", ".h5"), "a recording")
     with progress_bar("frame", frames, hidden=writing.json) as bar:
         run = replace(run, progress=bar.stage)
         new = simulate_dataset(place, out, run=run, fleet=fleet, interval=every, overwrite=writing.overwrite)

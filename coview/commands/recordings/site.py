@@ -64,10 +64,10 @@ class ImportMap:
             raise ValueError("--lefthand is for --osm: an OpenDRIVE map says itself which side traffic keeps to")
         maps = [each for each in (self.opendrive, self.osm) if each is not None]
         check_least("--sensors", self.sensors, 1, "leave it out for a site without sensors")
-        check_ending(self.out, SITE_ENDINGS, "a site's file")
         seed = None if self.furnish == "none" else self.seed
         piece = MapPiece(maps[0], self.centre, self.size, radians(self.heading_deg), seed, self.furnish)
         check_file(self.out, inputs=maps, overwrite=self.overwrite)
+        check_ending(self.out, SITE_ENDINGS, "a site's file")
         imported = import_osm(piece, lefthand=self.lefthand) if self.osm else import_opendrive(piece)
         if self.sensors is None:
             code = _save(imported, self.out)
@@ -164,9 +164,9 @@ class ShowSite:
         from toolkit.sites.origins import count_things, describe_things
 
         shown = load_site(self.site)
+        check_file(self.out, inputs=site_file(self.site), overwrite=self.overwrite)
         if self.out is not None:
             check_picture(self.out)
-        check_file(self.out, inputs=site_file(self.site), overwrite=self.overwrite)
         say(shown)
         for origin, counts in count_things(shown).items():
             if counts:

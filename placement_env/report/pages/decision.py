@@ -186,7 +186,7 @@ def _describe_confidence(plan: content.Plan, chosen: content.PlanOption) -> tupl
     lines.append("A recording from the site would test the detector itself.")
     drawn = [
         f"Mounted anew {len(each.aps)} times with errors of profile {each.profile}, the sensors reach AP "
-        f"{number(each.mean)} in the mean; one time in ten it falls below {number(each.tenth)}."
+        f"{number(each.mean)} on average; one time in ten it falls below {number(each.tenth)}."
         for each in plan.by_draw
     ]
     return Fact("How sure", " ".join(filter(None, lines))), *((Fact("Mounting", " ".join(drawn)),) if drawn else ())

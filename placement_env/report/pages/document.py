@@ -11,7 +11,7 @@ import json
 import math
 import re
 import tempfile
-from base64 import b64encode
+from base64 import b64decode, b64encode
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -149,12 +149,13 @@ class Section:
 
 @dataclass(frozen=True)
 class Document:
-    """A report; subtitle: for the title page."""
+    """A report; subtitle: for the title page; logo: data URI of a PNG or JPEG picture, "" for none."""
 
     title: str
     subtitle: str
     sections: tuple[Section, ...]
     language: str = "en"
+    logo: str = ""
 
 
 def say(conclusion: str, *blocks: ReportBlock) -> Content:
@@ -197,6 +198,10 @@ def to_pdf(document: Document) -> bytes:
 
     content = asdict(document)
     with tempfile.TemporaryDirectory(prefix="coview-report-") as folder:
+        if document.logo:
+            kind, _, coded = document.logo.removeprefix("data:image/").partition(";base64,")
+            content["logo"] = f"logo.{kind}"
+            Path(folder, content["logo"]).write_bytes(b64decode(coded))
         drawings = 0
         for section, of_section in zip(document.sections, content["sections"], strict=True):
             for block, values in zip(section.blocks, of_section["blocks"], strict=True):

@@ -595,7 +595,8 @@ def build_document(plan: content.Plan, site: Site, ground: Ground | None) -> Doc
     judged = f"{plan.detector}; AP at IoU {iou_text(plan.iou)}; {plan.scheme} fusion"
     head = [plan.head[key] for key in ("client", "date", "author") if plan.head.get(key)]
     subtitle = "; ".join([*head, judged if plan.detector else "No set was judged"])
-    return Document(plan.head.get("title") or f"Deployment plan for {plan.site}", subtitle, sections)
+    title = plan.head.get("title") or f"Deployment plan for {plan.site}"
+    return Document(title, subtitle, sections, logo=plan.head.get("logo", ""))
 
 
 def write_report(planned: content.Planned, out: Path) -> None:

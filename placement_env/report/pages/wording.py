@@ -58,7 +58,7 @@ def list_aps(judged: Iterable[tuple[str, content.Judgement]]) -> str:
 
 
 def interval_text(judged: content.Judgement) -> str:
-    """Both ends of the interval, or that there is none."""
+    """Both ends of the interval, if it has one."""
     return "no interval" if math.isnan(judged.low) else f"{number(judged.low)}–{number(judged.high)}"
 
 

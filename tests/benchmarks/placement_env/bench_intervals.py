@@ -120,7 +120,7 @@ def report(path: Path, frames: int) -> None:
         f"{path.stem}, {len(groups)} times {frames} frames, {len(sets)} sets: intervals hold {np.sum(held)} of "
         f"{count} ({np.mean(held):.1%}; plain percentiles {np.mean(plain):.1%}), mean width {np.mean(widths):.3f}; "
         f"recommended within {AP_TOLERANCE:g} of the best on all other frames {within:.0%}, loss {np.mean(losses):.4f} "
-        f"in the mean, {max(losses):.4f} at most; cheaper than the best in {np.sum(picked)}"
+        f"on average, {max(losses):.4f} at most; cheaper than the best in {np.sum(picked)}"
     )
 
 

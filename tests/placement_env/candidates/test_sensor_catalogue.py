@@ -1,7 +1,10 @@
 """Catalogues of sensors with prices: what they hold, and what is refused with the place in the document."""
 
+from base64 import b64decode
+
 import numpy as np
 import pytest
+from PIL import Image
 
 from placement_env.candidates.pool import pool
 from placement_env.candidates.sensor_catalogue import load_sensor_catalogue
@@ -95,3 +98,39 @@ def test_what_is_refused(tmp_path, text, message):
         load_sensor_catalogue(path)
     assert str(refused.value).startswith(str(path))
     assert "\n" not in str(refused.value)
+
+
+class TestLogo:
+    """A picture beside the catalogue, embedded, or refused in one line."""
+
+    TEXT = SENSOR + '[report]\nlogo = "elm.png"\n'
+
+    def test_png_and_jpeg_are_embedded_whole(self, tmp_path):
+        path = written(tmp_path, self.TEXT)
+        digests = set()
+        for kind in ("png", "jpeg"):
+            Image.new("RGB", (40, 20), "green").save(tmp_path / "elm.png", kind)
+            catalogue = load_sensor_catalogue(path)
+            head, _, coded = catalogue.report["logo"].partition(",")
+            assert head == f"data:image/{kind};base64"
+            assert b64decode(coded) == (tmp_path / "elm.png").read_bytes()
+            digests.add(catalogue.digest)
+        assert len(digests) == 2
+
+    @pytest.mark.parametrize(
+        ("content", "message"),
+        [
+            (None, "report.logo: no file .*elm.png: give a PNG or JPEG file beside the catalogue"),
+            (b"", "elm.png is no whole PNG or JPEG picture"),
+            (b"<svg/>", "elm.png is no whole PNG or JPEG picture"),
+            (b"\x89PNG\r\n\x1a\n cut off", "elm.png is no whole PNG or JPEG picture"),
+            (bytes(200_001), "report.logo must have at most 200 kB, got 200"),
+        ],
+    )
+    def test_other_files_are_refused(self, tmp_path, content, message):
+        path = written(tmp_path, self.TEXT)
+        if content is not None:
+            (tmp_path / "elm.png").write_bytes(content)
+        with pytest.raises((ValueError, OSError), match=message) as refused:
+            load_sensor_catalogue(path)
+        assert "\n" not in str(refused.value)

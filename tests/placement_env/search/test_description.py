@@ -30,7 +30,7 @@ def test_all_figures_are_said_and_how_sure_they_are():
     candidates = paper_candidates(load_site("tjunction"))
     said = order.describe_doubts(Objective(Setting(candidates=candidates, fidelity=Unsure())), [0, 3])
     assert said == [
-        "at sites it was not fitted to, the surrogate's AP was off by 0.026 in the mean and 0.077 at worst; its own "
+        "at sites it was not fitted to, the surrogate's AP was off by 0.026 on average and 0.077 at worst; its own "
         "resamples spread by 0.020",
         "warning: not fitted to DepthCamera",
     ]

@@ -49,8 +49,8 @@ def test_one_frame_as_a_picture(clouds, tmp_path, run, refused, monkeypatch):
     figures = json.loads(said)
     assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
     assert figures["still"] == str(tmp_path / "a.png")
-    assert ", 0 detected, 0 hits, " in figures["said"]
-    assert figures["said"].endswith(" missed, 0 false alarms")
+    assert ", 0 detected (0 hits, " in figures["said"]
+    assert figures["said"].endswith("0 false alarms, 0 ignored)")
     arguments = ("view", clouds, "--layout", "folder", "--still")
     assert "there is no frame 1: 1 are chosen" in refused(*arguments, tmp_path / "b.png", "--frame", 1)
     assert "must end in .png or .svg" in refused(*arguments, tmp_path / "b.jpg")

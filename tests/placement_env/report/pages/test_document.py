@@ -1,9 +1,13 @@
 """A report as a structure, as a page and as a PDF."""
 
 import re
+from base64 import b64encode
+from dataclasses import replace
 from html.parser import HTMLParser
+from io import BytesIO
 
 import pytest
+from PIL import Image
 
 from placement_env.report.pages.document import (
     Bullets,
@@ -148,3 +152,17 @@ def test_texts_are_no_markup_and_long_tables_go_over_pages():
     with pytest.raises(ValueError, match=r"the PDF cannot be set: .*: the drawings must be SVG") as caught:
         to_pdf(small(Drawing("no picture", "A caption.", "alt")))
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("kind", ["png", "jpeg"])
+def test_a_logo_stands_on_both_documents(kind):
+    drawn = BytesIO()
+    Image.new("RGB", (400, 100), "green").save(drawn, kind)
+    logo = f"data:image/{kind};base64,{b64encode(drawn.getvalue()).decode()}"
+    plain = Document("Elm", "of 2026", (Section("decision", "Decision", "Build one."),))
+    with_logo = replace(plain, logo=logo)
+    assert f'<img class="logo" alt="" src="{logo}">' in to_html(with_logo, None)
+    assert "<img" not in to_html(plain, None)
+    assert count_pages(to_pdf(with_logo)) == 1
+    assert b"/Subtype/Image" in to_pdf(with_logo)
+    assert b"/Subtype/Image" not in to_pdf(plain)

@@ -232,7 +232,7 @@ def test_how_sure_it_is_what_would_do_as_well_and_which_poles_survive(example):
     assert "An interval needs 80 --frames or more." in facts(replace(plan, chosen=few), example)[1]["How sure"]
     drawn = (DrawnErrors("poor", (0.9, 0.96), 0.93, 0.906, 60),)
     assert facts(replace(plan, by_draw=drawn), example)[1]["Mounting"] == (
-        "Mounted anew 2 times with errors of profile poor, the sensors reach AP 0.930 in the mean; one time in ten it "
+        "Mounted anew 2 times with errors of profile poor, the sensors reach AP 0.930 on average; one time in ten it "
         "falls below 0.906."
     )
     other = tuple(DrawingResult(judged, poles) for judged, poles in ((plan.chosen.judged, ("post00", "x")),) * 2)
