@@ -25,11 +25,11 @@ from scipy.special import ndtr, ndtri, stdtrit
 from placement_env.checks import check_whole
 from toolkit.arrays import Bool, Float64, Int64
 from toolkit.detection.metrics import average_precision, precision_recall
+from toolkit.traffic.spawner import LIFE
 
 if TYPE_CHECKING:
     from placement_env.fidelity.detector import Outcome
 
-LIFE = 4  # frames that an object lives
 BLOCK_FRAMES = 2 * LIFE
 FEWEST_BLOCKS = 10  # that have an interval
 RESAMPLES = 1000

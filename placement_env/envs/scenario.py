@@ -132,7 +132,7 @@ class Conditions(NamedTuple):
 
     @property
     def key(self) -> tuple[int, str, int]:
-        """What scenarios are kept by."""
+        """Key of the scenario among those kept."""
         return self.site, self.scheme.digest, self.traffic
 
 

@@ -22,6 +22,7 @@ from toolkit.objects import LABELS, VEHICLE, Detector, check_known
 from toolkit.runtime.run import Run
 from toolkit.sensors.sensor import SensorModel
 from toolkit.sites.site import HYBRID_RADIUS, Site
+from toolkit.traffic.spawner import LIFE
 
 if TYPE_CHECKING:
     from placement_env.fidelity.detector import Detected
@@ -31,7 +32,6 @@ NORM_OF_POINTS, NORM_OF_BOXES = 0.8, 4.0  # to start from
 CEILING_LOGIT = (-4.0, 7.0)
 FLOOR, FLOOR_LOG = 10.0, (-1.0, 5.0)  # to start from, and the range of its logarithm
 FIT_FRAMES = 100  # of each site
-LIFE = 4  # frames that show the same objects
 
 
 class Observed(NamedTuple):

@@ -23,7 +23,7 @@ from coview.studies.stress.conditions import (
     make_conditions,
     make_systems,
 )
-from placement_env.analysis.intervals import LIFE, Tally
+from placement_env.analysis.intervals import Tally
 from placement_env.report.content import Judgement
 from toolkit.arrays import Float32
 from toolkit.calibration.empty_scene import Scenes
@@ -42,6 +42,7 @@ from toolkit.runtime.run import Run
 from toolkit.sensors.error_profiles import PAPER_ERRORS, ErrorProfile
 from toolkit.sensors.error_terms import MOST_APART
 from toolkit.sites.site import Site
+from toolkit.traffic.spawner import LIFE
 
 Needed = Callable[[int], Sequence[int]]  # messages that must have arrived before one can be read
 

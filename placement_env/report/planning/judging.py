@@ -5,8 +5,8 @@ of the resample. Recall, precision and counts are those of the worst case, or me
 
 Sets of one size race each other until the best of them is known well enough (`placement_env.racing.race_until`), so
 that small and cheap sets stay in; the winner of each size, and others near the best of all, are judged on all frames.
-The best of them has the greatest mean AP over the detector's IoU thresholds of those whose AP is within `TIE` of the
-highest. Without a requirement the answer is the cheapest set that cannot be told from it (`is_as_good`: on the same
+The best of them has the greatest mean AP over the detector's IoU thresholds of those whose AP is within `NEAR_TIE` of
+the highest. Without a requirement the answer is the cheapest set that cannot be told from it (`is_as_good`: on the same
 frames, its whole interval of the loss lies within the tolerance). With one it is the cheapest set whose AP reaches it;
 sets are judged by price until one does. If none does, it is the best set. AP is that over the cases of the plan
 (`PlanOption.counted`).
@@ -41,7 +41,7 @@ from placement_env.report.content import CONFIDENCE, ClassAP, DrawingResult, Jud
 from placement_env.search.exact.exhaustive import find_front
 from placement_env.search.portfolio.entrants import Entrants
 from placement_env.search.portfolio.evaluators import CasesEvaluator, DetectorEvaluator, Report, race_order
-from placement_env.search.portfolio.portfolio import TIE, contest
+from placement_env.search.portfolio.portfolio import NEAR_TIE, contest
 from toolkit.arrays import Bool, Float64, Int64
 from toolkit.objects import HEAVY, LABELS, known_labels
 from toolkit.runtime.run import Run
@@ -286,9 +286,9 @@ def _judgement(figures: _Figures, classes: Classes) -> Judgement:
 
 
 RACED = 60  # frames of a race at most
-KEPT = 3  # sets of each number of sensors that are judged on all frames where they come within `REACH`
-REACH = 0.03  # AP below the best of a race that further frames may make up for
-FIRST_LOOK = 12  # frames on which all sets are looked at that may reach a requirement
+KEPT = 3  # sets of each number of sensors that are judged on all frames where they come `NEAR` the best
+NEAR = 0.03  # AP below the best of a race that further frames may make up for
+LOOKED_AT = 12  # frames on which all sets are looked at that may reach a requirement
 DOUBT = 0.1  # AP by which a first look may underrate a set
 
 Rule = Literal["best", "as good", "cheapest", "none"]
@@ -398,7 +398,7 @@ def choose_set(
         if report is not None:
             report(done)
     most = max(expected for _, expected in close)
-    known.judge_rows(list(dict.fromkeys([*winners, *(i for i, expected in close if expected >= most - REACH)])))
+    known.judge_rows(list(dict.fromkeys([*winners, *(i for i, expected in close if expected >= most - NEAR)])))
     options = tuple(known.options)
     best, alike = choose(options, known.draws)
     chosen = best
@@ -411,7 +411,7 @@ def choose_set(
 def _find_cheapest(known: _Options, min_ap: float, run: Run) -> int | None:
     """Return the cheapest set whose AP reaches the requirement, None if none does. Sets are judged by price."""
     found, judge = known.found, known.judge
-    order = race_order(judge.frames, seed=run.seed)[:FIRST_LOOK]
+    order = race_order(judge.frames, seed=run.seed)[:LOOKED_AT]
     seen = judge.evaluator.evaluate(found.sets, order, run.stage("first look", len(order)))
     likely = shrink(seen.ap, seen.resamples, found.predicted, len(np.unique(order // BLOCK_FRAMES))).figure
     rows = np.lexsort((-likely, np.array([option.price for option in known.options]))).tolist()
@@ -440,7 +440,7 @@ def choose(
     """
     judged = {i: counted for i in sorted(draws) if (counted := options[i].counted) is not None}
     highest = max(each.ap for each in judged.values())
-    close = [i for i, each in judged.items() if each.ap >= highest - TIE]
+    close = [i for i, each in judged.items() if each.ap >= highest - NEAR_TIE]
     best = min(close, key=lambda i: (-(options[i].mean_ap or 0.0), *_thrift(options[i])))
     blocks = count_blocks(judged[best].frames)
     alike = [i for i in judged if i == best or is_as_good(draws[i], draws[best], blocks)]

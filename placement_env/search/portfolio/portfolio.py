@@ -38,7 +38,7 @@ from placement_env.setting import Setting
 from toolkit.arrays import Float64
 
 RACE_FRAMES, JUDGED_FRAMES = 96, 120
-TIE = 0.75 * AP_TOLERANCE  # lead in AP that other IoU thresholds may outweigh; the rest is left to chance
+NEAR_TIE = 0.75 * AP_TOLERANCE  # lead in AP that other IoU thresholds may outweigh; the rest is left to chance
 FIRST, ETA = 12, 2  # frames of the race's first rung, and by how much the next ones are longer
 LEAST_RACED = 24  # fewest frames of a race: on fewer the luckiest of many wins
 SET_FRAMES = 480.0  # set-frames that a race may score without a time limit, beyond its first rungs
@@ -145,7 +145,7 @@ def contest(
 
     most: set-frames to be scored; frames: to race on at most, None for all of the evaluator's.
 
-    Of the sets that end within `TIE` of the first, that of the greatest mean AP over the detector's IoU
+    Of the sets that end within `NEAR_TIE` of the first, that of the greatest mean AP over the detector's IoU
     thresholds wins, then the cheapest.
     """
 
@@ -158,7 +158,7 @@ def contest(
     order, first = race_order(evaluator.frames, seed=seed)[:frames], min(FIRST, evaluator.frames)
     rules = RaceRules(confidence, AP_TOLERANCE, first, ETA, least=LEAST_RACED, most=most)
     ran = race_until(rewards, sets, order, rules, predicted=objective.scores(sets).reward)
-    close = np.flatnonzero((ran.frames == ran.frames[0]) & (ran.expected >= ran.expected[0] - TIE))
+    close = np.flatnonzero((ran.frames == ran.frames[0]) & (ran.expected >= ran.expected[0] - NEAR_TIE))
     rows = sets[ran.ranking[close]]
     mean_ap = evaluator.mean_ap(rows, order[: ran.frames[0]]) if len(close) > 1 else np.zeros(1)
     won = int(close[np.lexsort((objective.price(rows), -mean_ap))[0]])

@@ -19,7 +19,7 @@ def test_seeds_give_frames_whose_objects_stay_in_their_block():
     assert once.digest() == again.digest() != other.digest()
     with pytest.raises(ValueError, match="frames must be a whole number of at least 1, got 0"):
         simulate_traffic(site, 0)
-    assert BLOCK_FRAMES == LIFE
+    assert BLOCK_FRAMES == 2 * LIFE
     frames = simulate_traffic(load_site("tjunction"), 5 * BLOCK_FRAMES, 3).snapshots
     blocks = [
         {name for frame in frames[first : first + BLOCK_FRAMES] for name in frame.objects.ids.tolist()}

@@ -308,7 +308,7 @@ def test_the_cheapest_set_and_the_curve(tmp_path, run):
     assert [len(row["sensors"]) for row in curve] == [1, 2, 3]
     assert curve[0]["price"] < curve[1]["price"]
     code, out, _ = run("search", "tjunction", *few, "--curve", "--judge", "coverage")
-    assert out.splitlines()[1].startswith("  1 for the price of 1 ordinary pole: AP ")
+    assert out.splitlines()[1].startswith("  1 for the price of 1 ordinary pole: coverage ")
     code, out, _ = run("search", "tjunction", *few, "--curve", "--judge", "coverage", "--money", 2.5)
     first, *rows = out.splitlines()
     assert (code, first[:34]) == (0, "best set for each amount of money,")
@@ -362,5 +362,5 @@ def test_levels_of_traffic_are_searched_and_judged(run, refused, tmp_path):
     assert worst["ap"] < mean["ap"]
     assert worst["provenance"]["levels"] == {"count": 3, "combine": "worst"}
     assert "levels" not in one["provenance"]
-    assert worst["assessment"]["ap"] <= one["assessment"]["ap"]
+    assert 0 < worst["assessment"]["ap"] <= one["assessment"]["ap"] + 0.1  # of another set, on few frames
     assert "known to fidelity coverage and surrogate" in refused(*few, "--fidelity", "detector", "--levels", 2)

@@ -119,7 +119,7 @@ def test_sets_are_compared_over_error_profiles(street, monkeypatch):
     rough = Detected(Blinded(street.site, street.detected.renders.sensors), street.detected.detector, "early")
     judge = Judge((street.detected, rough), Cases(errors=("paper", "poor")))
     found = Entrants(np.array([[1, 1, 0, 0], [0, 1, 0, 1]], bool), np.zeros(2), ((), ()), 2)
-    monkeypatch.setattr(judging, "REACH", 1.0)
+    monkeypatch.setattr(judging, "NEAR", 1.0)
     picked, alone = choose_set(street.objective, found, judge), choose_set(street.objective, found, street.judge)
     assert [(each.judged.ap, each.over_errors.ap) for each in picked.options] == [(0.75, 0.5), (0.75, 0.75)]
     assert (picked.chosen, alone.chosen) == (1, 0)

@@ -246,7 +246,7 @@ def test_the_last_part_has_the_frames_that_a_width_takes(street, monkeypatch):
         return SimpleNamespace(frames=run.frames), Sure(run.frames)
 
     monkeypatch.setattr(planning, "_prepare_judge", prepare)
-    for width, frames in ((None, [60]), (0.04, [60, 120]), (0.021, [60, 120, 368]), (0.001, [60, 120, 1200])):
+    for width, frames in ((None, [60]), (0.04, [60, 120]), (0.021, [60, 120, 364]), (0.001, [60, 120, 1200])):
         asked.clear()
         question = SimpleNamespace(part=lambda name: Run(frames=60), width=width, run=Run())
         _, judge = judge_finally(question, [], np.zeros(4, bool))
