@@ -181,7 +181,7 @@ class Plan(Displayed):
     question: every option, in words or numbers; detector: in words; iou: at which a detection counts, several for their
     mean; currency: of all prices, "" for units of one ordinary pole; chosen: None if no set may be built; best: the set
     that is best where price does not count; near_optimal: other sets that cannot be told from it on the same frames,
-    cheap ones first; confidence: least with which a race of one size ended; front: sets that no other beats in AP, kbit
+    cheap ones first; confidence: with which the race of its size ended; front: sets that no other beats in AP, kbit
     per sensor and price at once, by price; by_draw: at each error profile with errors; by_drawing: at
     each of several drawings of the site, on the traffic of the comparison; running: what the catalogue's rates add to
     the price; poles_unused: names; origins: number of things at the site by origin ("mapped", "surveyed", "drawn") and

@@ -299,7 +299,7 @@ class Choice:
     """The answer among options: all entrants in their order, judged or not.
 
     chosen, best: indices of the answer and of the best set; alike: of sets that cannot be told from the best, without
-    the answer; confidence: least with which a race ended, that no set of as many sensors is better by more than
+    the answer; confidence: with which the race of its size ended, that no set of as many sensors is better by more than
     `AP_TOLERANCE`; None where sets were judged by price.
     """
 
@@ -386,7 +386,7 @@ def choose_set(
     known = _Options(objective, found, judge)
     if min_ap is not None and (reached := _find_cheapest(known, min_ap, run)) is not None:
         return Choice(tuple(known.options), found.sets, reached, reached, (), "cheapest")
-    sizes, evaluator, sure = found.sets.sum(axis=1), judge.evaluator, 1.0
+    sizes, evaluator, sure = found.sets.sum(axis=1), judge.evaluator, dict[int, float]()
     winners, close = [], list[tuple[int, float]]()
     report = run.stage("judging", len(np.unique(sizes)))
     for done, size in enumerate(np.unique(sizes), 1):
@@ -394,7 +394,7 @@ def choose_set(
         ran = contest(objective, found.sets[places], evaluator, confidence=confidence, seed=run.seed, frames=RACED)
         close += zip(places[ran.ranking[:KEPT]].tolist(), ran.expected[:KEPT].tolist(), strict=True)
         winners.append(int(places[ran.ranking[0]]))
-        sure = min(sure, ran.confidence)
+        sure[int(size)] = ran.confidence
         if report is not None:
             report(done)
     most = max(expected for _, expected in close)
@@ -405,7 +405,9 @@ def choose_set(
     rule: Rule = "best" if min_ap is None else "none"
     if min_ap is None and alike[0] != best:
         chosen, rule = alike[0], "as good"
-    return Choice(options, found.sets, chosen, best, tuple(i for i in alike if i != chosen), rule, sure)
+    return Choice(
+        options, found.sets, chosen, best, tuple(i for i in alike if i != chosen), rule, sure[int(sizes[chosen])]
+    )
 
 
 def _find_cheapest(known: _Options, min_ap: float, run: Run) -> int | None:
