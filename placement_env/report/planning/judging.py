@@ -4,7 +4,8 @@ AP and its resamples are reduced over the cases as `placement_env.cases` says; i
 of the resample. Recall, precision and counts are those of the worst case, or means over cases.
 
 Sets of one size race each other until the best of them is known well enough (`placement_env.racing.race_until`), so
-that small and cheap sets stay in; the winner of each size, and others near the best of all, are judged on all frames.
+that small and cheap sets stay in, until fewer sensors fall far behind; the winner of each size, and others near the
+best of all, are judged on all frames.
 The best of them has the greatest mean AP over the detector's IoU thresholds of those whose AP is within `NEAR_TIE` of
 the highest. Without a requirement the answer is the cheapest set that cannot be told from it (`is_as_good`: on the same
 frames, its whole interval of the loss lies within the tolerance). With one it is the cheapest set whose AP reaches it;
@@ -300,7 +301,7 @@ class Choice:
 
     chosen, best: indices of the answer and of the best set; alike: of sets that cannot be told from the best, without
     the answer; confidence: with which the race of its size ended, that no set of as many sensors is better by more than
-    `AP_TOLERANCE`; None where sets were judged by price.
+    `AP_TOLERANCE`; None where none was run, as where sets were judged by price.
     """
 
     options: tuple[PlanOption, ...]
@@ -387,18 +388,23 @@ def choose_set(
     if min_ap is not None and (reached := _find_cheapest(known, min_ap, run)) is not None:
         return Choice(tuple(known.options), found.sets, reached, reached, (), "cheapest")
     sizes, evaluator, sure = found.sets.sum(axis=1), judge.evaluator, dict[int, float]()
-    winners, close = [], list[tuple[int, float]]()
+    winners, close = list[tuple[int, float]](), list[tuple[float, int]]()
     report = run.stage("judging", len(np.unique(sizes)))
-    for done, size in enumerate(np.unique(sizes), 1):
+    for done, size in enumerate(np.unique(sizes)[::-1], 1):
         places = np.flatnonzero(sizes == size)
-        ran = contest(objective, found.sets[places], evaluator, confidence=confidence, seed=run.seed, frames=RACED)
-        close += zip(places[ran.ranking[:KEPT]].tolist(), ran.expected[:KEPT].tolist(), strict=True)
-        winners.append(int(places[ran.ranking[0]]))
-        sure[int(size)] = ran.confidence
+        if close and winners[-1][1] < max(close)[0] - NEAR:  # fewer sensors fall further behind: no race shows more
+            best = places[int(found.predicted[places].argmax())]
+            winners.append((int(best), winners[-1][1]))
+        else:
+            ran = contest(objective, found.sets[places], evaluator, confidence=confidence, seed=run.seed, frames=RACED)
+            rows = places[ran.ranking].tolist()
+            close += zip(ran.expected[:KEPT].tolist(), rows[:KEPT], strict=True)
+            winners.append((rows[0], float(ran.expected[0])))
+            sure[int(size)] = ran.confidence
         if report is not None:
             report(done)
-    most = max(expected for _, expected in close)
-    known.judge_rows(list(dict.fromkeys([*winners, *(i for i, expected in close if expected >= most - NEAR)])))
+    near = [row for expected, row in close if expected >= max(close)[0] - NEAR]
+    known.judge_rows(list(dict.fromkeys([*(row for row, _ in winners), *near])))
     options = tuple(known.options)
     best, alike = choose(options, known.draws)
     chosen = best
@@ -406,7 +412,7 @@ def choose_set(
     if min_ap is None and alike[0] != best:
         chosen, rule = alike[0], "as good"
     return Choice(
-        options, found.sets, chosen, best, tuple(i for i in alike if i != chosen), rule, sure[int(sizes[chosen])]
+        options, found.sets, chosen, best, tuple(i for i in alike if i != chosen), rule, sure.get(int(sizes[chosen]))
     )
 
 

@@ -247,7 +247,10 @@ def test_figures_over_drawings_of_a_site_are_means(street, rush):
     assert judged.ap == pytest.approx((0.75 + 0.625) / 2)
     assert draws == pytest.approx(np.mean([drawn[0] for _, drawn in alone], axis=0))
     assert (judged.vehicles, judged.frames) == (32, 8)
-    assert both.evaluator.evaluate(SETS[:1], np.arange(8)).ap == pytest.approx([judged.ap], abs=1e-6)
+    raced = both.evaluator.evaluate(SETS, np.arange(8))
+    assert raced.ap[0] == pytest.approx(judged.ap, abs=1e-6)
+    each_raced = [each.evaluator.evaluate(SETS, np.arange(8)).resamples for each in both.alone]
+    assert raced.resamples == pytest.approx(np.mean(each_raced, axis=0))
     assert both.evaluator.mean_ap(SETS[:1], np.arange(8)) == pytest.approx([judged.ap])
     options = tuple(PlanOption((name,), 1.0, 1.0, 1.0, 0.5, judged, poles=(name,)) for name in "ab")
     first, second = choose_at_drawings(both, Choice(options, SETS, 0, 0, (), "best"), None)

@@ -190,6 +190,7 @@ def test_sets_race_by_ap_less_costs_in_the_order_of_a_seed(street, monkeypatch):
     assert (found.frames, found.blocks) == (None, 2.0)
     portfolio.contest(both, sets, Truth(frames=7))
     assert given["rules"].first == 7
+    assert given["order"].tolist() == race_order(7, seed=0).tolist()
 
 
 def test_seconds_bound_race_and_judgement_on_the_same_frames(deceived):
