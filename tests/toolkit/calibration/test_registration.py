@@ -219,6 +219,7 @@ def test_points_and_normals_are_where_surfaces_are_flat():
     assert len(scene_points(scene(0.0))[0]) == 0
     assert len(scene_points(scene(8.0, share=0.4))[0]) == 0
     assert len(scene_points(scene(8.0, share=0.4), least_share=0.3)[0]) == 300
+    assert len(scene_points(scene(8.0, share=0.5))[0]) == 300  # half of the frames are enough
     poses = [look((x, 0.0, 8.0), heading=0.0, tilt=np.pi / 2) for x in (0.0, 20.0)]
     wide = [scene(8.0), scene(8.0)]
     surface = cloud_surface(

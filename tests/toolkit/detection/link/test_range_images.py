@@ -58,6 +58,12 @@ def test_scores_bound_boxes_and_encoders_bound_images():
     assert (np.diff(scores) > 0).all()
     most = Detections(np.array([[2000.0, 0, 0, 4, 2, 1, 0.0]] * range_images.MOST_BOXES), np.full(1000, 0.5))
     np.testing.assert_allclose(decode_boxes(encode_boxes(most)).boxes, most.boxes)
+    more = Detections(np.repeat(most.boxes[:1], range_images.MOST_BOXES + 1, axis=0), np.full(1001, 0.5))
+    with pytest.raises(ValueError, match="a message holds at most 1000 boxes, got 1001"):
+        encode_boxes(more)
+    alike, partly = most.boxes[[0, 0]], np.array([[9.0, 0, 0, 4, 2, 1, 0.0], [9.0, 5, 0, 4, 2, 1, 0.0]])
+    widths = [encode_boxes(Detections(each, np.full(2, 0.5)))[2] for each in (alike, partly)]
+    assert widths == [1, 0]  # bits of x: without any, as many boxes as one likes would take no bytes
     for value, said in (
         (np.nan, "finite"),
         (np.inf, "finite"),
