@@ -125,7 +125,8 @@ def _describe_blind(plan: content.Plan) -> Fact | None:
     named = [f"{name} ({area:,.0f} m²)" for name, area in streets[:MOST_STREETS]]
     others = sum(area for _, area in streets[MOST_STREETS:])
     named += [f"elsewhere ({others:,.0f} m²)"] if others >= 0.5 else []
-    lanes = f"No sensor sees {percent(plan.ground.blind_lanes)} of the lanes"
+    share = percent(plan.ground.blind_lanes)
+    lanes = f"{share[0].upper()}{share[1:]} of the lanes is out of every sensor's sight"
     lanes = f"{lanes}: {join_names(named)}." if named else f"{lanes}."
     return Fact("Blind", f"{lanes} Of all open ground, {percent(plan.ground.blind)} is unseen.")
 

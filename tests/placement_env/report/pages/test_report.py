@@ -205,6 +205,11 @@ FAINT = """() => {  // texts whose contrast is below 4.5 (WCAG 2.1 AA)
 @pytest.mark.parametrize("width", [390, 768, 1280])
 def test_nothing_is_cut_or_overlaps_at_any_width_and_all_is_legible(page, width):
     page.set_viewport_size({"width": width, "height": 800})
+    page.wait_for_function("(width) => innerWidth === width", arg=width)
+    page.evaluate(
+        "() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))"
+    )  # laid out anew
+    page.wait_for_timeout(300)  # and what scripts do then
     assert page.evaluate(OVERFLOWING) == []
     for scheme in ("light", "dark"):
         page.emulate_media(color_scheme=scheme)
