@@ -69,8 +69,8 @@ def test_what_is_found_missed_unseen_and_lost_is_said_in_road_users(example):
     _, other = facts(replace(plan, class_ap=known), example)
     assert other["DOES NOT COUNT"] == ("Also found, but not counted in the choice: 30 of 61 cyclists; 31 are missed.")
     assert said["Blind"] == (
-        "4% of the lanes is out of every sensor's sight: Elm Street in the west (60 m²), the junction (12 m²), A (5 m²) "
-        "and elsewhere (4 m²). Of all open ground, 31% is unseen."
+        "4% of the lanes is out of every sensor's sight: Elm Street in the west (60 m²), the junction (12 m²), A (5 "
+        "m²) and elsewhere (4 m²). Of all open ground, 31% is unseen."
     )
     assert "no second sensor" in said["ONE FAILURE"]
     assert said["Next"].startswith("Plan again with --classes")

@@ -195,3 +195,9 @@ def test_searches_get_the_seed_and_the_judge_frames_in_order_or_spread(street, m
         assert judged[0] == order[: len(judged[0])].tolist()
     assert race_order(final.frames).tolist() != list(range(final.frames))
     assert set(seeds) == {7}
+
+
+@pytest.mark.parametrize("wrong", [{"seconds": 0.0}, {"evaluations": 0}])
+def test_a_curve_has_limits_that_say_something(street, wrong):
+    with pytest.raises(ValueError, match=next(iter(wrong))):
+        budget_curve(street.objective, 2, **wrong)
