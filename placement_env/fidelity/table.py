@@ -34,6 +34,7 @@ from toolkit.sites.files import load_site
 from toolkit.sites.site import HYBRID_RADIUS, Site
 
 SHIPPED = Path(__file__).parent / "exact"
+MOST_KBIT = 1e6  # of one sensor in a frame: ten million points
 _no_more = partial(np.zeros, (0, 0, 0, 0))  # of classes beside the first
 
 
@@ -92,8 +93,9 @@ class Table:
             wrong = shares[~((shares >= 0) & (shares <= 1))]
             if len(wrong) and not np.isnan(shares).all():
                 raise ValueError(f"AP and recall must lie in 0..1, got {wrong[0]:g}")
-        if not ((self.kbit >= 0) & np.isfinite(self.kbit)).all():
-            raise ValueError(f"kbit must be finite and at least 0, got {self.kbit.min():g}")
+        most = MOST_KBIT * len(self.origin.sensors)
+        if not ((self.kbit >= 0) & (self.kbit <= most)).all():
+            raise ValueError(f"kbit must lie in 0..{most:g}, got {self.kbit.min():g} to {self.kbit.max():g}")
 
     def column(
         self, scheme: Scheme | str, name: str, iou: float
