@@ -107,9 +107,7 @@ class SearchOrder:
         files = {"surrogate": setting.surrogate, "table": setting.table}
         own = ("method", "budget", "verify", "judge", "confidence", "contenders", "seconds", "evaluations")
         return {
-            "currency": self.currency,
-            "curve": self.curve,
-            **{name: getattr(self, name) for name in own},
+            **{name: getattr(self, name) for name in (*own, "currency", "curve")},
             **({} if self.demand is None else asdict(self.demand)),
             **{name: path and sha256(Path(path).read_bytes()).hexdigest() for name, path in files.items()},
             "fidelity": self.fidelity,

@@ -355,9 +355,8 @@ class _Options:
         self.options: list[PlanOption] = []
         for i, score in enumerate(map(objective.score, map(np.flatnonzero, found.sets))):
             names = tuple(objective.names[c].replace("/", "-") for c in score.subset)  # as files name sensors
-            predicted = round(
-                float(found.predicted[i]), 6
-            )  # as found: scored beside other sets it may round differently
+            # as found: scored beside other sets it may round differently
+            predicted = round(float(found.predicted[i]), 6)
             figures = score.price, score.kbit_per_sensor, score.kbit, predicted
             poles = tuple(objective.candidates.mounts[m].name for m in objective.candidates.mount[list(score.subset)])
             self.options.append(PlanOption(names, *figures, judged=None, searches=found.searches[i], poles=poles))

@@ -31,6 +31,7 @@ from placement_env.fidelity.detector import FALSE_ALARM, IGNORED, IOUS, Detected
 from placement_env.fidelity.preparation import Preparation, check_scorable
 from placement_env.fidelity.renders import Renders
 from placement_env.fidelity.traffic import Traffic
+from placement_env.fidelity.visibility import Visibility
 from placement_env.handover.exchange import EXCHANGE_FILES, write_exchange
 from placement_env.handover.ground import Ground, ground_shares, visible_ground
 from placement_env.handover.mounted import (
@@ -524,21 +525,20 @@ def plan(question: Question) -> content.Planned:
             return _refuse(question, sentences.refuse_traffic(question, missing, each.frames, "simulated"), pool)
     everything = [Objective.of_moved(each, each.setting.pool, each.visibility, AP_ONLY) for each in prepared]
     excluded = describe_exclusions(everything[0], question.max_kbit, question.currency)
-    objectives = _keep_buildable(prepared, everything, question.max_kbit)
-    if not len(objectives[0].candidates):
+    kept = _keep_buildable(prepared, everything, question.max_kbit)
+    if not len(kept[0][0]):
         return _refuse(question, excluded, pool)
+    objectives = [Objective.of_moved(each, *seen, AP_ONLY) for each, seen in zip(prepared, kept, strict=True)]
     objective, candidates = objectives[0], objectives[0].candidates
     effort = Effort(tuple(range(1, _most_sensors(question, candidates) + 1)), min_ap=question.min_ap)
+    searched = list(zip(objectives, prepared, strict=True))
+    if not question.cases.plain:  # what is best intact, in all traffic, may be best at its worst too
+        pairs = zip(prepared, kept, strict=True)
+        searched += [(Objective.of_moved(each.plain, *seen, AP_ONLY), each) for each, seen in pairs]
     each_found = [
         keep_entrants(scored, effort, first.memo, depends_on=each.traffic.digest(), seed=first.seed)
-        for scored, each in zip(objectives, prepared, strict=True)
+        for scored, each in searched
     ]
-    if not question.cases.plain:  # what is best intact, in all traffic, may be best at its worst too
-        for scored, each in zip(objectives, prepared, strict=True):
-            intact = Objective.of_moved(each.plain, scored.candidates, scored.visibility or each.visibility, AP_ONLY)
-            each_found.append(
-                keep_entrants(intact, effort, first.memo, depends_on=each.traffic.digest(), seed=first.seed)
-            )
     found = join_entrants(objectives, each_found)
     compared, judge = _prepare_judge(question, objectives, question.part("comparison"))
     if judge.absent:
@@ -591,16 +591,13 @@ def count_origins(site: Site, candidates: Candidates) -> dict[str, dict[str, int
 
 def _keep_buildable(
     prepared: Sequence[Preparation], everything: Sequence[Objective], max_kbit: float | None
-) -> list[Objective]:
-    """Objectives of the candidates that may be built at every drawing of the site, in the same order."""
+) -> list[tuple[Candidates, Visibility]]:
+    """Candidates that may be built at every drawing of the site, in the same order, and what they see at each."""
     rows = [{each.names[c]: int(c) for c in find_buildable(each, max_kbit)} for each in everything]
     names = [name for name in rows[0] if all(name in other for other in rows[1:])]
-    kept = []
-    for each, places in zip(prepared, rows, strict=True):
-        chosen = np.array([places[name] for name in names], np.int64)
-        pool, seen = each.setting.pool.select(chosen), each.visibility.select(chosen)
-        kept.append(Objective.of_moved(each, pool, seen, AP_ONLY))
-    return kept
+    chosen = [np.array([places[name] for name in names], np.int64) for places in rows]
+    pairs = zip(prepared, chosen, strict=True)
+    return [(each.setting.pool.select(own), each.visibility.select(own)) for each, own in pairs]
 
 
 def find_buildable(objective: Objective, max_kbit: float | None) -> Int64[np.ndarray, " n"]:

@@ -12,7 +12,7 @@ from placement_env.report.content import BreakdownRow, Judgement, Plan, PlanOpti
 from placement_env.report.pages.document import count_text
 from placement_env.report.planning.judging import Rule
 from placement_env.report.planning.question import Question
-from placement_env.search.order import describe_money
+from placement_env.search.order import FEWEST_AT_LEVEL, describe_money
 from toolkit.detection.codec import PAPER
 from toolkit.detection.scheme import scheme_codec
 from toolkit.objects import LABELS
@@ -243,9 +243,13 @@ def list_unknowns(final: Judgement, levels: Sequence[BreakdownRow] = ()) -> tupl
         "Rain, fog, dirt, glare, and what grows, parks or is built there later.",
         "Power, permits, and what it costs to run the sensors.",
     ]
-    few = [f"{row.name} ({row.judged.vehicles})" for row in levels if row.judged and row.judged.vehicles < 100]
+    few = [
+        f"{row.name} ({row.judged.vehicles})" for row in levels if row.judged and row.judged.vehicles < FEWEST_AT_LEVEL
+    ]
     if few:
-        lines.append(f"What holds at {join_names(few)}: fewer than 100 to find say little; increase --frames.")
+        lines.append(
+            f"What holds at {join_names(few)}: fewer than {FEWEST_AT_LEVEL} to find say little; increase --frames."
+        )
     if math.isnan(final.low):
         lines.append(f"How far AP {final.ap:.3f} may be off: {describe_interval(final.low, final.high)}.")
     return tuple(lines)
