@@ -12,18 +12,9 @@ from placement_env.handover.ground import Ground
 from placement_env.handover.mounted import RATE
 from placement_env.report import content
 from placement_env.report.maps import plan_view
-from placement_env.report.pages.document import (
-    Bullets,
-    Content,
-    Drawing,
-    Fact,
-    Facts,
-    Paragraph,
-    count_text,
-    number,
-    say,
-)
+from placement_env.report.pages.document import Bullets, Content, Drawing, Fact, Facts, Paragraph, number, say
 from placement_env.report.pages.wording import interval_text, percent, price_text
+from toolkit.display import describe_count
 from toolkit.sites.origins import describe_things
 from toolkit.sites.site import Site
 
@@ -48,8 +39,8 @@ def decision_section(plan: content.Plan, site: Site, ground: Ground | None) -> C
     stay = "stays" if len(plan.poles_unused) == 1 else "stay"
     view = Drawing(
         plan_view(site, site.sensors, poles, free, ground),
-        f"{count_text(len(plan.sensors), 'sensor')} on {count_text(len(_poles(plan)), 'pole')}; "
-        f"{count_text(len(plan.poles_unused), 'pole')} that could carry one {stay} free.",
+        f"{describe_count(len(plan.sensors), 'sensor')} on {describe_count(len(_poles(plan)), 'pole')}; "
+        f"{describe_count(len(plan.poles_unused), 'pole')} that could carry one {stay} free.",
         f"The site from above with the sensors {join_names(chosen.sensors)}, their poles, and the ground each sees",
     )
     return say(_describe_build(plan, chosen), Facts(tuple(filter(None, facts))), view, Paragraph(_explain(plan)))
@@ -61,14 +52,14 @@ def _poles(plan: content.Plan) -> list[str]:
 
 def _describe_build(plan: content.Plan, chosen: content.PlanOption) -> str:
     models = Counter(sensor.model for sensor in plan.sensors)
-    things = join_names([count_text(count, model) for model, count in models.items()])
+    things = join_names([describe_count(count, model) for model, count in models.items()])
     poles, money = _poles(plan), plan.question.get("money")
     where = f"on {'pole' if len(poles) == 1 else 'poles'} {join_names(poles)}"
     if len(poles) < len(plan.sensors):
-        where = f"on {count_text(len(poles), 'pole')}: {join_names(poles)}"
+        where = f"on {describe_count(len(poles), 'pole')}: {join_names(poles)}"
     most = plan.question.get("sensors")
     limits = [f"at most {price_text(money, plan.currency)}"] if isinstance(money, int | float) else []
-    limits += [f"at most {count_text(most, 'sensor')}"] if isinstance(most, int) else []
+    limits += [f"at most {describe_count(most, 'sensor')}"] if isinstance(most, int) else []
     allowed = f" Allowed were {' and '.join(limits)}." if limits else ""
     unit = "" if plan.currency else ", in prices of an ordinary pole"
     price = f"The price is {price_text(chosen.price, plan.currency)}{unit}."
@@ -81,9 +72,8 @@ def _compare_with_best(plan: content.Plan, chosen: content.PlanOption) -> str:
     if best is None or best.sensors == chosen.sensors or best.price <= chosen.price:
         return ""
     more = price_text(best.price - chosen.price, plan.currency)
-    return (
-        f" {count_text(len(best.sensors), 'sensor').capitalize()} for {more} more would find no more that is certain."
-    )
+    count = describe_count(len(best.sensors), "sensor").capitalize()
+    return f" {count} for {more} more would find no more that is certain."
 
 
 def _describe_requirement(plan: content.Plan) -> Fact | None:
@@ -176,7 +166,7 @@ def _describe_confidence(plan: content.Plan, chosen: content.PlanOption) -> tupl
     ends = f"{content.CONFIDENCE:.0%} interval {interval_text(judged)}"
     lines = [
         f"AP {number(judged.ap)}, {'no interval' if math.isnan(judged.low) else ends}, from "
-        f"{count_text(judged.frames, 'frame')} of simulated traffic; nothing was measured on the street.",
+        f"{describe_count(judged.frames, 'frame')} of simulated traffic; nothing was measured on the street.",
         _say_frames(plan, judged),
     ]
     if plan.confidence is not None:

@@ -246,12 +246,3 @@ def _lay_out(block: TableBlock) -> dict[str, object]:
 
 def _break_up(word: re.Match[str]) -> str:
     return "\u200b".join(word[0][i : i + PIECE] for i in range(0, len(word[0]), PIECE))
-
-
-def count_text(count: int, noun: str) -> str:
-    """Number of things, in words.
-
-    >>> count_text(1, "sensor"), count_text(1200, "vehicle")
-    ('1 sensor', '1,200 vehicles')
-    """
-    return f"{count:,} {noun}{'s' * (count != 1)}"

@@ -28,7 +28,6 @@ from placement_env.report.pages.document import (
     SceneView,
     Section,
     TableBlock,
-    count_text,
     number,
     say,
     table,
@@ -46,6 +45,7 @@ from placement_env.report.pages.wording import (
     use_pole_names,
 )
 from toolkit.arrays import Float64
+from toolkit.display import describe_count
 from toolkit.runtime.files import writing_together
 from toolkit.sites.georeference import bearing_deg
 from toolkit.sites.site import Site
@@ -102,8 +102,8 @@ def others_section(plan: content.Plan, chosen: content.PlanOption) -> Content:
     if not (close or fronts):
         return say("No other judged set comes near the chosen one, costs less or sends less.")
     conclusion = (
-        f"On the same frames, {count_text(len(close), 'other set')} {'is' if len(close) == 1 else 'are'} surely within "
-        "0.01 of the best; none is cheaper than the chosen set."
+        f"On the same frames, {describe_count(len(close), 'other set')} {'is' if len(close) == 1 else 'are'} surely "
+        "within 0.01 of the best; none is cheaper than the chosen set."
         if close
         else "On the same frames, no other set is surely within 0.01 of the best."
     )
@@ -182,7 +182,7 @@ def links_section(plan: content.Plan) -> Content:
     narrow = [each.pole for each in plan.links if not each.fits]
     fullest, total = max(plan.links, key=lambda each: each.share), sum(each.mbit_s for each in plan.links)
     conclusion = (
-        f"{count_text(len(narrow), 'link')} of {len(plan.links)} cannot carry what is sent: {join_names(narrow)}."
+        f"{describe_count(len(narrow), 'link')} of {len(plan.links)} cannot carry what is sent: {join_names(narrow)}."
         if narrow
         else f"Every link carries what is sent; the fullest, at {fullest.pole}, is used to {percent(fullest.share)}: "
         f"its largest frames need {number(fullest.peak_mbit_s, 2)} of {number(fullest.capacity_mbit_s, 2)} Mbit/s."
@@ -229,7 +229,7 @@ def schedule_section(plan: content.Plan, site: Site) -> Content:
         return say("There is nothing to mount.")
     low, high = (pick(sensor.height for sensor in plan.sensors) for pick in (min, max))
     heights = f"{low:.1f} to {high:.1f}" if high - low >= 0.05 else f"{plan.sensors[0].height:.1f}"
-    poles = count_text(len({sensor.pole for sensor in plan.sensors}), "pole")
+    poles = describe_count(len({sensor.pole for sensor in plan.sensors}), "pole")
     on_earth = all(s.longitude is not None and s.latitude is not None for s in plan.sensors)
     along_x, along_y = (bearing_deg(site, heading) for heading in (0.0, np.pi / 2))
     x, y = ("east x", "north y") if abs(along_x - 90.0) < ALIGNED else ("x", "y")
@@ -257,7 +257,7 @@ def schedule_section(plan: content.Plan, site: Site) -> Content:
     if not on_earth:
         note += " The site has no geographic reference, so there are no longitudes and latitudes."
     return say(
-        f"Mount {count_text(len(plan.sensors), 'sensor')} on {poles}, {heights} m above the foot of the pole.",
+        f"Mount {describe_count(len(plan.sensors), 'sensor')} on {poles}, {heights} m above the foot of the pole.",
         Paragraph(note),
         *table("Sensor by sensor", columns, rows),
     )
@@ -266,7 +266,11 @@ def schedule_section(plan: content.Plan, site: Site) -> Content:
 def method_section(plan: content.Plan) -> Content:
     """Computation, assumptions, unknowns and provenance."""
     judged = plan.chosen.judged if plan.chosen else None
-    amount = f", {count_text(judged.vehicles, judged.kind)} in {count_text(judged.frames, 'frame')}" if judged else ""
+    amount = (
+        f", {describe_count(judged.vehicles, judged.kind)} in {describe_count(judged.frames, 'frame')}"
+        if judged
+        else ""
+    )
     conclusion = (
         f"Every AP here is that of {plan.detector} in simulated traffic{amount}: it ranks places for sensors, and does "
         "not replace a trial on the street."
@@ -279,7 +283,7 @@ def method_section(plan: content.Plan) -> Content:
         judged_sets = sum(each.judged is not None for each in plan.considered)
         found = {name for option in plan.considered for name in option.searches}
         by = f", found by the searches {join_names(sorted(found))}" if found else ""
-        sets = f"{count_text(len(plan.considered), 'set')} of sensors reached the final comparison{by}; "
+        sets = f"{describe_count(len(plan.considered), 'set')} of sensors reached the final comparison{by}; "
         blocks.append(Paragraph(f"{sets}the detector judged {judged_sets} of them on all of its traffic."))
     for heading, sentences in (("What it assumes:", plan.assumptions), ("What it does not know:", plan.unknown)):
         if sentences:
@@ -410,8 +414,8 @@ def _coverage(plan: content.Plan) -> tuple[ReportBlock, ...]:
     if seen:
         low, share = min(seen, key=lambda each: each[1])
         text = (
-            f"The class covered least is {low.label}: {percent(share)} of {count_text(low.objects, 'road user')} had "
-            f"at least {count_text(low.least_points, 'point')} on them. These are shares of coverage, not AP."
+            f"The class covered least is {low.label}: {percent(share)} of {describe_count(low.objects, 'road user')} "
+            f"had at least {describe_count(low.least_points, 'point')} on them. These are shares of coverage, not AP."
         )
     counts = Column("road users", digits=0), Column("points required", digits=0)
     rows = [(row.label, row.objects, row.least_points, row.share) for row in plan.by_class]
@@ -517,13 +521,12 @@ def failures_section(plan: content.Plan, chosen: content.PlanOption) -> Content:
     for count in sorted({len(each.failed) for each in plan.failures}):
         case = min((e for e in plan.failures if len(e.failed) == count), key=lambda each: each.judged.ap)
         conclusion += (
-            f" If {count_text(count, 'sensor')} {'fails' if count == 1 else 'fail'}, the worst loss is that of "
+            f" If {describe_count(count, 'sensor')} {'fails' if count == 1 else 'fail'}, the worst loss is that of "
             f"{join_names(case.failed)}: {ap_text(case.judged)} is left."
         )
     harmless = sum(intact.ap - each.judged.ap <= AP_TOLERANCE for each in plan.failures)
-    caption = (
-        f"In {harmless} of {count_text(len(plan.failures), 'case')} no more than {AP_TOLERANCE:g} of the AP is lost."
-    )
+    cases = describe_count(len(plan.failures), "case")
+    caption = f"In {harmless} of {cases} no more than {AP_TOLERANCE:g} of the AP is lost."
     left = list_aps((f"without {join_names(each.failed)}", each.judged) for each in plan.failures)
     columns = (*text_columns("Failed"), *JUDGED_COLUMNS, Column("lost", "AP", 3))
     rows = [(join_names(e.failed), *judged_cells(e.judged), intact.ap - e.judged.ap) for e in plan.failures]
@@ -543,7 +546,7 @@ def order_section(plan: content.Plan) -> Content:
     caption = (
         f"Every sensor adds more than {AP_TOLERANCE:g} of AP."
         if enough == len(plan.order)
-        else f"From {count_text(enough, 'sensor')} on, more sensors add no more than {AP_TOLERANCE:g} of AP."
+        else f"From {describe_count(enough, 'sensor')} on, more sensors add no more than {AP_TOLERANCE:g} of AP."
     )
     aps = list_aps((each.sensor, each.judged) for each in plan.order)
     columns = (Column("Step", digits=0), *text_columns("Sensor"), price_column("spent", plan.currency), *JUDGED_COLUMNS)

@@ -9,7 +9,8 @@ from dataclasses import fields, is_dataclass, replace
 from typing import Any
 
 from placement_env.report import content
-from placement_env.report.pages.document import NONE, count_text, number
+from placement_env.report.pages.document import NONE, number
+from toolkit.display import describe_count
 from toolkit.sites.site import Site
 
 
@@ -49,7 +50,7 @@ def ap_text(judged: content.Judgement) -> str:
 
 def ap_figure(judged: content.Judgement) -> str:
     """AP with interval and number of vehicles, without the word AP."""
-    return f"{number(judged.ap)} ({interval_text(judged)}, {count_text(judged.vehicles, judged.kind)})"
+    return f"{number(judged.ap)} ({interval_text(judged)}, {describe_count(judged.vehicles, judged.kind)})"
 
 
 def list_aps(judged: Iterable[tuple[str, content.Judgement]]) -> str:

@@ -9,12 +9,12 @@ from placement_env.analysis.intervals import describe_interval
 from placement_env.cases import iou_text
 from placement_env.classes import VEHICLES, join_names
 from placement_env.report.content import BreakdownRow, Judgement, Plan, PlanOption, Verdict
-from placement_env.report.pages.document import count_text
 from placement_env.report.planning.judging import Rule
 from placement_env.report.planning.question import Question
 from placement_env.search.order import FEWEST_AT_LEVEL, describe_money
 from toolkit.detection.codec import PAPER
 from toolkit.detection.scheme import scheme_codec
+from toolkit.display import describe_count
 from toolkit.objects import LABELS
 from toolkit.sites.origins import count_things, describe_things
 from toolkit.sites.site import Site
@@ -39,7 +39,7 @@ def refuse_traffic(question: Question, missing: Sequence[str], frames: int, part
     """Reason that one part of the traffic lacks counted classes."""
     return (
         f"No {' and no '.join(missing)} enters the detection area of site {question.site.name!r} in "
-        f"{count_text(frames, 'frame')} of {part} traffic: increase --frames, change --seed, or enlarge the area.",
+        f"{describe_count(frames, 'frame')} of {part} traffic: increase --frames, change --seed, or enlarge the area.",
     )
 
 
@@ -57,8 +57,8 @@ def build_verdict(question: Question, compared: PlanOption, final: PlanOption, e
     judged = final.counted
     if judged is None:
         raise ValueError("the chosen set is not judged: judge it first")
-    count, price = count_text(len(final.sensors), "sensor"), describe_money(final.price, question.currency)
-    vehicles, frames = count_text(judged.vehicles, judged.kind), count_text(judged.frames, "frame")
+    count, price = describe_count(len(final.sensors), "sensor"), describe_money(final.price, question.currency)
+    vehicles, frames = describe_count(judged.vehicles, judged.kind), describe_count(judged.frames, "frame")
     result = (
         f"AP {judged.ap:.3f} ({_describe_ends(judged)}, {vehicles} in {frames})"
         f"{describe_cases(question)} at IoU {iou_text(question.cases.threshold)} with {count} for {price}"
@@ -81,13 +81,13 @@ def explain_shortfall(
     price = describe_money(best.price, question.currency)
     before = f" and {best.counted.ap:.3f} in the traffic it was chosen on" if best.counted else ""
     reasons = [
-        f"The best set found, {count_text(len(best.sensors), 'sensor')} for {price}, has AP {final.ap:.3f} "
+        f"The best set found, {describe_count(len(best.sensors), 'sensor')} for {price}, has AP {final.ap:.3f} "
         f"({describe_interval(final.low, final.high)}){describe_cases(question)} on "
-        f"{count_text(final.vehicles, final.kind)} in the final traffic{before}; {question.min_ap:g} is "
+        f"{describe_count(final.vehicles, final.kind)} in the final traffic{before}; {question.min_ap:g} is "
         f"required at IoU {iou_text(question.cases.threshold)}."
     ]
     if question.sensors is not None and len(best.sensors) >= question.sensors:
-        reasons.append(f"The budget of {count_text(question.sensors, 'sensor')} is used up: more might reach it.")
+        reasons.append(f"The budget of {describe_count(question.sensors, 'sensor')} is used up: more might reach it.")
     if question.money is not None:
         left = describe_money(question.money - best.price, question.currency)
         reasons.append(f"Of {describe_money(question.money, question.currency)} it leaves {left}.")
@@ -128,9 +128,9 @@ def explain_choice(
     if rule == "as good" and best is not None and best.counted is not None and second is not None:
         price = describe_money(best.price, question.currency)
         more = f"{best.counted.ap:.3f} for {price}, {best.counted.ap - second.ap:+.3f}"
-        lines.append(f"The best set, {count_text(len(best.sensors), 'sensor')}, has AP {more}.")
+        lines.append(f"The best set, {describe_count(len(best.sensors), 'sensor')}, has AP {more}.")
     if rule in ("best", "as good"):
-        others = f"{count_text(near, 'other judged set')} {'is' if near == 1 else 'are'}" if near else "No other is"
+        others = f"{describe_count(near, 'other judged set')} {'is' if near == 1 else 'are'}" if near else "No other is"
         lines.append(f"{others} surely within 0.01 of the best on the same frames.")
     at = [row for row in plan.schemes if row.iou == plan.iou]
     own = next((row for row in at if row.scheme == plan.scheme), None)
