@@ -1,6 +1,7 @@
 """Detectors that --detector names.
 
 A name followed by `+background` means a detector that knows the empty site: it leaves out what always stands there.
+`general` at a site whose scenery is known means that too, `general-background` the bare network.
 """
 
 from __future__ import annotations
@@ -10,7 +11,9 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, SupportsFloat, cast
 
-BACKGROUND, CLUSTER = "+background", "cluster"
+BACKGROUND, BARE, CLUSTER = "+background", "-background", "cluster"
+GENERAL = "general"
+FEWEST_FRAMES, SHORTEST = 10, 60.0  # and seconds, of recordings whose background is learnt: else all that waits is part
 
 if TYPE_CHECKING:
     import numpy as np
@@ -113,23 +116,35 @@ def recording_detector(
 
     place, site = place or Place(), recording.site
     at_site = site is not None and place.at(site)
-    bare, known = split_background(name or (CLUSTER if at_site else "general"))
+    bare, known = split_background(name or (CLUSTER if at_site else GENERAL), site if at_site else None)
     if site is not None and at_site:
         dataset = cast("CoopDataset", recording)
         if bare == CLUSTER:
             return ClusterDetector.of(dataset)
-        detector = site_detector(bare, site)
+        detector = site_detector(bare + BARE, site)
         return KnownBackground(detector, recording_background(dataset)) if known else detector
+    known = known and (name or GENERAL).endswith(BACKGROUND)
     if bare != CLUSTER and not known:
         return place_detector(bare, place)
     from toolkit.calibration import empty_scene
 
     if not len(recording):
         raise ValueError("there is no frame to evaluate: check the path and the layout")
-    if known and len(recording) == 1:
-        raise ValueError("in a single frame everything stands still: give more of them, or leave +background out")
+    if known:
+        _check_long(recording)
     learnt = learn_cluster_detector(scenes or empty_scene.Scenes(recording), recording[0], place)
     return learnt if bare == CLUSTER else KnownBackground(place_detector(bare, place), learnt.background)
+
+
+def _check_long(recording: Recording) -> None:
+    """Raise ValueError for a recording in which vehicles that wait cannot be told from the scene."""
+    number, seconds = len(recording), recording[len(recording) - 1].time - recording[0].time
+    if number < FEWEST_FRAMES or 0 < seconds < SHORTEST:
+        lasting = f" in {seconds:.0f} s" if seconds > 0 else ""
+        raise ValueError(
+            f"{number} frames{lasting} do not tell what waits from what belongs to the site: give at least "
+            f"{FEWEST_FRAMES} frames over {SHORTEST:.0f} s, or leave {BACKGROUND} out"
+        )
 
 
 def check_detector(name: str, place: Place | None = None) -> None:
@@ -157,11 +172,11 @@ def site_detector(name: str, site: Site) -> Detector:
     name: voxelnet for the site's own shipped network, a shipped name, a weights file, or package.module:callable;
     +background: of the site's scenery.
     """
-    bare, known = split_background(name)
+    name, known = split_background(name, site)
     if known:
         from toolkit.detection.background import add_background
 
-        return add_background(site_detector(bare, site), site)
+        return add_background(site_detector(name + BARE, site), site)
     if name == CLUSTER:
         raise ValueError("detector cluster learns from a recording, of which there is none here: take voxelnet")
     if ":" in name:
@@ -179,7 +194,7 @@ def place_detector(name: str, place: Place) -> Detector:
 
     from toolkit.sites.site import Site
 
-    if split_background(name)[1]:
+    if name.endswith(BACKGROUND):
         raise ValueError(f"{name} must see the site empty first: take coview detect, or leave {BACKGROUND} out")
     if name in ("voxelnet", CLUSTER):
         raise ValueError(f"{name} needs a site: take general, another shipped network, a weights file or your own")
@@ -187,13 +202,15 @@ def place_detector(name: str, place: Place) -> Detector:
     return site_detector(name, Site("recording", np.array([-x, -y, x, y])))
 
 
-def split_background(name: str) -> tuple[str, bool]:
-    """Split a detector's name from `BACKGROUND`, and tell whether that followed it.
+def split_background(name: str, site: Site | None = None) -> tuple[str, bool]:
+    """Split a detector's name from `BACKGROUND` or `BARE`; tell whether the background of the site is to be known.
 
-    >>> split_background("general+background")
-    ('general', True)
+    >>> split_background("general+background"), split_background("general-background")
+    (('general', True), ('general', False))
     """
-    return name.removesuffix(BACKGROUND), name.endswith(BACKGROUND)
+    bare = name.removesuffix(BACKGROUND).removesuffix(BARE)
+    by_default = name == GENERAL and site is not None and len(site.solids) > 0
+    return bare, name.endswith(BACKGROUND) or by_default
 
 
 def check_digest(name: str, detector: Detector, remedy: str) -> None:

@@ -17,7 +17,7 @@ from models.config import VoxelNetConfig
 from models.network.grid import Voxels, anchors, collate, voxelise
 from models.training.losses import assign, assign_by_kind, sample
 from models.training.packed import STEPS_PER_METRE, PackedFrames, Rig
-from toolkit.arrays import Float, Float32
+from toolkit.arrays import Float, Float32, Float64
 from toolkit.boxes import count_points, points_in_boxes
 from toolkit.geometry import level_rows
 from toolkit.objects import HEAVY, Objects, label_index
@@ -50,10 +50,13 @@ def random_errors(rng: np.random.Generator) -> ErrorProfile:
         error_terms.MixedPixels(share=strength(0.7, 0.3)),
         error_terms.rain(strength(0.2, 15.0)),
         error_terms.DeadRows(share=strength(0.3, 0.04)),
+        error_terms.BlindSector(share=strength(0.15, 0.4)),
         error_terms.OwnNoise(),
+        error_terms.RangeBias(deviation=strength(0.3, 0.04)),
         error_terms.stereo_noise(baseline=1.0, focal=2000.0, disparity=strength(0.7, 0.2)),
         error_terms.lidar_noise(constant=0.0, proportional=strength(0.7, 0.001)),
         error_terms.Calibration(rotation=float(np.deg2rad(strength(0.8, 0.6))), translation=strength(0.8, 0.06)),
+        error_terms.ClockOffset(offset=strength(0.3, 0.07)),
     )
     return ErrorProfile("random", terms)
 
@@ -66,6 +69,7 @@ def with_errors(
     Sensors stand where they are believed to. Surfaces outside the crop can mix with those inside, but give no points.
     """
     rig, objects, clouds = frames.rig(k), frames.objects(k), []
+    velocities = _draw_velocities(objects, seed) if errors.needs_velocities else None
     pixels, steps = frames.changes(k)
     for s in range(len(rig.sensors)) if sensors is None else sensors:
         sensor = rig.sensors[s]
@@ -75,13 +79,26 @@ def with_errors(
         flat = image.ravel()
         flat[rig.pixels[s]] = rig.depth[s]
         flat[pixels[s]] = np.where(depth > 0, depth, beyond)
-        reading = errors.read(TrueImage(sensor, image, objects), seed=seed, sensor=s, frame=k)
+        truth = TrueImage(sensor, image, objects, velocities=velocities)
+        reading = errors.read(truth, seed=seed, sensor=s, frame=k)
         measured = reading.measurement.ravel()
         seen = np.flatnonzero(reading.valid.ravel() & ((flat < beyond) | (measured < 0.9 * beyond))).astype(np.uint32)
         believed = Rig((Sensor(sensor.name, sensor.model, reading.pose),), rig.area, rig.height, (), ())
         points = believed.world(0, seen, measured[seen])
+        if reading.shift is not None:
+            points += reading.shift.reshape(-1, 3)[seen]
         clouds.append(level_rows(points[rig.in_crop(points)], rig.slope))
     return clouds
+
+
+_FASTEST = np.array([14.0, 7.0, 1.8, 12.0])  # m/s, of each class
+
+
+def _draw_velocities(objects: Objects, seed: int) -> Float64[np.ndarray, "n 3"]:
+    """Velocities (m/s) along the headings; every second object stands. Packed frames know no tracks."""
+    rng, yaw = np.random.default_rng([seed, 7]), objects.boxes[:, 6]
+    speed = rng.uniform(0, 1, len(objects)) * _FASTEST[objects.labels] * (rng.random(len(objects)) < 0.5)
+    return np.column_stack([speed * np.cos(yaw), speed * np.sin(yaw), np.zeros(len(yaw))])
 
 
 def thin(points: _Points, rng: np.random.Generator) -> Float32[np.ndarray, "k 3"]:

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 _FRAMES = 20  # usual number, of each site
 FEWEST_SENSORS, MOST_SENSORS = 3, 10
 FEWEST_PARKED, MOST_PARKED = 4, 20  # range of the greatest number of parked vehicles
+MOST_STRAYS = 0.7  # share of road users that are anywhere, at most
 _NOTE = b"left out "  # start of the file of a recording that failed
 _LONGEST_NOTE = 4096
 _Made = TypeVar("_Made")
@@ -44,14 +45,22 @@ def random_recording(seed: int, number: int, frames: int, *, fleet: Fleet | None
     """Simulate a random junction with three to ten random sensors, noise-free, and random traffic. number: of the
     recording under this seed; fleet: by default all bodies are drawn; a fleet that draws none has each body stretched a
     little. Raises the errors of drawing the site and of SUMO."""
+    from toolkit.sites.random import random_site
+
+    rng = np.random.default_rng([seed, number])
+    return record_randomly(random_site(rng), rng, frames, fleet=fleet)
+
+
+def record_randomly(
+    site: Site, rng: np.random.Generator, frames: int, *, fleet: Fleet | None = None
+) -> RandomRecording:
+    """Simulate a site as `random_recording` does, with random sensors on its mounts and random traffic."""
     from toolkit.bodies.body import stretch_randomly
     from toolkit.bodies.fleet import fleet_named
     from toolkit.rendering.renderer import Renderer
-    from toolkit.sites.random import random_sensors, random_site
+    from toolkit.sites.random import random_sensors
     from toolkit.traffic.snapshots import MOST_OBJECTS, Mix, simulate
 
-    rng = np.random.default_rng([seed, number])
-    site = random_site(rng)
     sensors = random_sensors(site, rng, int(rng.integers(FEWEST_SENSORS, MOST_SENSORS + 1)))
     fleet = fleet_named() if fleet is None else fleet
     bodies = fleet.bodies(frames, rng)
@@ -59,7 +68,8 @@ def random_recording(seed: int, number: int, frames: int, *, fleet: Fleet | None
         bodies = tuple(stretch_randomly(body, rng) for body in bodies)
     parked = int(rng.integers(FEWEST_PARKED, MOST_PARKED + 1))
     most = MOST_OBJECTS * 4 // 5 + parked
-    snapshots = simulate(site, bodies, frames=frames, seed=rng, mix=Mix(most, parked), once=bool(fleet.drawn))
+    mix = Mix(most, parked, strays=float(rng.uniform(0, MOST_STRAYS)))
+    snapshots = simulate(site, bodies, frames=frames, seed=rng, mix=mix, once=bool(fleet.drawn))
     renderer = Renderer(site, bodies, sensors, threads=1)
     recorded = tuple(
         Frame(sensors, renderer.render(snapshot).measurements, snapshot.objects, snapshot.time, index)

@@ -27,7 +27,7 @@ from toolkit.runtime.run import Simulation
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.files import load_site
 from toolkit.sites.site import Site
-from toolkit.traffic.snapshots import INTERVAL, sumo_step
+from toolkit.traffic.snapshots import INTERVAL, Mix, sumo_step
 
 FRAMES, BLOCK = 1000, 50  # usual number of frames; frames with a seed of their own
 
@@ -40,6 +40,7 @@ def simulate_dataset(
     sensors: Sequence[Sensor] | None = None,
     fleet: Fleet | None = None,
     interval: float = INTERVAL,
+    strays: float = 0.0,
     overwrite: bool = False,
 ) -> int:
     """Simulate frames at a site and write them to HDF5.
@@ -50,7 +51,8 @@ def simulate_dataset(
     site: a site, the name of a built-in one, or the path of a saved one; run: number of frames (`FRAMES` by default),
     seed and processes, which change no byte; with several, a script must call it under `if __name__ == "__main__":`;
     sensors: None for the site's own; fleet: all bodies drawn by default, afresh for every block of frames; interval:
-    seconds between frames, 5 or e.g. 0.1; traffic begins anew every `BLOCK` frames; overwrite: replace a file, or drop
+    seconds between frames, 5 or e.g. 0.1; traffic begins anew every `BLOCK` frames; strays: share of road users that
+    are anywhere, see `toolkit.traffic.strays`; overwrite: replace a file, or drop
     an unfinished simulation, with another plan.
 
     Returns the number of frames simulated now: 0 if `out` was complete already. Raises ValueError for arguments that do
@@ -60,7 +62,7 @@ def simulate_dataset(
     site = site if isinstance(site, Site) else load_site(site)
     chosen = tuple(site.sensors if sensors is None else sensors)
     frames = int(run.frames_or(FRAMES))
-    job = Job(site, chosen, fleet_named() if fleet is None else fleet, frames, int(run.seed), float(interval))
+    job = Job(site, chosen, fleet_named() if fleet is None else fleet, frames, int(run.seed), float(interval), strays)
     out = Path(os.path.realpath(out))  # the target of a link is written
     shards = ShardFolder(out.with_name(out.name + ".parts"), job.plan)
     if out.exists() and not overwrite:
@@ -89,9 +91,11 @@ class Job:
     frames: int
     seed: int
     interval: float = INTERVAL
+    strays: float = 0.0
 
     def __post_init__(self) -> None:
         sumo_step(self.interval)
+        self.mix  # noqa: B018  # raises for an impossible share
         if not self.sensors:
             which = "coview plan or coview search --out says which to build, coview site import"
             raise ValueError(f"site {self.site.name!r} has no sensors: {which} --sensors N places some")
@@ -99,6 +103,11 @@ class Job:
         for name in names:
             if names.count(name) > 1 or "/" in name or name in ("", "."):
                 raise ValueError(f"sensors must have different names without '/', got {names}")
+
+    @property
+    def mix(self) -> Mix:
+        """Shares of the traffic."""
+        return Mix(strays=self.strays)
 
     @property
     def blocks(self) -> int:
@@ -136,6 +145,7 @@ class Job:
             "bodies": f"{len(self.fleet.fixed)} {bodies.hexdigest()[:12]}{drawn}",
             "schema": RECORDING_SCHEMA,
             **({} if self.interval == INTERVAL else {"interval": self.interval}),
+            **({"strays": self.strays} if self.strays else {}),
         }
 
     @property
@@ -159,7 +169,13 @@ class Job:
                 renderer, once = empty.of(bodies), True
                 numbers = np.array([number_of[body.name] for body in bodies])
             snapshots = simulate(
-                self.site, renderer.bodies, frames=len(frames), seed=seed, once=once, interval=self.interval
+                self.site,
+                renderer.bodies,
+                frames=len(frames),
+                seed=seed,
+                once=once,
+                interval=self.interval,
+                mix=self.mix,
             )
             for index, snapshot in zip(frames, snapshots, strict=True):
                 seen = snapshot.objects

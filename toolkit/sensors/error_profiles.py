@@ -3,11 +3,13 @@
     paper      what the sensor models say, exact poses: the paper's 1.5 cm at every depth (section IV-A)
     surveyed   total station and registration afterwards: 0.05° and 1 cm, few mixed pixels, 0.5 % drop-out
     typical    0.2° and 3 cm, noise that grows with range, mixed pixels, glass, 2 % drop-out
+    glare      a quarter of every image is blind; else typical
+    typical-clock   clocks off by 50 ms (standard deviation), for frames 0.5 s apart or less; else typical
     poor       0.5° and 5 cm, swaying poles, 5 % drop-out and more with range, dark paint, dead rows, rain; else typical
 
 Depth cameras get the noise of a stereo pair (1 m baseline, 0.1 pixel), sensors that measure ranges that of a lidar,
-both beside the model's own. No profile has a clock's offset, which recordings 5 s apart cannot have. Add it, or any
-other term, to a profile of your own: `ErrorProfile("our-site", (*TYPICAL.terms, rain(25.0)))`.
+both beside the model's own. Add any other term in a profile of your own: `ErrorProfile("our-site", (*TYPICAL.terms,
+rain(25.0)))`.
 
 Terms act in order: first what a surface sends back, then what lies between, then what the sensor makes of it, then
 where it is believed to be. Every term draws from a stream of its own: adding one changes no other.
@@ -24,7 +26,9 @@ import numpy as np
 
 from toolkit.runtime.cache import make_key
 from toolkit.sensors.error_terms import (
+    BlindSector,
     Calibration,
+    ClockOffset,
     DeadRows,
     DropOut,
     Glass,
@@ -102,7 +106,9 @@ TYPICAL = ErrorProfile("typical", _USUAL)
 _BAD = Glass(share=0.8), Paint(share=0.2), DropOut(share=0.05, half_range=200.0), MixedPixels(share=0.2), rain(10.0)
 _BADLY_PLACED = Calibration(_degrees(0.5), 0.05), PoleSway(_degrees(0.05))
 POOR = ErrorProfile("poor", (*_BAD, DeadRows(share=0.02), *_NOISE, *_BADLY_PLACED))
-PROFILES = {profile.name: profile for profile in (PAPER_ERRORS, SURVEYED, TYPICAL, POOR)}
+GLARE = ErrorProfile("glare", (*_USUAL, BlindSector(share=0.25)))
+TYPICAL_CLOCK = ErrorProfile("typical-clock", (*_USUAL, ClockOffset(offset=0.05)))
+PROFILES = {profile.name: profile for profile in (PAPER_ERRORS, SURVEYED, TYPICAL, GLARE, TYPICAL_CLOCK, POOR)}
 
 
 def find_profile(errors: ErrorProfile | str) -> ErrorProfile:

@@ -160,6 +160,31 @@ class DeadRows(_Term):
         return reading.without(np.broadcast_to(dead, reading.measurement.shape))
 
 
+@dataclass(frozen=True)
+class BlindSector(_Term):
+    """Columns of the image that see nothing, as in the glare of a low sun. share: of them, the same in every frame."""
+
+    share: float = 0.0
+
+    def _change(self, reading: Reading, draws: Draws) -> Reading:
+        columns = reading.measurement.shape[1]
+        first = int(draws.of_sensor().integers(columns))
+        blind = (np.arange(columns) - first) % columns < round(self.share * columns)
+        return reading.without(np.broadcast_to(blind, reading.measurement.shape))
+
+
+@dataclass(frozen=True)
+class RangeBias(_Term):
+    """Ranges of each sensor that are all too long or too short. deviation: of that error (m)."""
+
+    _strengths = ("deviation",)
+    deviation: float = 0.0
+
+    def _change(self, reading: Reading, draws: Draws) -> Reading:
+        bias = np.float32(draws.of_sensor().standard_normal() * self.deviation)
+        return reading.measuring(np.where(reading.valid, np.maximum(reading.measurement + bias, 0), np.float32(0)))
+
+
 def chance_of_return(
     ranges: Float[np.ndarray, "*n"],
     cosines: Float[np.ndarray, "*n"],

@@ -8,6 +8,7 @@ lanes that are driven, closed off by cones, barriers or a fence.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 import shapely
@@ -16,6 +17,7 @@ from shapely.ops import substring
 from toolkit.arrays import Float
 from toolkit.sites import furniture as f
 from toolkit.sites.furniture import BUILT, PLANTED, Make, bushes, container, digger, heap, move_solids, skip
+from toolkit.sites.network import unite
 from toolkit.sites.site import Mount, Solid
 from toolkit.sites.surroundings import Bays, Extent, Plot, Road, Strip, along, forecourts, kerb_bays
 
@@ -247,6 +249,7 @@ def furnish(
     plant_islands(plot, rng)
     _houses(plot, rng)
     bays = np.concatenate([bays, forecourts(plot, rng)])
+    bays = _fill_bays(plot, bays, rng)
     verge_works(plot, rng)
     avenues(plot, kerb, rng)
     _bulky(plot, rng)
@@ -254,7 +257,19 @@ def furnish(
     _gardens(plot, rng)
     if rng.random() < 0.8:
         plot.solids += f.kerbs(road.lanes, road.footways, round(float(rng.uniform(0.06, 0.16)), 2))
-    return plot.solids, bays
+    leafy = rng.random() if rng.random() < 0.75 else 0.0  # of the hedges: rays go in, as into bushes
+    solids = [replace(s, kind="bush") if s.kind == "hedge" and rng.random() < leafy else s for s in plot.solids]
+    return solids, bays
+
+
+def _fill_bays(plot: Plot, bays: Bays, rng: np.random.Generator) -> Bays:
+    """Put skips, containers and the like in some bays, close to vehicles that park; return the bays left."""
+    filled = rng.random(len(bays)) < rng.uniform(0.0, 0.3)
+    for x, y, yaw in bays[filled]:
+        thing = move_solids(_INSIDE[rng.integers(len(_INSIDE))](rng), float(x), float(y), float(yaw))
+        if unite(solid.footprint for solid in thing).disjoint(plot.driven):
+            plot.solids += thing
+    return bays[~filled]
 
 
 def _bulky(plot: Plot, rng: np.random.Generator) -> None:

@@ -255,5 +255,22 @@ def digger(rng: np.random.Generator) -> list[Solid]:
     return [*sides, house, cab, boom, stick]
 
 
+def bicycles(rng: np.random.Generator) -> list[Solid]:
+    """One to eight parked bicycles side by side: things, since nobody rides them."""
+    made, apart = [], float(rng.uniform(0.4, 0.9))
+    for k in range(int(rng.integers(1, 9))):
+        scale, turn = float(rng.uniform(0.75, 1.05)), float(rng.normal(0.0, 0.1))
+        parts = [
+            Solid(block((0.64 * scale, 0.05), (x * scale, 0.0)), 0.0, 0.64 * scale, "bicycle") for x in (-0.52, 0.52)
+        ]
+        heights = (((0.85, 0.05), 0.0, 0.4, 0.6), ((0.22, 0.15), -0.25, 0.8, 0.9), ((0.06, 0.56), 0.4, 0.93, 1.02))
+        for size, x, low, high in heights:
+            parts.append(Solid(block(size, (x * scale, 0.0)), round(low * scale, 2), round(high * scale, 2), "bicycle"))
+        if rng.random() < 0.25:
+            parts.append(Solid(block((0.36, 0.3), (-0.6 * scale, 0.0)), 0.68, 1.0, "bicycle"))
+        made += move_solids(parts, float(rng.normal(0.0, 0.1)), k * apart, turn)
+    return made
+
+
 PLANTED: tuple[Make, ...] = (hedge_block, hedge_block, bushes, bushes, _planter)
-BUILT: tuple[Make, ...] = (_cabinet, container, skip, _bus_shelter, _bins, heap, _column)
+BUILT: tuple[Make, ...] = (_cabinet, container, skip, _bus_shelter, _bins, heap, _column, bicycles)

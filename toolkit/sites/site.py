@@ -22,7 +22,7 @@ from toolkit.sensors.sensor import Sensor, tabulate_sensors
 
 KINDS = (
     *("building", "wall", "fence", "hedge", "bush", "tree", "trunk", "post", "sign", "bin", "bench", "shelter"),
-    *("container", "cabinet", "planter", "barrier", "cone", "heap", "machine"),
+    *("container", "cabinet", "planter", "barrier", "cone", "heap", "machine", "bicycle"),
     *("kerb", "island", "pond"),
 )
 ORIGINS = ("mapped", "surveyed", "drawn")  # of a map, measured on site, or made up by coview

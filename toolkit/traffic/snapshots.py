@@ -4,8 +4,8 @@ As in the paper's dataset, a spawned object is a car, a two-wheeler or a pedestr
 (8 % of the cars are heavy vehicles), at most 30 objects exist, and each is seen in four frames, 5 s apart, before
 another takes its place. Classes without bodies, or without lanes of their own near the area (pedestrians, where there
 is no footway), are left out and the other probabilities grow in proportion. Parked vehicles are drawn for the bays;
-they count among the 30, a fifth of them at most by default, and stay longer. _Boxes that overlap are moved aside or
-dropped.
+they count among the 30, a fifth of them at most by default, and stay longer. A share of all may be `Strays`. Boxes that
+overlap are moved aside or dropped.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from toolkit.boxes import footprints
 from toolkit.objects import VEHICLE, Objects
 from toolkit.sites.site import Site
 from toolkit.traffic.spawner import Spawner, Supply
+from toolkit.traffic.strays import Strays
 from toolkit.traffic.sumo import FINE_STEP, STEP, running
 
 if TYPE_CHECKING:
@@ -124,6 +125,11 @@ class Parked:
         """Parked vehicles a frame later: each has left with probability 1 / `STAY`, another stands in a free bay."""
         return self._refill(supply.rng.random(len(self.ids)) < 1 / STAY, supply)
 
+    def boxes(self, supply: Supply) -> _Boxes:
+        """Boxes on level ground, (n, 7)."""
+        sizes = supply.sizes[self.bodies]
+        return np.column_stack([self.poses[:, :2], sizes[:, 2] / 2, sizes, self.poses[:, 2]])
+
     def _refill(self, left: np.ndarray, supply: Supply) -> Parked:
         if not left.any():
             return self
@@ -163,6 +169,7 @@ class Mix:
     most: int = MOST_OBJECTS  # at a time
     parked: int | None = None  # vehicles among them that park, a fifth at most by default
     stay: int | None = None  # frames until all stand in other bays, for independent blocks; None: each on its own
+    strays: float = 0.0  # share of all that is anywhere, whatever its class, see `toolkit.traffic.strays`
 
     def __post_init__(self) -> None:
         if self.most < 1:
@@ -171,6 +178,8 @@ class Mix:
             raise ValueError(f"parked must lie in 0..most {self.most}, got {self.parked}")
         if self.stay is not None and self.stay < 1:
             raise ValueError(f"stay must be one frame or more, got {self.stay}")
+        if not 0 <= self.strays <= 1:
+            raise ValueError(f"strays must be a share from 0 to 1, got {self.strays}")
 
     @property
     def most_parked(self) -> int:
@@ -210,24 +219,27 @@ def simulate(
     def run() -> Generator[Snapshot, None, None]:
         parked, periods = draw(), 0
         standing = len(parked.ids) if mix.stay is None else min(len(parked.bays), mix.most_parked)
+        wander = partial(Strays.draw, site, obstacles, supply, round(mix.strays * (mix.most - standing)))
+        strays = wander(parked.boxes(supply))
         types, sumo_seed = supply.sumo_types(), int(supply.rng.integers(2**31 - 1))
         with running(site.network, types, seed=sumo_seed, step=step) as sumo:
-            spawner = Spawner(sumo, site, supply, most=mix.most - standing, step=step)
+            spawner = Spawner(sumo, site, supply, most=mix.most - standing - len(strays.ids), step=step)
             look = partial(_snapshot, site, spawner, obstacles)
             spawner.advance(WARM_UP)
             for _ in range(COMING_AND_GOING if step < STEP else 0):
-                look(parked, time=0.0)
+                look(parked, strays, time=0.0)
                 spawner.advance(INTERVAL)
             for index in range(frames):
                 passed, at = (int((index + k) * interval / INTERVAL + 1e-6) for k in (0, 1))
                 last = interval >= STEP or at > passed  # of an `INTERVAL`, by which parking and life are counted
-                yield look(parked, time=index * interval, counts=last)
+                yield look(parked, strays, time=index * interval, counts=last)
                 if last:
                     periods += 1
                     if mix.stay is None:
                         parked = parked.later(supply)
                     elif periods % mix.stay == 0:
                         parked = draw()
+                    strays = strays.later(supply, (index + 1) * interval)
                 spawner.advance(interval)
 
     return run()
@@ -243,11 +255,20 @@ def sumo_step(interval: float) -> float:
 
 
 def _snapshot(
-    site: Site, spawner: Spawner, obstacles: Obstacles, parked: Parked, *, time: float, counts: bool = True
+    site: Site,
+    spawner: Spawner,
+    obstacles: Obstacles,
+    parked: Parked,
+    strays: Strays,
+    *,
+    time: float,
+    counts: bool = True,
 ) -> Snapshot:
     """Objects near the area now; those that cannot be kept apart are removed. counts: note that they were seen."""
-    standing = (parked.ids, parked.bodies, parked.poses)
-    ids, bodies, poses = (np.concatenate(both) for both in zip(standing, spawner.state(), strict=True))
+    standing, last = (parked.ids, parked.bodies, parked.poses), (strays.ids, strays.bodies, strays.at(time))
+    ids, bodies, poses = (
+        np.concatenate(all_of_them) for all_of_them in zip(standing, spawner.state(), last, strict=True)
+    )
     sizes = spawner.supply.sizes[bodies]
     yaw = np.arctan2(np.sin(poses[:, 2]), np.cos(poses[:, 2]))
     boxes = np.column_stack([poses[:, :2], sizes[:, 2] / 2, sizes, yaw])

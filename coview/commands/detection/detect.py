@@ -17,6 +17,7 @@ from coview.outputs import OK, Writing, check_file, check_new_folder, print_resu
 from coview.progress_bar import progress_bar
 from coview.recordings import Opening
 from toolkit.detection.place import Place
+from toolkit.objects import Detector
 
 
 def detect(
@@ -41,7 +42,8 @@ def detect(
         clouds: Cloud files, folders, bags or recordings.
         out: File of boxes, or folder of OpenLABEL or KITTI files, one per frame.
         detector: general, another shipped network, a weights file, or package.module:callable; +background, which
-            plan.json names too, drops what stands at the recording's site or in its empty scene.
+            plan.json names too, drops what stands at the recording's site or in its empty scene; general has it where
+            the site is known, general-background has not.
         frames: Number of first frames of each recording; all when left out.
         format: One JSON file (boxes), openlabel or kitti.
     """
@@ -51,22 +53,27 @@ def detect(
     check_least("--frames", frames, 1, "leave it out for all")
     if not clouds:
         raise ValueError("give clouds to detect in: files, folders or bags")
-    known = split_background(detector)[1]  # the site that the recording names, if it does
-    place = place if known else replace(place, level=place.level or "map")
     check_detector(detector)
-    network = None if known else place_detector(detector, place)
+    levelled = replace(place, level=place.level or "map")
+    network = None if split_background(detector)[1] else place_detector(detector, levelled)
     check = check_file if format == "boxes" else check_new_folder
     check(out, inputs=[*clouds, *opening.files], overwrite=writing.overwrite)
     with ExitStack() as stack:
         recordings = [stack.enter_context(opening.open(path)) for path in clouds]
         opened = [Part(recording, frames) for recording in recordings]
-        looking = [network or recording_detector(detector, recording, place) for recording in recordings]
+        looking: list[tuple[Detector, Place]] = []
+        for recording in recordings:
+            if network is None or split_background(detector, recording.site if place.at(recording.site) else None)[1]:
+                looking.append((recording_detector(detector, recording, place), place))
+            else:
+                looking.append((network, levelled))
+        level = looking[0][1].level or "none"
         bar = stack.enter_context(progress_bar("cloud", sum(map(len, opened)), hidden=writing.json))
 
         def watch() -> Iterator[Detected]:
             """Yield what is found, the first warning in words."""
             parts = zip(opened, looking, strict=True)
-            found = (each for part, network in parts for each in detect_frames(part, network, place))
+            found = (each for part, (detect, where) in parts for each in detect_frames(part, detect, where))
             warned = False
             for done, each in enumerate(found, 1):
                 if each.stand.warning is not None and not warned:
@@ -75,6 +82,6 @@ def detect(
                 bar.to(done)
                 yield each
 
-        figures = summarise(write_detections(watch(), out, format, detector=detector, level=place.level or "none"))
+        figures = summarise(write_detections(watch(), out, format, detector=detector, level=level))
     print_result(figures | {"out": str(out)}, f"{out}: {describe_summary(figures)}", as_json=writing.json)
     return OK

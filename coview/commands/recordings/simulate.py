@@ -27,6 +27,8 @@ class Bodies:
     """Include wing mirrors in the boxes of vehicles."""
     held_out: bool = False
     """Use only our cars that no shipped detector was trained on."""
+    strays: float = 0.0
+    """Share of road users that are anywhere: people on lanes, cyclists on footways, groups, beside walls and cars."""
 
 
 def simulate(
@@ -63,7 +65,9 @@ def simulate(
     check_ending(out, (".hdf5", ".h5"), "a recording")
     with progress_bar("frame", frames, hidden=writing.json) as bar:
         run = replace(run, progress=bar.stage)
-        new = simulate_dataset(place, out, run=run, fleet=fleet, interval=every, overwrite=writing.overwrite)
+        new = simulate_dataset(
+            place, out, run=run, fleet=fleet, interval=every, strays=bodies.strays, overwrite=writing.overwrite
+        )
     seconds = perf_counter() - started
     summary = {"file": str(out), "site": place.name, "frames": frames, "frames_made_now": new, "seconds": seconds}
     text = f"{out}: {frames} frames at {place.name}, {new} of them made now, {new / seconds:.1f} a second"

@@ -15,8 +15,17 @@ from toolkit.sensors.error_profiles import (
     find_profile,
     only_own_noise,
 )
-from toolkit.sensors.error_terms import Calibration, ClockOffset, DropOut, OwnNoise, RangeNoise, rain
-from toolkit.sensors.readings import ErrorTerm
+from toolkit.sensors.error_terms import (
+    BlindSector,
+    Calibration,
+    ClockOffset,
+    DropOut,
+    OwnNoise,
+    RangeBias,
+    RangeNoise,
+    rain,
+)
+from toolkit.sensors.readings import Draws, ErrorTerm, Reading
 
 
 @dataclass(frozen=True)
@@ -44,8 +53,10 @@ def test_digests_and_names_of_profiles():
     assert hash(one) == hash(ErrorProfile("one", one.terms))
     with pytest.raises(ValueError, match="needs a name"):
         ErrorProfile("", ())
-    assert list(PROFILES) == ["paper", "surveyed", "typical", "poor"]
-    assert [find_profile(name) for name in PROFILES] == [PAPER_ERRORS, SURVEYED, TYPICAL, POOR]
+    assert list(PROFILES) == ["paper", "surveyed", "typical", "glare", "typical-clock", "poor"]
+    assert [find_profile(name) for name in ("paper", "surveyed", "typical", "poor")] == [
+        *(PAPER_ERRORS, SURVEYED, TYPICAL, POOR)
+    ]
     assert find_profile("poor") is POOR
     assert find_profile(TYPICAL) is TYPICAL
     with pytest.raises(ValueError, match=r"unknown error profile 'bad': choose among paper, surveyed, typical, poor"):
@@ -97,11 +108,11 @@ def test_the_paper_has_noise_alone_and_each_profile_is_worse(street):
     assert said.measurement.tobytes() == expected.tobytes()
     assert said.pose is street.sensor.pose
     assert said.shift is None
-    assert [only_own_noise(profile) for profile in PROFILES.values()] == [True, False, False, False]
+    assert [name for name, profile in PROFILES.items() if only_own_noise(profile)] == ["paper"]
     assert only_own_noise(ErrorProfile("other", (OwnNoise(),)))
     lost, spread = [], []
-    for profile in PROFILES.values():
-        said = profile.read(street, seed=0, sensor=1, frame=0)
+    for name in ("paper", "surveyed", "typical", "poor"):
+        said = PROFILES[name].read(street, seed=0, sensor=1, frame=0)
         both = said.valid & street.valid
         lost.append(1 - both.sum() / street.valid.sum())
         off = np.linalg.norm(said.pose[:3, 3] - street.sensor.position)
@@ -120,10 +131,41 @@ def test_calibration_is_what_the_name_says(name, degrees, metres):
     assert not any(type(term) is ClockOffset for term in PROFILES[name].terms)
 
 
+def test_glare_blinds_a_quarter_of_the_columns_of_each_sensor_for_good(street):
+    said = [BlindSector(share=0.25).apply(Reading.of(street), Draws(5, 1, frame, 2)) for frame in (0, 9)]
+    columns = street.measurement.shape[1]
+    for each in said:
+        blind = (street.valid & ~each.valid).any(axis=0)
+        assert not (each.valid & blind).any()
+        assert 0 < blind.sum() <= round(0.25 * columns)
+    assert (said[0].measurement == said[1].measurement).all()
+    other = BlindSector(share=0.25).apply(Reading.of(street), Draws(5, 2, 0, 2))
+    assert (other.measurement != said[0].measurement).any()
+    assert BlindSector(share=1.0).apply(Reading.of(street), Draws(5, 1, 0, 2)).valid.sum() == 0
+
+
+def test_a_bias_of_range_is_one_number_of_a_sensor(street):
+    offsets = []
+    for sensor in range(200):
+        said = RangeBias(deviation=0.05).apply(Reading.of(street), Draws(5, sensor, 0, 2))
+        off = (said.measurement - street.measurement)[street.valid]
+        assert np.ptp(off) < 1e-4
+        offsets.append(off.mean())
+    assert np.std(offsets) == pytest.approx(0.05, rel=0.2)
+    assert abs(np.mean(offsets)) < 0.02
+
+
+def test_glare_and_clocks_are_typical_but_for_one_term():
+    usual = PROFILES["typical"].terms
+    assert PROFILES["glare"].terms == (*usual, BlindSector(share=0.25))
+    assert PROFILES["typical-clock"].terms == (*usual, ClockOffset(offset=0.05))
+    assert [name for name, each in PROFILES.items() if each.needs_velocities] == ["typical-clock"]
+
+
 PINNED = [0.0, 0.005284, 0.025493, 0.165173]  # share of returns that each profile takes
 
 
-@pytest.mark.parametrize("name", list(PROFILES))
+@pytest.mark.parametrize("name", [name for name, each in PROFILES.items() if not each.needs_velocities])
 def test_what_is_no_number_disturbs_no_profile(street, name):
     image = street.measurement.copy()
     image[::7] = np.nan

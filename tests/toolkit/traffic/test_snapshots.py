@@ -191,6 +191,7 @@ def test_refuses(site, changes, arguments, says):
     [
         *(({"stay": 0}, "stay must be one frame or more, got 0"), ({"most": 0}, "most must be at least 1, got 0")),
         ({"parked": 31}, "parked must lie in 0..most 30, got 31"),
+        ({"strays": 1.5}, "strays must be a share from 0 to 1, got 1.5"),
     ],
 )
 def test_a_mix_refuses(wrong, says):
