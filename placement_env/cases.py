@@ -63,7 +63,7 @@ class Cases:
     levels_by: Combine = "worst"
     """Score the worst traffic level, or the mean over levels."""
     errors: Profiles = ("paper",)
-    """Error profiles of the sensors: paper, surveyed, typical, poor; for scoring by the detector."""
+    """Error profiles of the sensors: paper, surveyed, typical, glare, poor; for scoring by the detector."""
     errors_by: Combine = "worst"
     """Score the worst error profile, or the mean over profiles."""
 

@@ -146,6 +146,10 @@ def _header(content: bytes) -> tuple[_Header, bytes]:
     size, count = _whole(entries.get("SIZE", [])), _whole(entries.get("COUNT", ["1"] * len(names)))
     if not len(names) == len(size) == len(count) == len(entries.get("TYPE", ())):
         raise ValueError("FIELDS, SIZE, TYPE and COUNT of its header are not of one length")
+    kept_columns = [k for k, each in enumerate(count) if each != 0]  # SUSTechPOINTS writes fields of COUNT 0: nothing
+    entries["TYPE"] = [entries["TYPE"][k] for k in kept_columns]
+    names = tuple(names[k] for k in kept_columns)
+    size, count = ([column[k] for k in kept_columns] for column in (size, count))
     if len(names) > _MOST_FIELDS:
         raise ValueError(f"its header names {len(names)} fields, more than {_MOST_FIELDS}")
     if missing_axes(names):

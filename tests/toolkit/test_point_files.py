@@ -61,6 +61,19 @@ def test_two_paddings_of_one_name(tmp_path, kind):
     assert read.keys() == {"positions", "intensity", "t"}
 
 
+@pytest.mark.parametrize("kind", ["ascii", "binary"])
+def test_a_field_of_no_numbers_is_none(tmp_path, kind):
+    fields = [("x", "F", 4, 1), ("y", "F", 4, 1), ("z", "F", 4, 1), ("rgb", "F", 4, 0), ("i", "U", 1, 1)]
+    body = b"1 2 3 7\n4 5 6 8\n"
+    if kind == "binary":
+        rows = np.array([(1, 2, 3, 7), (4, 5, 6, 8)], "<f4,<f4,<f4,u1")
+        body = rows.tobytes()
+    (tmp_path / "a.pcd").write_bytes(header(fields, 2, kind) + body)
+    read = read_pcd(tmp_path / "a.pcd")
+    assert read["positions"].tolist() == [[1, 2, 3], [4, 5, 6]]
+    assert [sorted(each.ravel().tolist()) for name, each in read.items() if name != "positions"] == [[7, 8]]
+
+
 def test_columns_are_taken_apart_or_empty(tmp_path):
     assert decompress_lzf(bytes([2, 1, 2, 3, 0x20 | 0, 2]), 6) == bytes([1, 2, 3, 1, 2, 3])
     assert decompress_lzf(bytes([0, 7, 0xE0, 255, 0]), 265) == bytes([7] * 265)

@@ -37,6 +37,7 @@ LASERS = {"up_lidar": range(32), "down_lidar": range(32, 64)}
 _CALIBRATION = Path("calibration", "egovehicle_SE3_sensor.feather")
 _POSE = ("qw", "qx", "qy", "qz", "tx_m", "ty_m", "tz_m")
 NO_LASER = "points of other lasers than 0 to 63"
+NO_CALIBRATION = "sensors without calibration stand at the vehicle's origin"
 NO_PLACE = "sweeps whose time has no pose in the map"
 _NAMES = {"vehicle": "REGULAR_VEHICLE", "cyclist": "BICYCLIST", "pedestrian": "PEDESTRIAN", "heavy": "TRUCK"}
 
@@ -117,9 +118,13 @@ def _stamps(table: Mapping[str, np.ndarray]) -> np.ndarray:
 def _sample(log: Path, name: str) -> Frame:
     problems: Problems = {}
     time = int(name)
-    with named_damage(log / _CALIBRATION, "calibration"):
-        table = read_table(log / _CALIBRATION)
-        calibration = dict(zip(map(str, table["sensor_name"]), _poses(table), strict=True))  # ego_SE3_sensor
+    calibration = dict[str, Float64[np.ndarray, "4 4"]]()  # ego_SE3_sensor
+    if lexists(log / _CALIBRATION):
+        with named_damage(log / _CALIBRATION, "calibration"):
+            table = read_table(log / _CALIBRATION)
+            calibration = dict(zip(map(str, table["sensor_name"]), _poses(table), strict=True))
+    else:  # the points are in the vehicle's frame anyway
+        add_problem(problems, NO_CALIBRATION, 1)
     file, clouds = log / "sensors" / "lidar" / f"{name}.feather", []
     with named_damage(file, "sweep"):
         table = read_table(file)
@@ -130,7 +135,7 @@ def _sample(log: Path, name: str) -> Frame:
             own = np.isin(table["laser_number"], lasers)
             if own.any() or lidar in calibration:
                 part = {key: column[own] for key, column in recorded.items()}
-                clouds.append(build_cloud(part, lidar, calibration[lidar], problems, frame="world"))
+                clouds.append(build_cloud(part, lidar, _sensor_pose(calibration, lidar), problems, frame="world"))
     annotations, found = log / "annotations.feather", no_labels()
     if lexists(annotations):
         with named_damage(annotations, "table of labels"):
@@ -144,6 +149,11 @@ def _sample(log: Path, name: str) -> Frame:
             add_problem(problems, NO_PLACE, int(not len(rows)))
             map_SE3_ego = next(iter(_poses({key: table[key][rows] for key in _POSE})), map_SE3_ego)
     return Frame.of_clouds(name, clouds, *found, time=time * 1e-9, map_SE3_world=map_SE3_ego, problems=problems)
+
+
+def _sensor_pose(calibration: Mapping[str, Float64[np.ndarray, "4 4"]], lidar: str) -> Float64[np.ndarray, "4 4"]:
+    """Pose of a lidar; the vehicle's origin where the log has no calibration at all."""
+    return calibration[lidar] if calibration else np.eye(4)
 
 
 def write_argoverse(samples: Iterable[Frame], folder: Path) -> int:

@@ -10,6 +10,7 @@ level with the ground, and the clouds of velodyne/ are in it already.
 - system_error_offset (delta_x, delta_y) of a pair, in V2X-Seq relative_error of the calibration, is to be added to the
   infrastructure's place in that world; a missing offset is left out or an empty string.
 - Infrastructure and vehicle of a pair measured up to tens of milliseconds apart; each cloud's time says when.
+- Of label/camera, taken where there are no other labels, nobody labelled what the camera does not show.
 - CarIgnore and its like are not objects, Trafficcone and Barrowlist none of our classes: they are counted.
 """
 
@@ -25,11 +26,13 @@ import numpy as np
 from toolkit.arrays import Float64
 from toolkit.datasets import records
 from toolkit.datasets.records import as_number, entry, named_damage
-from toolkit.frame import Frame
+from toolkit.frame import Everywhere, Frame, ImageWedge, Region
 from toolkit.geometry import invert
 from toolkit.runtime.files import write_text
 
 _LABELS = "label/virtuallidar", "label/lidar", "label/camera"
+IMAGE = 1920, 1080  # pixels
+NO_CAMERA = "labels of a camera without its calibration: what it does not show counts as empty"
 _COOPERATIVE = "cooperative/label_world", "cooperative/label"
 
 
@@ -45,10 +48,25 @@ def dair(path: Path) -> records.Listing:
     def load(name: str) -> Frame:
         problems: records.Problems = {}
         cloud = records.read_cloud(path / "velodyne" / f"{name}.pcd", "lidar", np.eye(4), problems)
-        found = read_annotations(_first(path, _LABELS, name), np.eye(4), problems)
-        return Frame.of_clouds(name, (cloud,), *found, problems=problems)
+        file = _first(path, _LABELS, name)
+        found = read_annotations(file, np.eye(4), problems)
+        complete: Region = Everywhere()
+        if file is not None and file.parent.name == "camera":  # nobody labelled what the camera does not show
+            complete = _read_camera(path / "calib", name, problems)
+        return Frame.of_clouds(name, (cloud,), *found, complete=complete, problems=problems)
 
     return records.Listing(names, load, labelled=_labelled(path, _LABELS))
+
+
+def _read_camera(folder: Path, name: str, problems: records.Problems) -> Region:
+    """Region that the camera shows, from its own calibration and that of the lidar to it; everywhere without them."""
+    intrinsic, extrinsic = (folder / kind / f"{name}.json" for kind in ("camera_intrinsic", "virtuallidar_to_camera"))
+    if not (lexists(intrinsic) and lexists(extrinsic)):
+        records.add_problem(problems, NO_CAMERA, 1)
+        return Everywhere()
+    with named_damage(intrinsic, "calibration"):
+        matrix = records.numbers(entry(records.load_json(intrinsic), "cam_K"), 9, "cam_K").reshape(3, 3)
+    return ImageWedge(matrix @ read_transform(extrinsic)[:3], *IMAGE)
 
 
 def _labelled(root: Path, folders: tuple[str, ...]) -> list[str]:

@@ -5,7 +5,14 @@ import numpy as np
 import pytest
 
 from toolkit.boxes import count_points
-from toolkit.datasets.layouts.argoverse import LASERS, argoverse, check_log, sweep_times, write_argoverse
+from toolkit.datasets.layouts.argoverse import (
+    LASERS,
+    NO_CALIBRATION,
+    argoverse,
+    check_log,
+    sweep_times,
+    write_argoverse,
+)
 from toolkit.frame import Frame, SensorCloud
 from toolkit.objects import Objects
 
@@ -63,6 +70,16 @@ def test_the_lidars_are_two_and_say_when_each_point_was_measured():
         assert 0.09 < cloud.time.max() < 0.11
         assert 1 < cloud.world_SE3_sensor[2, 3] < 2
     assert sample.time == pytest.approx(315966265.26)
+
+
+def test_a_log_without_calibration_is_in_the_vehicles_frame_anyway(tmp_path):
+    cloud = SensorCloud("a", np.ones((1, 3), np.float32), np.eye(4))
+    write_argoverse([Frame.of_clouds("0", (cloud,), Objects.empty(), time=2.0)], tmp_path)
+    (before,) = argoverse(tmp_path)
+    (tmp_path / "calibration" / "egovehicle_SE3_sensor.feather").unlink()
+    (sample,) = argoverse(tmp_path)
+    assert sample.points().tolist() == before.points().tolist()
+    assert sample.problems == before.problems | {NO_CALIBRATION: 1}
 
 
 def test_a_log_without_labels(tmp_path):

@@ -3,7 +3,7 @@ import json
 import numpy as np
 import pytest
 
-from toolkit.datasets.layouts.dair import dair, read_transform
+from toolkit.datasets.layouts.dair import NO_CAMERA, dair, read_transform
 from toolkit.geometry import transform
 from toolkit.point_files import pcd_bytes
 
@@ -38,6 +38,21 @@ def test_one_side_has_numbers_as_strings(tmp_path):
     np.testing.assert_allclose(sample.objects.boxes, [[12.5, -3, -1.2, 4.5, 1.8, 1.5, 0.5]])
     assert sample.others.categories == ("Trafficcone", "CarIgnore")
     assert sample.problems == {"labels of other kinds than ours": 2}
+
+
+def test_labels_of_the_camera_are_complete_in_its_image_alone(tmp_path):
+    cloud(tmp_path / "velodyne/000123.pcd")
+    behind = CAR | {"3d_location": {"x": "-12.5", "y": "0", "z": "-1.2"}}
+    put(tmp_path / "label/camera/000123.json", [CAR, behind])
+    (sample,) = dair(tmp_path)
+    assert sample.complete.covers(sample.objects.boxes).tolist() == [True, True]
+    assert sample.problems == {NO_CAMERA: 1}
+    put(tmp_path / "calib/camera_intrinsic/000123.json", {"cam_K": [1000, 0, 960, 0, 1000, 540, 0, 0, 1]})
+    ahead = [[0, -1, 0], [0, 0, -1], [1, 0, 0]]  # the camera looks along the lidar's x
+    put(tmp_path / "calib/virtuallidar_to_camera/000123.json", {"rotation": ahead, "translation": [[0], [0], [0]]})
+    (sample,) = dair(tmp_path)
+    assert sample.complete.covers(sample.objects.boxes).tolist() == [True, False]
+    assert sample.problems == {}
 
 
 def test_rotations_are_named_made_one_or_refused(tmp_path):

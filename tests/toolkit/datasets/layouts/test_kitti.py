@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from toolkit.datasets.layouts.kitti import kitti, kitti_text, write_kitti
+from toolkit.datasets.layouts.kitti import NONE_SHOWN, kitti, kitti_text, write_kitti
 from toolkit.frame import Frame, ImageWedge
 from toolkit.objects import Objects
 
@@ -52,6 +52,12 @@ def test_labels_by_hand_and_what_cannot_be_is_counted(tmp_path):
         "labels with NaN or infinite numbers": 1,
         "labels of other kinds than ours": 1,
     }
+
+
+def test_a_calibration_that_shows_none_of_the_labels_is_said(tmp_path):
+    assert NONE_SHOWN not in only(tmp_path, CAR).problems
+    upside_down = CALIB.replace("P2: 700 0 600 0 0 700 180 0 0 0 1 0", "P2: 0 0 0 0 0 0 0 0 0 0 -1 0")
+    assert only(tmp_path, f"{CAR}\n{DONT_CARE}", upside_down).problems[NONE_SHOWN] == 1
 
 
 @pytest.mark.parametrize(("ry", "yaw"), [(-np.pi / 2, 0.0), (np.pi / 2, np.pi), (0.3, -np.pi / 2 - 0.3)])
