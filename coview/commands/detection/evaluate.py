@@ -74,7 +74,8 @@ class Subject:
     calibrate: str | None = None
     """Reference, as in coview calibrate, to find the sensors' poses by first, or together."""
     errors: str = "paper"
-    """Error profile of sensors that measured images: paper (their own noise), surveyed, typical, glare, typical-clock or poor."""
+    """Error profile of sensors that measured images: paper (their own noise), surveyed, typical, glare, typical-clock,
+    poor."""
 
 
 def evaluate(
