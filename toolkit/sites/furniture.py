@@ -257,8 +257,8 @@ def digger(rng: np.random.Generator) -> list[Solid]:
 
 def bicycles(rng: np.random.Generator) -> list[Solid]:
     """One to eight parked bicycles side by side: things, since nobody rides them."""
-    made, apart = [], float(rng.uniform(0.4, 0.9))
-    for k in range(int(rng.integers(1, 9))):
+    made, apart, number = [], float(rng.uniform(0.4, 0.9)), int(rng.integers(1, 9))
+    for k in range(number):
         scale, turn = float(rng.uniform(0.75, 1.05)), float(rng.normal(0.0, 0.1))
         parts = [
             Solid(block((0.64 * scale, 0.05), (x * scale, 0.0)), 0.0, 0.64 * scale, "bicycle") for x in (-0.52, 0.52)
@@ -268,7 +268,7 @@ def bicycles(rng: np.random.Generator) -> list[Solid]:
             parts.append(Solid(block(size, (x * scale, 0.0)), round(low * scale, 2), round(high * scale, 2), "bicycle"))
         if rng.random() < 0.25:
             parts.append(Solid(block((0.36, 0.3), (-0.6 * scale, 0.0)), 0.68, 1.0, "bicycle"))
-        made += move_solids(parts, float(rng.normal(0.0, 0.1)), k * apart, turn)
+        made += move_solids(parts, float(rng.normal(0.0, 0.1)), (k - (number - 1) / 2) * apart, turn)
     return made
 
 
