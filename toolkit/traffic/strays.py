@@ -7,7 +7,6 @@ becomes a cyclist. Strays stand or go straight on, at any heading, for as many f
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import shapely
@@ -17,10 +16,8 @@ from toolkit.boxes import footprints
 from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE
 from toolkit.sites.network import unite
 from toolkit.sites.site import Site
+from toolkit.traffic.obstacles import Obstacles
 from toolkit.traffic.spawner import LIFE, Supply
-
-if TYPE_CHECKING:
-    from toolkit.traffic.snapshots import Obstacles
 
 SHARES = {PEDESTRIAN: 0.54, CYCLIST: 0.26, VEHICLE: 0.12, HEAVY: 0.08}  # of the strays
 BESIDE, COMPANIONS = 0.35, 0.3  # share that stands beside a solid or a vehicle, and beside the stray drawn before
@@ -35,7 +32,7 @@ _Poses = Float64[np.ndarray, "n 3"]
 
 @dataclass(frozen=True, eq=False)
 class Ground:
-    """Where strays may be: points of lanes and footways in the area, and edges of solids there with outward normals."""
+    """Places of strays: points of lanes and footways in the area, and edges of solids there with outward normals."""
 
     points: Float64[np.ndarray, "n 2"]
     edges: Float64[np.ndarray, "m 4"]
