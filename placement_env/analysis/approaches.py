@@ -63,7 +63,7 @@ def find_approaches(site: Site) -> Approaches:
     for name, (_, end) in ends.items():
         if end in junctions:
             chain = _chain(name, ends, junctions)
-            start, stop = _lines(roads[chain[-1]])[-1].coords[0], _lines(roads[name])[-1].coords[-1]
+            start, stop = _lines(roads[chain[-1]])[0].coords[0], _lines(roads[name])[0].coords[-1]
             street, heading = roads[name].get("name", ""), compass(site, np.subtract(start[:2], stop[:2]))
             label = f"{street}, from the {heading}" if street else f"from the {heading}"
             label = f"{label} to {places[end]}" if len(junctions) > 1 else label
@@ -111,7 +111,7 @@ def _chain(name: str, ends: dict[str, tuple[str, ...]], junctions: set[str]) -> 
     chain = [name]
     while ends[chain[-1]][0] not in junctions:
         start, target = ends[chain[-1]]
-        before = [other for other, (a, b) in ends.items() if b == start and a != target and other not in chain]
+        before = [other for other, (a, b) in ends.items() if b == start and a != target]  # a circle has a junction
         if len(before) != 1:
             break
         chain += before

@@ -235,7 +235,7 @@ class Tally:
         One seed draws the same blocks for every tally. draws: of `draws_of_blocks`, None for consecutive frames.
         """
         draws = block_draws(len(self.truths), seed=seed) if draws is None else draws
-        order = np.argsort(-self.scores, kind="stable")
+        order = np.argsort(-self.scores)
         scores, hits, frame = self.scores[order], self.hit[order], self.frame[order]
         last_of_equals = np.flatnonzero(np.append(scores[1:] != scores[:-1], True)[: len(scores)])
         at_once = max(1, HELD_AT_ONCE // max(len(frame), 1))

@@ -103,7 +103,7 @@ def estimate_worth(
     rng = np.random.default_rng(seed)
     square = _williams_square(sensors)
     orders = np.stack([rng.permutation(sensors)[square] for _ in range(rounds)])
-    place, k = np.argsort(orders, axis=2)[:, :, None], np.arange(sensors + 1)[:, None]
+    place, k = np.argsort(orders)[:, :, None], np.arange(sensors + 1)[:, None]
     chains = place < k  # the first 0, 1 … n sensors of each order
     swaps = (place < k[:-2]) | (place == k[1:-1])  # the first k sensors and sensor k + 2, up to n - 2
     sets = np.concatenate([each.reshape(-1, sensors) for each in (chains, swaps)])

@@ -2,12 +2,14 @@
 
 import numpy as np
 import pytest
-from scipy.stats import norm
+from scipy.stats import binomtest, norm
 
 from placement_env.analysis.intervals import (
+    BLOCK_FRAMES,
     Interval,
     Tally,
     block_draws,
+    describe_interval,
     draws_of_blocks,
     figure_interval,
     frames_for_width,
@@ -62,8 +64,9 @@ def test_resamples_are_those_of_an_oracle_that_takes_one_after_the_other(frames,
 def test_resamples_taken_in_pieces_are_the_same(monkeypatch):
     tally = Tally.of_frames(*measured(30, 7))
     whole = tally.resamples(seed=1)
-    monkeypatch.setattr("placement_env.analysis.intervals.HELD_AT_ONCE", 300)
-    assert tally.resamples(seed=1).tolist() == whole.tolist()
+    for held in (300, 1):
+        monkeypatch.setattr("placement_env.analysis.intervals.HELD_AT_ONCE", held)
+        assert tally.resamples(seed=1).tolist() == whole.tolist()
 
 
 def test_blocks_ratios_and_percentiles_of_what_is_defined():
@@ -172,3 +175,59 @@ def test_a_figure_is_as_good_by_its_paired_loss_alone():
 @pytest.mark.parametrize(("width", "frames"), [(0.02, 40), (0.04, 160), (0.03, 92)])
 def test_frames_grow_with_the_square_of_the_width(width, frames):
     assert frames_for_width(40, width, 0.02) == frames
+
+
+def test_seeds_and_confidences_are_handed_on_and_are_0_unless_given():
+    tally = Tally.of_frames(*measured(60, 7))
+    assert tally.resamples().tolist() == tally.resamples(seed=0).tolist() != tally.resamples(seed=1).tolist()
+    assert block_draws(60).tolist() == block_draws(60, seed=0).tolist()
+    blocks = np.arange(60) // 4
+    assert draws_of_blocks(blocks).tolist() == draws_of_blocks(blocks, seed=0).tolist() == block_draws(60).tolist()
+    assert draws_of_blocks(blocks, seed=2).tolist() == block_draws(60, seed=2).tolist() != block_draws(60).tolist()
+    parts, wholes = np.arange(60.0) % 7, np.arange(60.0) % 11 + 1.0
+    assert ratio_interval(parts, wholes) == ratio_interval(parts, wholes, seed=0)
+    assert ratio_interval(parts, wholes) != ratio_interval(parts, wholes, seed=1)
+    for own in ({}, {"confidence": 0.8}, {"seed": 3}):
+        drawn = tally.resamples(seed=own.get("seed", 0))
+        wanted = figure_interval(tally.ap, drawn, blocks=15, confidence=own.get("confidence", 0.95))
+        assert tally.interval(**own) == wanted
+    low, high = ratio_interval(parts, wholes, confidence=0.5)
+    wide = ratio_interval(parts, wholes)
+    assert wide.low < low < high < wide.high
+
+
+def test_draws_without_anything_count_for_nothing():
+    """All objects are in the first of eleven blocks, so that a third of the draws have none."""
+    parts, wholes = np.zeros(44), np.zeros(44)
+    parts[:4], wholes[:4] = 1.0, 2.0
+    assert ratio_interval(parts, wholes) == Interval(0.5, 0.5)
+    one = Tally(np.array([0.5]), np.array([True]), np.array([0]), np.array([1, 0]))
+    assert one.resamples(draws=np.array([[1, 0], [0, 2]])) == pytest.approx([1.0, np.nan], nan_ok=True)
+
+
+@pytest.mark.parametrize(("found", "confidence"), [(45, 0.95), (10, 0.95), (45, 0.8)])
+def test_ends_where_all_draws_agree_are_wilsons(found, confidence):
+    """Of 200 objects that live four frames, 50 are independent."""
+    wanted = binomtest(found, 50).proportion_ci(confidence, method="wilson")
+    given = {"blocks": 12, "objects": 200, "confidence": confidence}
+    assert figure_interval(found / 50, np.full(9, found / 50), **given) == pytest.approx((wanted.low, wanted.high))
+    # where they do not agree, or nothing is known of objects, it is the share of the draws that counts
+    spread = np.linspace(0.2, 0.3, 1001)
+    assert figure_interval(0.25, spread, **given) == percentiles(spread, 12, confidence=confidence)
+    assert figure_interval(0.5, np.full(9, 0.5), blocks=12) == Interval(0.5, 0.5)
+
+
+def test_blocks_are_two_lives_and_words_say_how_many_are_needed():
+    assert BLOCK_FRAMES == 8
+    assert describe_interval(0.91, 0.954) == "0.910 to 0.954"
+    assert describe_interval(0.91, 0.954, 1) == "0.9 to 1.0"
+    for ends in ((np.nan, 0.9), (0.9, np.nan)):
+        assert describe_interval(*ends) == "no interval from fewer than 40 frames"
+
+
+def test_a_loss_of_the_tolerance_itself_is_as_good():
+    best = np.full(1000, 0.25)
+    assert is_as_good(np.zeros(1000), best, 15, tolerance=0.25)
+    assert not is_as_good(np.zeros(1000), best, 15, tolerance=0.24)
+    assert is_as_good(np.zeros(1000), np.full(1000, 0.01), 15)  # the usual one
+    assert not is_as_good(np.zeros(1000), np.full(1000, 0.0101), 15)

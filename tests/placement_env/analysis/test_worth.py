@@ -11,6 +11,7 @@ from scipy.stats import t as student
 from placement_env.analysis import worth as module
 from placement_env.analysis.worth import (
     Failures,
+    Worth,
     estimate_worth,
     exact_worth,
     failures,
@@ -217,6 +218,10 @@ def test_worth_of_tables_and_its_intervals():
     head, best, *_ = format_worth(exact_worth(lambda sets: sets @ share, 4), names).splitlines()
     assert head == "sensor  Shapley       ±  with north  with south  with west  with east"
     assert best.split() == ["north", "0.4000", "0.0000", "+0.0000", "+0.0000", "+0.0000"]
+    alike = [f"pole{k:02}" for k in range(40)]
+    equal = Worth(np.repeat([0.01, 0.02], 20), np.eye(40), np.zeros(40), np.zeros((40, 40)), 1)
+    rows = [line.split()[0] for line in format_worth(equal, alike).splitlines()[1:]]
+    assert [row for row in rows if row in alike] == alike[20:] + alike[:20]  # equal ones in their order
     share = np.array([0.4, 0.3, 0.2, 0.1])
     chosen = np.array([True, True, False, True])
     one = failures(lambda sets: sets @ share, chosen)
