@@ -46,6 +46,7 @@ PAIRS = (
 NAMES = {**dict(PAIRS), **{other: one for one, other in PAIRS}}
 SILENT = (ast.JoinedStr, ast.Raise, ast.Assert, ast.Import, ast.ImportFrom)  # words and declarations, not figures
 SKIPPED = ("annotation", "returns", "decorator_list")
+CHECKS = ("strict", "dtype")  # keywords that no figure depends on
 LONGEST = 600.0  # s that the tests of a room may take
 Change = Callable[[], None]
 
@@ -108,7 +109,7 @@ def run_mutants(room: str, mutants: Sequence[Mutant], copies: Sequence[Path]) ->
         before = file.read_bytes()
         file.write_text(mutant.source, encoding="utf-8")
         try:
-            left = passes(copy, room, limit)
+            left = passes(copy, room, limit, Path(mutant.path).stem)
         finally:
             file.write_bytes(before)
             free.put(copy)
@@ -120,11 +121,11 @@ def run_mutants(room: str, mutants: Sequence[Mutant], copies: Sequence[Path]) ->
         return sum(threads.map(survives, mutants))
 
 
-def passes(copy: Path, room: str, seconds: float) -> bool:
-    """Run the tests of a room in a copy of the tree, the slow end-to-end ones last."""
+def passes(copy: Path, room: str, seconds: float, file: str = "") -> bool:
+    """Run the tests of a room in a copy of the tree, those of the changed file first, the slow end-to-end ones last."""
     tests = copy / "tests" / room
     found = [tests.with_name(f"test_{tests.name}")] if tests.suffix else sorted(tests.glob("test_*.py"))
-    found.sort(key=lambda path: path.stem == f"test_{tests.name}")
+    found.sort(key=lambda path: (path.stem == f"test_{tests.name}", path.stem != f"test_{file}"))
     command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *map(str, found)]
     environment = {**os.environ, "PYTHONPATH": str(copy), "OMP_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": "1"}
     process = subprocess.Popen(
@@ -184,7 +185,7 @@ def make_mutant(path: str, text: str, number: int) -> Mutant:
 
 def _changes(node: ast.AST) -> Iterator[tuple[ast.AST, Change]]:
     """Walk a tree for changes, each with the node that shows it."""
-    if isinstance(node, SILENT):
+    if isinstance(node, SILENT) or (isinstance(node, ast.keyword) and node.arg in CHECKS):
         return
     yield from ((node, change) for change in _changes_of(node))
     for name, value in ast.iter_fields(node):
@@ -219,7 +220,7 @@ def _changes_of(node: ast.AST) -> Iterator[Change]:
             yield put("attr", NAMES[name])
         case ast.Call(keywords=[_, *_] as words):
             for k, each in enumerate(words):
-                if each.arg not in (None, "strict", "dtype"):
+                if each.arg not in (None, *CHECKS):
                     yield put("keywords", words[:k] + words[k + 1 :])
     for field in ("body", "orelse"):
         block = getattr(node, field, None)

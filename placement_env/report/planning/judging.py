@@ -145,7 +145,7 @@ class Judge:
     ) -> tuple[list[Judgement], _Figures]:
         """Judge sets over cases; also the AP of each resample, which is of the same frames for all sets."""
         if not len(sets):
-            return [], np.zeros((0, 0))
+            return [], np.empty((0, 0))
         found = _reduce(np.array([each._at_profiles(sets, cases, progress) for each in self.alone]), "mean")
         over = _reduce(found, cases.errors_by)
         over[..., DRAWS] = cases.over_errors(found[..., DRAWS])

@@ -1,0 +1,397 @@
+"""What each stage of a plan is asked, on the known street, with no traffic simulated."""
+
+import json
+import math
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from placement_env.analysis.intervals import Tally
+from placement_env.candidates.candidates import Axes
+from placement_env.cases import Cases
+from placement_env.classes import VEHICLES, Classes
+from placement_env.fidelity.detector import Detected
+from placement_env.fidelity.traffic import Traffic
+from placement_env.handover.ground import Ground
+from placement_env.objective import Objective
+from placement_env.report.content import DrawingResult, Judgement, Plan, Planned, PlanOption, Verdict
+from placement_env.report.planning import judging, planning, question as questions, sentences
+from placement_env.report.planning.judging import Choice, Judge
+from placement_env.report.planning.planning import ChosenSet, measure_blind_streets, pick_moments, plan, write_plan
+from placement_env.search.portfolio.entrants import Entrants
+from placement_env.setting import AP_ONLY
+from toolkit.objects import Detections, Objects
+from toolkit.sensors.error_profiles import PAPER_ERRORS, POOR
+from toolkit.sites.site import Site
+from toolkit.traffic.snapshots import Snapshot
+
+SETS = np.array([[1, 0, 0, 0], [0, 1, 0, 1], [1, 1, 0, 0]], bool)
+WHOLE = Plan({}, "s", "Reader", 0.7, "early", "", Verdict(None, "So."), None)
+
+
+@pytest.fixture
+def staged(ask, street, monkeypatch):
+    """Plans on the street: searches answer at once, and what they, the choice and the pictures are asked is noted."""
+    site = replace(street.site, network="<net><edge/></net>")
+    monkeypatch.setattr("placement_env.candidates.pool.choose_candidates", lambda *_, **__: street.candidates)
+    monkeypatch.setattr(questions, "choose_candidates", lambda *_, **__: street.candidates)
+    traffic = Traffic(site, (), (Snapshot(Objects.empty(), np.zeros(0, np.int64)),))
+    noted = SimpleNamespace(
+        searched=[], chosen=[], moments=[], parts=[], labels=np.array([0, 0, 2]), judge=street.judge
+    )
+
+    class Prepared:
+        def __init__(self, setting, run):
+            self.setting, self.run, self.frames, self.traffic, self.network = setting, run, 8, traffic, "general"
+            self.visibility = SimpleNamespace(labels=noted.labels, select=lambda rows: ("seen", rows.tolist()))
+            self.plain = "plain"
+
+    def moved(preparation, candidates, visibility, weights):
+        assert weights == AP_ONLY
+        return replace_objective(preparation)
+
+    def replace_objective(preparation):
+        found = street.objective.weighed(street.objective.weights)
+        vars(found).update(preparation_asked=preparation)
+        return found
+
+    def searched(objective, effort, memo, *, depends_on, seed):
+        noted.searched.append((objective, effort, memo, depends_on, seed))
+        return Entrants(SETS, street.objective.scores(SETS).ap, ((), (), ("greedy",)), 30)
+
+    def judged(question, objectives, run):
+        noted.parts.append(run)
+        return Prepared(question.setting, run), noted.judge
+
+    def noting(to, original):
+        def call(*given, **named):
+            to.append((given, named))
+            return original(*given, **named)
+
+        return call
+
+    monkeypatch.setattr(planning, "Preparation", Prepared)
+    monkeypatch.setattr(Objective, "of_moved", staticmethod(moved))
+    monkeypatch.setattr(planning, "keep_entrants", searched)
+    monkeypatch.setattr(planning, "_prepare_judge", judged)
+    monkeypatch.setattr(judging, "choose_set", noting(noted.chosen, judging.choose_set))
+    monkeypatch.setattr(planning, "pick_moments", noting(noted.moments, pick_moments))
+
+    def made(**options):
+        plain = {"sensors": 2, "detector": street.detected.detector, "seed": 7}
+        return plan(ask(**{"site": site} | plain | options))
+
+    noted.plan, noted.traffic = made, traffic
+    return noted
+
+
+def test_every_stage_has_its_seed_and_its_part_of_the_traffic(staged, tmp_path):
+    planned = staged.plan(confidence=0.9, min_ap=0.4, cache=tmp_path)
+    ((objective, effort, memo, depends_on, seed),) = staged.searched
+    assert (effort.sizes, effort.min_ap, seed) == ((1, 2), 0.4, 7)
+    assert (memo is not None, depends_on) == (True, staged.traffic.digest())
+    assert objective.preparation_asked.run.seed == 7
+    ((given, asked),) = staged.chosen
+    assert (given[0], given[2]) == (objective, staged.judge)
+    assert (asked["min_ap"], asked["confidence"], asked["run"].seed) == (0.4, 0.9, 7)
+    assert [(run.seed, run.frames) for run in staged.parts] == [(1000010, 120), (2000013, 120)]
+    ((given, asked),) = staged.moments
+    assert (given[1], asked) == ((0,), {"seed": 7})  # the cheapest that finds two of five
+    made = planned.plan
+    assert made.chosen.sensors == tuple(sensor.name for sensor in planned.site.sensors) == ("post0_eye",)
+    assert made.chosen.kbit == made.chosen.kbit_per_sensor == 4.8
+    assert [part["seed"] for part in made.provenance["traffic"].values()] == [7, 1000010, 2000013]
+    assert made.provenance["network"] == "general"
+    assert (planned.ground.seen.shape[0], len(planned.moments)) == (1, 8)
+    assert any("30 sets were scored" in sentence for sentence in made.why)
+    both = staged.plan().plan.chosen
+    assert (both.kbit, both.kbit_per_sensor) == (9.6, 4.8)
+
+
+def test_with_failures_what_is_best_intact_enters_too(staged):
+    staged.plan(failing=1)
+    assert len(staged.searched) == 2
+    first, other = (objective.preparation_asked for objective, *_ in staged.searched)
+    assert (type(first).__name__, other) == ("Prepared", "plain")
+
+
+def test_classes_that_are_not_there_are_refused_and_some_objects_are_enough(staged):
+    assert staged.plan().plan.chosen is not None  # not all objects are vehicles
+    staged.labels = np.array([2, 2])
+    refused = staged.plan().plan
+    assert refused.chosen is None
+    assert refused.verdict.reasons[0].startswith("No vehicle enters the detection area of site 'street' in 8 frames")
+    staged.labels = np.array([0, 3])
+    old = staged.judge.detected
+    staged.judge = Judge((Detected(old.renders, old.detector, "early", classes=Classes(("vehicle", "heavy"))),))
+    refused = staged.plan().plan  # there when searched, not where sets are compared
+    assert refused.verdict.reasons[0].startswith("No heavy enters")
+    assert "of judging traffic" in refused.verdict.reasons[0]
+
+
+@pytest.mark.parametrize(
+    ("asked", "most"),
+    [
+        *(({"sensors": 3}, 3), ({"sensors": 9}, 4), ({"sensors": None, "money": 55.5}, 4)),
+        *(({"sensors": 3, "money": 21.5}, 2), ({"sensors": 3, "money": 21.4}, 1), ({"sensors": 3, "money": 1.0}, 1)),
+    ],
+)
+def test_searches_go_to_the_size_that_number_money_and_mounts_allow(street, ask, asked, most):
+    """The four sensors cost 11, 11, 10.5 and 23, each on a pole of its own."""
+    assert planning._most_sensors(ask(street.site, **asked), street.candidates) == most
+
+
+def test_poles_for_several_sensors_take_the_second_for_the_price_of_its_model(street, ask):
+    """Poles cost 1, 1, 0.5 and 3, the models 10 and 20. Where each pole carries two, the second on it costs 10, 10, 10
+    and 20. Post 3 is unused here."""
+    mounts = tuple(replace(mount, max_sensors=2) for mount in street.candidates.mounts)
+    double = replace(street.candidates, mounts=mounts).select(np.array([0, 1, 2]))
+    free = replace(double, axes=Axes(*vars(double.axes).values()))
+    assert planning._most_sensors(ask(street.site, sensors=9), free) == 6
+    # ascending: 10, 10, 10, 10.5, 11, 11
+    for money, most in ((30.0, 3), (40.5, 4), (40.4, 3), (62.5, 6)):
+        assert planning._most_sensors(ask(street.site, sensors=9, money=money), free) == most
+
+
+def test_money_alone_buys_a_dozen_at_most(ask):
+    from tests.placement_env.conftest import candidates_on
+
+    assert (
+        planning._most_sensors(ask(Site("s", np.array([0.0, 0, 9, 9])), sensors=None, money=1e6), candidates_on(20, 1))
+        == 12
+    )
+
+
+def test_blind_lanes_are_measured_by_street():
+    """Cells of 2 m: of the lane's six the sensors see two, and one is no open ground."""
+    network = (
+        '<net><edge id="1" name="Elm Road"><lane id="1_0" shape="-10,1 -0.5,1"/></edge>'
+        '<edge id="2" name="Oak Road"><lane id="2_0" shape="0.5,1 10,1"/></edge></net>'
+    )
+    site = Site("s", np.array([-6.0, -2.0, 6.0, 2.0]), network=network)
+    x, y = np.array([-5.0, -3, -1, 1, 3, 5]), np.array([-1.0, 1.0])
+    lanes = np.array([[0] * 6, [1] * 6], bool)
+    seen = np.zeros((2, 2, 6), bool)
+    seen[0, 1, 3] = seen[1, 1, 0] = True
+    ground = np.ones((2, 6), bool)
+    ground[1, 1] = False
+    made = Ground(x, y, seen, np.zeros((2, 2, 6), np.float32), ground, lanes, ~lanes)
+    assert measure_blind_streets(site, made) == {"Oak Road in the east": 8.0, "Elm Road in the west": 4.0}
+    assert list(measure_blind_streets(site, made)) == ["Oak Road in the east", "Elm Road in the west"]
+    assert measure_blind_streets(site, replace(made, seen=np.ones((2, 2, 6), bool))) == {}
+
+
+@pytest.mark.parametrize(("frames", "drawn"), [(8, 8), (80, 60)])
+def test_errors_are_drawn_ten_times_and_a_tenth_is_below(street, monkeypatch, frames, drawn):
+    class Stub:
+        def __init__(self, errors):
+            self.errors = errors
+
+    monkeypatch.setattr(planning, "Renders", Stub)
+    monkeypatch.setattr(planning, "_judge_draw", lambda judge, detected, renders, chosen, seed: seed**2 / 100)
+    profiles = [SimpleNamespace(renders=each) for each in (Stub(PAPER_ERRORS), Stub(POOR), "others")]
+    (row,) = planning.by_draw(SimpleNamespace(profiles=profiles, frames=frames), (0,))
+    assert (row.profile, row.aps, row.frames) == ("poor", tuple(n**2 / 100 for n in range(1, 11)), drawn)
+    assert (row.mean, row.tenth) == pytest.approx((0.385, 0.01 + 0.9 * 0.03))
+
+
+def test_one_draw_is_judged_as_the_plan_is_on_as_many_frames(street):
+    """Drawn once, sensor 1 sees nothing: of four cars 0 finds two."""
+    asked = []
+
+    class Drawn(type(street.detected.renders)):  # type: ignore[misc]
+        def clouds(self, k, c):
+            return super().clouds(k, c)[: 0 if c == 1 else None]
+
+    drawn = Drawn(street.site, street.detected.renders.sensors[:2])
+
+    def draw_once(*given):
+        asked.append(given)
+        return drawn
+
+    renders: Any = SimpleNamespace(draw_once=draw_once)
+    judge = Judge((street.detected.at(0.7, (0.7, 0.9)),), Cases(iou=(0.7, 0.9)))
+    assert planning._judge_draw(judge, judge.detected, renders, (0, 1), 3) == 0.5
+    assert asked == [(3, (0, 1), 8)]
+
+
+def test_schemes_are_judged_at_every_threshold_and_as_good_only_at_the_plans(street, monkeypatch):
+    """The reader's boxes are exact in footprint and 0.75 m high, so every threshold finds them."""
+    judge = Judge((street.detected.at(0.7, (0.7, 0.9)),), Cases(iou=(0.7, 0.9)))
+    rows = ChosenSet((0, 1), ("a", "b"), judge, street.objective).schemes()
+    assert [row.iou for row in rows] == [0.7, 0.8, 0.9, (0.7, 0.9)] * 3
+    monkeypatch.setattr(planning, "is_as_good", lambda drawn, own, blocks: blocks == 2 and (drawn == own).all())
+    single = ChosenSet((0, 1), ("a", "b"), street.judge, street.objective)
+    assert [row.as_good for row in single.schemes()] == [True, False, False] * 3
+    odd = ChosenSet((0, 1), ("a", "b"), Judge((street.detected.at(0.75, (0.75,)),), Cases(iou=0.75)), street.objective)
+    assert [row.iou for row in odd.schemes()] == [0.7, 0.75, 0.8, 0.9] * 3
+
+    class Rough(type(street.detected.detector)):  # type: ignore[misc]
+        digest = "rough"
+
+        def __call__(self, points, /):
+            found = super().__call__(points)
+            boxes = found.boxes.copy()
+            boxes[:, 3] *= 1.2  # IoU 1 / 1.2 = 0.83
+            return Detections(boxes, found.scores)
+
+    rough = Judge((Detected(street.detected.renders, Rough(), "early"),))
+    aps = {row.iou: row.judged.ap for row in ChosenSet((0, 1), ("a", "b"), rough, street.objective).schemes()[:3]}
+    assert aps == {0.7: 0.75, 0.8: 0.75, 0.9: 0.0}
+
+
+def test_what_a_plan_hands_over_and_what_an_earlier_one_left(street, tmp_path, monkeypatch):
+    handed = []
+    monkeypatch.setattr(planning, "write_report", lambda planned, folder: (folder / "report.html").write_text("x"))
+
+    def noted(folder, site, sensors, ground, *, unused, currency):
+        handed.append((site.name, ground, [mount.name for mount in unused], currency))
+        (folder / "schedule.csv").write_text("x")
+
+    monkeypatch.setattr(planning, "write_exchange", noted)
+    made = replace(WHOLE, currency="EUR", poles_unused=("post1", "post3"))
+    assert write_plan(Planned(made, street.site, street.candidates, "ground"), tmp_path) == [
+        tmp_path / name for name in ("plan.json", "report.html", "schedule.csv")
+    ]
+    assert handed == [("street", "ground", ["post1", "post3"], "EUR")]
+    for planned in (Planned(made, street.site, street.candidates), Planned(made, street.site, None, "ground")):
+        assert [path.name for path in write_plan(planned, tmp_path)] == ["plan.json", "report.html"]
+        assert sorted(path.name for path in tmp_path.iterdir()) == ["plan.json", "report.html"]
+    assert len(handed) == 1
+    text = (tmp_path / "plan.json").read_text()
+    assert text == json.dumps(json.loads(text), indent=1, ensure_ascii=False) + "\n"
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        *(({"width": 0.0}, "width of the interval"), ({"width": 1.0}, "got 1.0: 0.02 is narrow")),
+        *(({"confidence": 0.0}, "confidence must lie"), ({"confidence": 1.0}, "0.95 is usual")),
+        *(({"drawings": 0}, "drawings must be a whole"), ({"drawings": 2}, "nothing was drawn at site 'street'")),
+        *(
+            ({"sensors": 1, "failing": 1}, "of 1 sensors nothing"),
+            ({"max_kbit": math.inf}, "max_kbit must be a finite"),
+        ),
+    ],
+)
+def test_widths_confidences_and_drawings_are_checked(ask, street, wrong, message):
+    with pytest.raises(ValueError, match=message):
+        ask(street.site, **wrong)
+
+
+def test_what_may_just_be_asked(ask, street, monkeypatch):
+    asked = ask(street.site, width=0.999, confidence=0.001, max_kbit=0.0, min_ap=1.0, sensors=2, failing=1)
+    assert ask(street.site).as_dict() | {"sensors": 2} == ask(street.site, sensors=2).as_dict()
+    said = asked.as_dict()
+    assert (said["width"], said["confidence"], said["max_kbit"], said["min_ap"]) == (0.999, 0.001, 0.0, 1.0)
+    assert asked.at_drawings == (asked,)
+    assert ask(street.site, sensors=0, failing=1).sensors == 0  # refused in words of its own
+    monkeypatch.setattr(questions, "redraw", lambda site, seed: replace(site, name=f"{site.name} {seed}"))
+    several = ask(replace(street.site, furnished="dense"), drawings=3).at_drawings
+    assert [each.drawings for each in several] == [3, 1, 1]
+    assert [each.site.name for each in several] == ["street", "street 7001", "street 7002"]
+
+
+def test_results_at_drawings_come_through_and_the_cheapest_that_just_reaches_counts(street):
+    """Both sets find two of four cars; the second is cheaper."""
+    options = tuple(
+        PlanOption((name,), price, 1.0, 1.0, 0.5, Judgement(0.5, 0.4, 0.6, 0.5, 1.0, 32, 8), poles=(name,))
+        for name, price in (("a", 2.0), ("b", 1.0))
+    )
+    both = replace(street.judge, drawings=(street.judge,))
+    choice = Choice(options, np.array([[1, 1, 0, 0], [1, 0, 0, 0]], bool), 0, 0, (), "best")
+    results = judging.choose_at_drawings(both, choice, 0.5)  # 0.75 and 0.5, to reach just 0.5
+    assert [(each.judged.ap, each.poles) for each in results] == [(0.75, ("b",))] * 2
+    results = judging.choose_at_drawings(both, choice, 0.76)  # none reaches it, so the best
+    assert [each.poles for each in results] == [("a",)] * 2
+    assert results[0] == DrawingResult(results[0].judged, ("a",))
+
+
+def test_sets_near_the_best_are_listed_from_the_cheapest(street):
+    options = tuple(
+        PlanOption((name,), price, 1.0, 1.0, 0.5, None) for name, price in (("a", 3.0), ("b", 1.0), ("c", 2.0))
+    )
+    choice = Choice(options, SETS, 0, 0, (0, 2, 1), "best")
+    assert [option.sensors for option in choice.near_optimal] == [("b",), ("c",), ("a",)]
+
+
+def test_pictures_are_drawn_by_the_seed(street, monkeypatch):
+    class Dense(type(street.detected.renders)):  # type: ignore[misc]
+        def clouds(self, k, c):
+            return np.random.default_rng(c).normal(size=(200, 3)).astype(np.float32)
+
+    detected = Detected(Dense(street.site, street.detected.renders.sensors), street.detected.detector, "early")
+    monkeypatch.setattr(planning, "_moment", lambda detected, chosen, k, points, seed: (k, points, seed))
+    asked: list[Any] = [*pick_moments(detected, (0,), count=1)]
+    assert asked == [(0, 2500, 0)]
+    asked = [*pick_moments(detected, (0,), count=2, points=9, seed=5)]
+    assert asked == [(0, 9, 5), (1, 9, 5)]
+
+
+def test_what_is_refused_alone_is_not_built_whatever_it_sends(street):
+    """The four cost 11, 11, 10.5 and 23."""
+    poor = street.objective.weighed(street.objective.weights, most_price=11.0)
+    assert planning.find_buildable(poor, None).tolist() == [0, 1, 2]
+    least = float(poor.sent.min())
+    assert planning.find_buildable(poor, least).tolist() == [c for c in range(3) if poor.sent[c] == least]
+
+
+def test_a_number_that_is_none_never_gets_into_a_plan(monkeypatch):
+    monkeypatch.setattr(planning, "replace_infinite", lambda values: values)
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        planning.format_json(replace(WHOLE, question={"money": math.nan}))
+
+
+def test_false_alarms_where_nothing_is_to_be_found_have_no_precision():
+    alarms = Tally(np.array([0.9]), np.array([False]), np.array([1]), np.zeros(4, np.int64))
+    judged = judging.judge_tallies([[alarms]], VEHICLES, 0)
+    assert (judged.precision, judged.vehicles, judged.frames) == (None, 0, 4)
+    assert np.isnan([judged.ap, judged.recall]).all()
+    one = Tally(np.array([0.9]), np.array([False]), np.array([1]), np.array([1, 0, 0, 0]))
+    assert judging.judge_tallies([[one]], VEHICLES, 0).precision == 0.0
+
+
+def test_failures_and_levels_alone_are_judged_at_the_first_profile(street):
+    """Where sensor 0 is blind, 0 and 1 find two of four cars; exact, without 1 or 0 they do."""
+
+    class Hazy(type(street.detected.renders)):  # type: ignore[misc]
+        def clouds(self, k, c):
+            return super().clouds(k, c)[: 0 if c == 0 else None]
+
+    rough = Detected(Hazy(street.site, street.detected.renders.sensors), street.detected.detector, "early")
+    cases = Cases(failing=1, levels=2, errors=("paper", "poor"))
+    judge = Judge((street.detected, rough), cases, levels=(np.arange(4), np.arange(4, 8)))
+    ((found,), _) = judge.judge_cases(np.array([[1, 1, 0, 0]], bool))
+    figures = [each.ap for each in (found.judged, found.over_levels, found.left, found.over_errors)]
+    assert figures == [0.75, 0.75, 0.5, 0.0]
+    other = judge.of_classes(Classes(("pedestrian",)))
+    assert (other.levels, other.drawings, other.cases, len(other.profiles)) == ((), (), judge.intact, 1)
+
+
+def test_other_classes_that_the_detector_knows_are_judged_too(street):
+    class Knowing:
+        labels, digest = ("vehicle", "pedestrian", "heavy"), "knowing"
+
+        def __call__(self, points, /):
+            walker = Detections(np.array([[5.0, -5.0, 0.9, 0.6, 0.6, 1.8, 0.0]]), np.array([0.4]), np.array([2]))
+            return Detections.merge([street.detected.detector(points), walker])
+
+    judge = Judge((Detected(street.detected.renders, Knowing(), "early"),))
+    (walker,) = judge.by_other_class((0, 1))
+    assert (walker.label, walker.weight, walker.judged.ap, walker.judged.vehicles) == ("pedestrian", 0.0, 1.0, 8)
+    assert street.judge.by_other_class((0, 1)) == ()  # of a detector that does not say what it knows
+
+
+def test_an_answer_as_good_as_the_best_is_set_beside_it(ask, street):
+    judged = Judgement(0.91, 0.85, 0.95, 0.92, 0.9, 812, 120)
+    best = PlanOption(("a", "b"), 2.0, 5.0, 10.0, 0.9, judged)
+    cheap = PlanOption(("a",), 1.0, 5.0, 5.0, 0.8, replace(judged, ap=0.905))
+    made = replace(WHOLE, best=best, considered=(best, cheap))
+    for rule, said in (("as good", True), ("best", False)):
+        lines = sentences.explain_choice(ask(street.site), made, cheap, rule, considered=9, fidelity="surrogate")
+        beside = "The best set, 2 sensors, has AP 0.910 for the price of 2 ordinary poles, +0.005."
+        assert (beside in lines) is said
+        assert "No other is surely within 0.01 of the best on the same frames." in lines
