@@ -153,6 +153,6 @@ def list_amounts(objective: Objective, most: int, money: float, count: int = AMO
     sums = sums[sums > 0]
     if len(sums) > count:
         steps = np.linspace(0.0, money, count + 1)[1:]
-        place = np.searchsorted(sums, steps * (1 + 1e-9), side="right") - 1
+        place = np.searchsorted(sums, steps * (1 + 1e-9)) - 1
         sums = sums[np.unique(place[place >= 0])]
     return tuple(sums.tolist())

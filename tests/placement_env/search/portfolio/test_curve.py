@@ -1,5 +1,6 @@
 """The best AP of every number of sensors."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,9 +11,9 @@ from placement_env.objective import Objective
 from placement_env.search.checkpoint import Checkpoint
 from placement_env.search.portfolio import curve
 from placement_env.search.portfolio.curve import budget_curve, list_amounts
-from placement_env.search.portfolio.entrants import keep_entrants
-from placement_env.search.portfolio.evaluators import CasesEvaluator, DetectorEvaluator, race_order
-from placement_env.search.portfolio.portfolio import Judging
+from placement_env.search.portfolio.entrants import Effort, keep_entrants
+from placement_env.search.portfolio.evaluators import CasesEvaluator, DetectorEvaluator, Schedule, race_order
+from placement_env.search.portfolio.portfolio import SET_FRAMES, Judging, contest
 from placement_env.setting import Setting
 
 
@@ -201,3 +202,83 @@ def test_searches_get_the_seed_and_the_judge_frames_in_order_or_spread(street, m
 def test_a_curve_has_limits_that_say_something(street, wrong):
     with pytest.raises(ValueError, match=next(iter(wrong))):
         budget_curve(street.objective, 2, **wrong)
+
+
+class Levelled(CasesEvaluator):
+    """Finds `least` with three sensors, and no more than `most` with any number."""
+
+    least, most = 0.0, 1.0
+
+    def evaluate(self, sets, frames, progress=None):
+        found = super().evaluate(sets, frames, progress)
+        ap = np.minimum(np.where(sets.sum(axis=1) == 3, max(self.least, 0.0), found.ap), self.most)
+        return found._replace(ap=ap, resamples=found.resamples - found.ap[:, None] + ap[:, None])
+
+
+def levelled(street, **figures):
+    made = Levelled((DetectorEvaluator(street.detected),))
+    vars(made).update(figures)
+    return Judging(evaluators=(made, made), neighbours=0)
+
+
+def test_a_winner_stays_where_more_money_finds_nothing_better(street):
+    """All three sensors find less than the two for 22 units do, and win no race against them."""
+    points = budget_curve(street.objective, 3, amounts=(22.0, 32.5), judging=levelled(street, least=0.25))
+    assert [(point.money, point.subset) for point in points] == [(22.0, (0, 1))]
+
+
+def test_only_more_ap_for_more_money_pays(street, monkeypatch):
+    points = budget_curve(street.objective, 3, judging=levelled(street, least=0.75, most=0.75))
+    assert [(point.ap, point.pays) for point in points] == [(0.5, True), (0.75, True), (0.75, False)]
+    monkeypatch.setattr(street.objective, "price", lambda rows: np.ones(len(rows)))
+    points = budget_curve(street.objective, 3, judging=levelled(street, least=0.8))
+    assert [(point.ap, point.pays) for point in points] == [(0.5, False), (0.75, False), (0.8, True)]
+
+
+def test_races_and_searches_share_their_time_and_know_the_seed(street, monkeypatch):
+    """Of 60 s the searches have three tenths, five for each number; each race an equal share of the rest, with the
+    judgement."""
+    races, efforts, shares, race, keep, limit = [], [], [], contest, keep_entrants, Schedule.limit
+
+    def raced(*given, **named):
+        races.append(named)
+        return race(*given, **named)
+
+    def kept(objective, effort, **named):
+        efforts.append(effort)
+        return keep(objective, effort, **named)
+
+    def limited(schedule, evaluator, share=1.0, *least):
+        shares.append((share, *least))
+        return limit(schedule, evaluator, share, *least)
+
+    monkeypatch.setattr(curve, "contest", raced)
+    monkeypatch.setattr(curve, "keep_entrants", kept)
+    monkeypatch.setattr(Schedule, "limit", limited)
+    evaluator = CasesEvaluator((DetectorEvaluator(street.detected),))
+    asked = {"seed": 7, "judging": Judging(evaluators=(evaluator, evaluator), confidence=0.6, neighbours=3)}
+    budget_curve(street.objective, 2, seconds=60.0, evaluations=500, **asked)
+    assert efforts == [Effort((1, 2), 60 * 0.3 / (5 * 2), 500, 3)]
+    assert [(each["seed"], each["confidence"], each["most"]) for each in races] == [(7, 0.6, np.inf)] * 2
+    assert shares == [(1 / 3, 1), (1 / 2, 1), (1.0,)]
+    budget_curve(street.objective, 3, amounts=(11.0, 22.0), seconds=60.0, **asked)
+    assert efforts[1:] == [Effort((3,), 60 * 0.3 / (5 * 2), None, 3)] * 2
+    budget_curve(street.objective, 1, **asked)
+    assert (efforts[-1].seconds, races[-1]["most"]) == (None, SET_FRAMES)
+
+
+def test_amounts_are_prices_of_sets_each_once(street):
+    assert len(list_amounts(street.objective, 3, 33.0, 10)) == 10  # as many as there are
+    assert list_amounts(street.objective, 4, 42.8, 4) == (10.5, 21.0, 32.0, 42.5)
+    assert list_amounts(street.objective, 2, 0.0) == ()
+    double = replace(
+        street.candidates, mounts=tuple(replace(mount, max_sensors=2) for mount in street.candidates.mounts)
+    )
+    both = Objective(Setting(candidates=double, fidelity=street.objective.scored_by, scheme="late"))
+    assert 21.0 in list_amounts(both, 2, 21.0)  # a second sensor on the same pole costs 10
+    assert max(list_amounts(both, 2, 20.9)) == 20.5
+    prices = (0.1, 0.2, 0.3, 5.0)
+    mounts = tuple(replace(m, price=p) for m, p in zip(street.candidates.mounts, prices, strict=True))
+    cheap = replace(street.candidates, mounts=mounts, axes=replace(street.candidates.axes, prices=()))
+    tenths = Objective(Setting(candidates=cheap, fidelity=street.objective.scored_by, scheme="late"))
+    assert list_amounts(tenths, 3, 0.6) == pytest.approx((0.1, 0.2, 0.3, 0.4, 0.5, 0.6))  # 0.1 + 0.2 is 0.3

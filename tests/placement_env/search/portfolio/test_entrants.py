@@ -1,10 +1,14 @@
 """Sets worth a judgement: feasible, of every size, within the money, the same again."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from placement_env.objective import Objective
-from placement_env.search import swap
+from placement_env.search import greedy, swap
+from placement_env.search.exact import cheapest, cpsat, exhaustive
+from placement_env.search.portfolio import entrants as module_of_entrants
 from placement_env.search.portfolio.entrants import (
     SWAP_EVALUATIONS,
     THRIFT,
@@ -14,6 +18,7 @@ from placement_env.search.portfolio.entrants import (
     join_entrants,
     keep_entrants,
 )
+from placement_env.search.verification import neighbours
 from placement_env.setting import Setting
 from toolkit.runtime.cache import Cache
 from toolkit.runtime.run import Run
@@ -134,3 +139,119 @@ def test_all_sets_are_scored_up_to_a_number_of_them(street, monkeypatch, most, s
     monkeypatch.setattr("placement_env.search.portfolio.entrants.EXHAUSTIVE_SETS", most)
     found = entrants(street.objective, Effort((2,)))
     assert any("exhaustive" in names for names in found.searches) == searched
+
+
+@pytest.fixture
+def searches(street, monkeypatch):
+    """The searches of a size in their order: name, and what it is asked. None of them runs."""
+
+    def noting(name):
+        return lambda *given, **named: (name, *given, named)
+
+    for module in (swap, greedy, exhaustive, cpsat, cheapest):
+        monkeypatch.setattr(module, "search", noting(module.__name__.rsplit(".", 1)[-1]))
+    monkeypatch.setattr(module_of_entrants, "entropy_objective", lambda objective: "by entropy")
+    monkeypatch.setattr(module_of_entrants, "Surrogate", type(street.objective.scored_by))
+    monkeypatch.setattr(street.objective, "visibility", "seen")
+
+    class Part:
+        def __init__(self, name=""):
+            self.name = name
+
+        def part(self, name):
+            return f"part {name}"
+
+    def listed(effort, size=2, objective=street.objective):
+        return [(name, run()) for name, run in module_of_entrants._searches(objective, size, effort, 7, Part())]
+
+    return listed
+
+
+def test_every_search_gets_its_seed_its_time_and_its_place_to_go_on(searches, street):
+    found = searches(Effort((1, 2), seconds=9.0, evaluations=300))
+    swapping = {"seed": 7, "starts": swap.STARTS, "seconds": 9.0, "evaluations": 300}
+    own, limits = street.objective, {"seconds": 9.0, "evaluations": 300}
+    assert found[:5] == [
+        ("exhaustive", ("exhaustive", own, 2, limits)),
+        ("greedy", ("greedy", own, 2, limits)),
+        ("swap", ("swap", own, 2, swapping | {"checkpoint": "part 2.swap"})),
+        ("swap by perception entropy", ("swap", "by entropy", 2, swapping | {"checkpoint": "part 2.entropy"})),
+        ("cpsat", ("cpsat", own, 2, {"seed": 7, "seconds": 9.0, "effort": 10.0})),
+    ]
+    ((name, (search, thrifty, size, asked)),) = found[5:]
+    assert (name, search, size, asked) == ("thrifty swap", "swap", 2, swapping | {"checkpoint": "part 2.thrifty"})
+    assert thrifty.weights.price == pytest.approx(THRIFT / 13.875)
+    free = searches(Effort((1, 2)))
+    assert free[1] == ("greedy", ("greedy", own, 2, {"seconds": None, "evaluations": None}))
+    assert free[2][1][3]["evaluations"] == SWAP_EVALUATIONS
+    assert free[4] == ("cpsat", ("cpsat", own, 2, {"seed": 7, "seconds": 600.0, "effort": 10.0}))
+
+
+def test_required_aps_are_searched_at_the_last_size_alone_and_between_0_and_1(searches, street):
+    assert len(searches(Effort((1, 2, 3), min_ap=0.5))) == 6
+    found = searches(Effort((1, 2), seconds=9.0, evaluations=300, min_ap=0.5))[6:]
+    around = ("0.45", "0.5", "0.55", "0.6")
+    assert [name for name, _ in found] == [f"{way} for AP {ap}" for ap in around for way in ("swap", "cheapest")]
+    (search, scored, size, asked), exact = found[0][1], found[1][1]
+    assert (search, size, asked["evaluations"], asked["checkpoint"]) == ("swap", 2, 100, "part 2.0.45")
+    assert scored.visibility == "seen"
+    assert scored.weights.price == pytest.approx(THRIFT / 13.875)
+    rows = np.array([[1, 0, 0, 0], [0, 0, 1, 0]], bool)
+    assert scored.scores(rows).ap.tolist() == [0.45, 0.25]  # more than enough gains nothing
+    assert exact[:3] == ("cheapest", street.objective, 2)
+    demand = {"seed": 7, "seconds": 9.0, "demand": cheapest.Demand(0.45), "effort": 5.0}
+    assert exact[3] == demand
+    assert searches(Effort((1, 2), min_ap=0.5))[7][1][3] == demand | {"seconds": 600.0}
+    names = [name for name, _ in searches(Effort((1, 2), min_ap=0.05))[6:]]
+    assert names[:2] == ["swap for AP 0.05", "cheapest for AP 0.05"]  # not for 0
+    names = [name for name, _ in searches(Effort((1, 2), min_ap=0.95))[6:]]
+    assert names[-2:] == ["swap for AP 0.95", "cheapest for AP 0.95"]  # not for 1
+
+
+def test_searches_that_bring_nothing_new_are_left_out(searches, street, monkeypatch):
+    alike = tuple(replace(mount, price=1.0) for mount in street.candidates.mounts)
+    free = replace(street.candidates, mounts=alike, axes=replace(street.candidates.axes, prices=()))
+    same = Objective(Setting(candidates=free, fidelity=street.objective.scored_by, scheme="late"))
+    monkeypatch.setattr(module_of_entrants, "entropy_objective", lambda objective: None)
+    assert [name for name, _ in searches(Effort((2,)), objective=same)] == ["exhaustive", "greedy", "swap"]
+    monkeypatch.setattr(exhaustive, "LARGEST", 3)
+    assert [name for name, _ in searches(Effort((2,)), objective=same)] == ["greedy", "swap"]
+    monkeypatch.setattr(exhaustive, "LARGEST", 4)
+    assert searches(Effort((2,)), objective=same)[0][0] == "exhaustive"
+
+
+def test_neighbours_are_the_best_for_each_choice_of_mounts(make, monkeypatch):
+    """One answer of two sensors among four mounts with two headings each: the best for each other pair of mounts."""
+    objective = make(mounts=4, poses=2, seed=5)
+    answer = np.zeros((1, 8), bool)
+    answer[0, [0, 2]] = True
+    rows, considered = module_of_entrants._neighbours(objective, answer, 3)
+    near = neighbours(np.array([0, 2]), 8)[1:]
+    near = near[objective.feasible(near)]
+    assert considered == len(near)
+    best: dict[tuple[int, ...], np.ndarray] = {}
+    for i in np.argsort(-objective.scores(near).reward, kind="stable"):
+        best.setdefault(tuple(np.flatnonzero(near[i].reshape(4, 2).any(axis=1)).tolist()), near[i])
+    assert [row.tolist() for row in rows] == [row.tolist() for row in list(best.values())[:3]]
+    monkeypatch.setattr(module_of_entrants, "NEIGHBOURS_AT_ONCE", 4)
+    few, fewer = module_of_entrants._neighbours(objective, answer, 3)
+    some = neighbours(np.array([0, 2]), 8)[1:5]
+    assert fewer == objective.feasible(some).sum()
+    assert 1 <= len(few) <= fewer
+
+
+def test_predictions_of_several_drawings_are_means_and_sets_go_by_their_size(street):
+    class Half:
+        name = "surrogate"
+
+        def __call__(self, subsets):
+            found = street.objective.scored_by(subsets)
+            return found._replace(ap=found.ap / 2)
+
+    other = Objective(Setting(candidates=street.candidates, fidelity=Half(), scheme="late"))
+    sets = [np.array([[1, 1, 0, 0], [0, 0, 1, 0]], bool), np.array([[0, 0, 1, 0], [0, 1, 0, 0]], bool)]
+    found = [Entrants(sets[0], np.zeros(2), (("a",), ()), 5), Entrants(sets[1], np.zeros(2), (("b",), ("c",)), 6)]
+    joined = join_entrants([street.objective, other], found)
+    assert joined.sets.sum(axis=1).tolist() == [1, 1, 2]
+    assert joined.searches == (("b",), ("c",), ("a",))
+    assert joined.predicted == pytest.approx(0.75 * street.objective.scores(joined.sets).ap)

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from placement_env.analysis.intervals import draws_of_blocks, figure_interval
 from placement_env.candidates.pool import paper_candidates
 from placement_env.cases import Cases
 from placement_env.classes import Classes
@@ -13,6 +14,7 @@ from placement_env.fidelity.detector import Detected
 from placement_env.fidelity.preparation import Preparation
 from placement_env.fidelity.seeing import see
 from placement_env.fidelity.visibility import of_frames
+from placement_env.search.portfolio import evaluators
 from placement_env.search.portfolio.evaluators import (
     CasesEvaluator,
     DetectorEvaluator,
@@ -21,6 +23,7 @@ from placement_env.search.portfolio.evaluators import (
     race_order,
 )
 from placement_env.setting import Setting
+from toolkit.objects import Detections
 from toolkit.runtime.run import Run
 from toolkit.sensors.error_profiles import PAPER_ERRORS, POOR
 
@@ -213,3 +216,68 @@ def test_each_profile_is_rendered_with_its_errors(prepared, street):
     profiles = [each for each in over.profiles if isinstance(each, DetectorEvaluator)]
     assert [each.seed for each in profiles] == [7, 7]
     assert [each.detected.renders.errors for each in profiles] == [PAPER_ERRORS, POOR]  # type: ignore[attr-defined]
+
+
+def test_batches_are_drawn_by_the_seed_and_shifted_to_the_whole(prepared, small_traffic, blocks_of_four, monkeypatch):
+    """Five frames are two blocks: each resample is the mean of two drawn ones, moved by what the mean of both lacks."""
+    evaluator = build_evaluator(prepared(), "coverage", seed=2)
+    sets = np.eye(4, dtype=bool)[[0, 2]] | np.eye(4, dtype=bool)[[3, 3]]
+    seen = see(small_traffic, paper_candidates(small_traffic.site))
+    parts = np.stack([Coverage(of_frames(seen, block))(sets).ap for block in (np.arange(4), np.array([4]))], axis=1)
+    drawn = draws_of_blocks(np.arange(2), seed=2) / 2
+    whole = Coverage(seen)(sets).ap
+    found = evaluator.evaluate(sets, np.arange(5)[::-1])
+    assert found.resamples == pytest.approx(parts @ drawn.T + (whole - parts.mean(axis=1))[:, None], abs=1e-6)
+    other = build_evaluator(prepared(), "coverage", seed=3).evaluate(sets, np.arange(5))
+    assert not np.array_equal(found.resamples, other.resamples)
+    usual = build_evaluator(prepared(), "coverage").evaluate(sets, np.arange(5))
+    assert np.array_equal(usual.resamples, build_evaluator(prepared(), "coverage", seed=0).evaluate(sets, EVERY[:5])[2])
+    done = []
+    nothing = evaluator.evaluate(np.zeros((1, 4), bool), np.arange(5), done.append)
+    assert (nothing.ap.tolist(), nothing.kbit.tolist(), done) == ([0.0], [0.0], [5])
+    monkeypatch.setattr(evaluators, "BATCHES", 1)
+    one = evaluator.evaluate(sets, np.arange(5))
+    assert one.resamples == pytest.approx(np.repeat(whole[:, None], 1000, axis=1), abs=1e-6)
+
+
+def test_intervals_know_the_blocks_behind_their_draws(street, prepared, blocks_of_four):
+    """Of eighty frames in twenty blocks, each of two levels has ten, and a fast fidelity scores twelve batches."""
+    draws, frames = np.random.default_rng(0).normal(0.6, 0.1, 1000), np.arange(80)
+    whole = CasesEvaluator((DetectorEvaluator(street.detected),))
+
+    def interval(evaluator):
+        return evaluator.interval(0.6, draws, frames)
+
+    count = int(street.detected.scored(0).sum()) * 80
+    assert interval(whole) == figure_interval(0.6, draws, blocks=20, objects=count)
+    assert interval(replace(whole, levels=(frames[:40], frames[40:]))) == figure_interval(
+        0.6, draws, blocks=10, objects=count
+    )
+    assert np.isnan(replace(whole, levels=(frames[:40], frames[40:])).interval(0.6, draws, frames[:76])).all()
+    fast = build_evaluator(prepared(), "coverage")
+    assert interval(fast) == figure_interval(0.6, draws, blocks=12)
+    assert fast.interval(0.6, draws, frames[:44]) == figure_interval(0.6, draws, blocks=11)
+    assert fast.mean_ap(SETS[:, :4], frames).tolist() == [0.0, 0.0, 0.0]
+
+
+def test_a_mean_ap_is_over_three_thresholds_and_all_drawings(street):
+    class Rough(type(street.detected.detector)):  # type: ignore[misc]
+        digest = "rough"
+
+        def __call__(self, points, /):
+            found = super().__call__(points)
+            boxes = found.boxes.copy()
+            boxes[:, 3] *= 1.2  # IoU 1 / 1.2 = 0.83
+            return Detections(boxes, found.scores)
+
+    exact = CasesEvaluator((DetectorEvaluator(street.detected),))
+    rough = CasesEvaluator((DetectorEvaluator(Detected(street.detected.renders, Rough(), "early")),))
+    assert exact.mean_ap(SETS[:2], EVERY) == pytest.approx([0.5, 0.75])
+    assert rough.mean_ap(SETS[:2], EVERY) == pytest.approx([1 / 3, 0.5])  # not at 0.9
+    both = replace(exact, drawings=(rough,))
+    assert both.mean_ap(SETS[:2], EVERY) == pytest.approx([5 / 12, 0.625])
+
+
+def test_orders_of_races_are_those_of_seed_0_unless_given():
+    assert race_order(96).tolist() == race_order(96, seed=0).tolist() != race_order(96, seed=1).tolist()
+    assert sorted(race_order(13).tolist()) == list(range(13))

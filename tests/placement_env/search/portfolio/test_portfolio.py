@@ -1,6 +1,9 @@
 """A portfolio: searches that are deceived, a race that is not, and an AP that neither has seen."""
 
 import time
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +14,7 @@ from placement_env.objective import Objective
 from placement_env.protocol import Estimate
 from placement_env.racing import Contest, RaceRules, race_until
 from placement_env.search.portfolio import portfolio
+from placement_env.search.portfolio.entrants import Effort, Entrants
 from placement_env.search.portfolio.evaluators import CasesEvaluator, DetectorEvaluator, Evaluated, Schedule, race_order
 from placement_env.search.portfolio.portfolio import Judging
 from placement_env.setting import Setting, Weights
@@ -191,6 +195,78 @@ def test_sets_race_by_ap_less_costs_in_the_order_of_a_seed(street, monkeypatch):
     portfolio.contest(both, sets, Truth(frames=7))
     assert given["rules"].first == 7
     assert given["order"].tolist() == race_order(7, seed=0).tolist()
+
+
+def test_race_and_judgement_have_parts_and_seeds_of_their_own(street, monkeypatch):
+    made = []
+    monkeypatch.setattr(portfolio, "Preparation", lambda setting, run: (setting, run))
+
+    def built(*given, **named):
+        made.append((*given, named))
+        return len(made)
+
+    monkeypatch.setattr(portfolio, "build_evaluator", built)
+    setting = Setting(candidates=street.candidates, fidelity=Deceived(), scheme="late")
+    objective = Objective(setting, Run(seed=4, frames=5))
+    judging = Judging(by="coverage", race_frames=33, final_frames=44, setting=setting)
+    found: Any = judging.build_evaluators(objective, Schedule(60.0), seed=7)
+    assert found == (1, 2)
+    assert [(run.seed, run.frames) for (_, run), *_ in made] == [(1000007, 16), (2000010, 20)]  # half, in whole blocks
+    assert [(own, *rest) for (own, _), *rest in made] == [(setting, "coverage", {"seed": 7})] * 2
+    made.clear()
+    judging.build_evaluators(objective, Schedule())
+    assert [(run.frames, named) for (_, run), _, named in made] == [(33, {"seed": 0}), (44, {"seed": 0})]
+    assert (Judging().race_frames, Judging().final_frames) == (96, 120)
+
+
+def test_with_failures_what_is_best_intact_races_too(street, monkeypatch):
+    """Searches over failures know of 0 and 2 alone, intact of 1 and 2."""
+    asked = []
+    sets = {False: np.array([[1, 0, 1, 0]], bool), True: np.array([[0, 1, 1, 0]], bool)}
+
+    def kept(objective, effort, *, seed, checkpoint):
+        intact = not objective.setting.cases.failing
+        asked.append((intact, effort, seed, checkpoint))
+        return Entrants(sets[intact], objective.scores(sets[intact]).ap, (("greedy",),), 10)
+
+    setting = Setting(candidates=street.candidates, fidelity=Deceived(), scheme="late", cases=Cases(failing=1))
+    objective = Objective(setting, Run(seed=4))
+    plain = replace(setting, cases=Cases(), candidates=None)
+    prepared: Any = SimpleNamespace(plain=SimpleNamespace(setting=plain), run=objective.run)
+    objective.preparation = prepared
+    monkeypatch.setattr(objective, "describe_origin", lambda subset: {})
+    monkeypatch.setattr(portfolio, "keep_entrants", kept)
+    judging = Judging(evaluators=(Truth(), Truth()), neighbours=3)
+    found = portfolio.search(objective, 2, seed=7, seconds=60.0, evaluations=90, judging=judging)
+    assert found.best.subset == (1, 2)
+    assert found.evaluations == 20
+    effort = Effort((2,), 60 * 0.3 / 5, 90, 3)
+    assert [each[:3] for each in asked] == [(False, effort, 7), (True, effort, 7)]
+
+
+def test_near_the_first_the_mean_over_thresholds_decides_and_then_the_price(street, monkeypatch):
+    """Sets 0 to 3 end at 0.9, 0.895, 0.892 and 0.9 on fewer frames; the second and the third lie within 0.0075 or
+    without."""
+    figures, means = [0.9, 0.895, 0.892, 0.9], {0: 0.5, 1: 0.6, 2: 0.9, 3: 0.9}
+    ended = Contest(np.arange(4), np.array(figures), np.array([8, 8, 8, 4]), 0.9, 28, np.array(figures))
+    asked = []
+
+    def mean_ap(sets, frames):
+        asked.append((sets.argmax(axis=1).tolist(), len(frames)))
+        return np.array([means[int(k)] for k in sets.argmax(axis=1)])
+
+    monkeypatch.setattr(portfolio, "race_until", lambda *_, **__: ended)
+    truth = Truth(frames=20)
+    monkeypatch.setattr(truth, "mean_ap", mean_ap)
+    objective = Objective(Setting(candidates=street.candidates, fidelity=Deceived(), scheme="late"))
+    ran = portfolio.contest(objective, np.eye(4, dtype=bool), truth)
+    assert asked == [([0, 1], 8)]
+    assert ran.ranking.tolist() == [1, 0, 2, 3]
+    assert ran.expected.tolist() == ran.figures.tolist() == [0.895, 0.9, 0.892, 0.9]
+    means.update({0: 0.7, 1: 0.7})
+    dear = objective.price(np.eye(4, dtype=bool)) + np.array([1.0, 0, 0, 0])
+    monkeypatch.setattr(objective, "price", lambda rows: dear[rows.argmax(axis=1)])
+    assert portfolio.contest(objective, np.eye(4, dtype=bool), truth).ranking.tolist() == [1, 0, 2, 3]
 
 
 def test_seconds_bound_race_and_judgement_on_the_same_frames(deceived):
