@@ -101,7 +101,7 @@ def read_surface(reference: str | Path, *, frames: int | None = None) -> Surface
         with CoopDataset(reference) as recording:
             scenes = zip(learn_empty_scenes(recording, frames=frames), recording.sensors, strict=True)
             parts = [transform(sensor.pose, scene_points(scene)[0]) for scene, sensor in scenes]
-            return cloud_surface(np.concatenate([np.zeros((0, 3)), *parts]))
+            return cloud_surface(np.concatenate(parts))
     if ending in ("", ".json", ".geojson"):
         return site_surface(load_site(reference))
     return cloud_surface(read_points(reference))

@@ -3,7 +3,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
+from toolkit.calibration import ground as module
 from toolkit.calibration.ground import (
     Ground,
     HeightMap,
@@ -263,3 +265,114 @@ def test_a_slope_is_found_from_afar_though_a_flat_place_lies_at_its_middle():
     ground = sloped(np.concatenate(parts), 0.15, 0.0, -75.0)
     flat = scattered(rng, [496, -4], [504, 4], 0.0, 1000, noise=0.02)
     assert (np.abs(fit_plane(np.concatenate([ground, flat])) - [0.15, 0.0, -75.0]) < [2e-3, 2e-3, 1.0]).all()
+
+
+def heights_of_one_cell(height, *, kept=0.25, kerb=np.inf, at=(0.0, 0.0), size=60):
+    """A map of zeros, drawn again through a single cell."""
+    surface = module.HeightMap(np.zeros(2), np.zeros((size, size)))
+    return module._redraw(surface, np.array([[*at, height]]), kept, kerb).heights
+
+
+def test_one_cell_counts_as_one_in_a_map_also_at_its_edge():
+    """Of each of four means, every finer one, half is the cell's and half what was known: 15/16 of its height."""
+    for at in ((0.0, 0.0), (30.0, 31.0)):
+        heights = heights_of_one_cell(0.2, at=at)
+        assert heights[int(at[0]), int(at[1])] == pytest.approx(0.2 * 15 / 16, rel=0.01)
+    corner = heights_of_one_cell(0.2)
+    assert corner[36, 0] > 0.0
+    assert not corner[37:].any()  # three deviations of the widest mean
+    half = heights_of_one_cell(0.09, kerb=0.09)[0, 0]  # as high as a kerb: it counts half
+    assert half == pytest.approx(0.09 * 65 / 81, rel=0.01)
+    assert heights_of_one_cell(-0.09, kerb=0.09)[0, 0] == pytest.approx(-0.09 * 15 / 16, rel=0.01)  # not below
+
+
+@pytest.mark.parametrize(("height", "counts"), [(0.24, True), (0.26, False), (-0.49, True), (-0.51, False)])
+def test_cells_far_above_a_map_and_twice_as_far_below_are_left_out(height, counts):
+    assert heights_of_one_cell(height).any() == counts
+
+
+def test_points_on_the_lines_of_a_grid_begin_a_cell():
+    points = np.array([[0.5, 0.5, 1.0], [1.0, 0.5, 2.0], [0.5, 1.0, 3.0], [-0.5, 0.5, 4.0]])
+    assert sorted(low_points(points, 1.0)[:, 2].tolist()) == [1.0, 2.0, 3.0, 4.0]
+    column = np.column_stack([np.zeros((11, 2)), np.arange(11.0)[::-1]])
+    assert [low_points(column, 1.0, share=share)[0, 2] for share in (0.0, 0.1, 0.5, 1.0)] == [0.0, 1.0, 5.0, 10.0]
+
+
+def test_seeds_are_handed_on_and_are_0_unless_given(monkeypatch):
+    asked = []
+
+    def noted(points, **given):
+        asked.append(given)
+        return np.array([0.0, 0.0, -1.7])
+
+    monkeypatch.setattr(module, "fit_plane", noted)
+    street = np.column_stack([np.random.default_rng(0).uniform(-20, 20, (400, 2)), np.full(400, -1.7)])
+    for given in ({}, {"seed": 5}):
+        seed = given.get("seed", 0)
+        level(street, method="plane", max_tilt=0.1, **given)
+        level_warning(street, **given)
+        assert asked == [{"max_tilt": 0.1, "seed": seed}, {"seed": seed}]
+        asked.clear()
+
+
+def slowly_lowest(cells, slope, step, window):
+    """Whether none within the window lies lower by more than the way there explains, cell by cell."""
+    places = np.floor(cells[:, :2])
+    allowed = []
+    for at, (_, _, height) in zip(places, cells, strict=True):
+        near = np.abs(places - at).max(axis=1) <= round(window)
+        rise = slope * np.abs(places - at).sum(axis=1)
+        allowed.append(height <= (cells[:, 2] + rise)[near].min() + step)
+    return allowed
+
+
+def test_lowest_cells_are_an_oracles(monkeypatch):
+    rng = np.random.default_rng(2)
+    every = np.argwhere(np.ones((30, 25), bool))
+    chosen = every[rng.permutation(len(every))[:400]]
+    cells = np.column_stack([chosen - 7 + rng.random((400, 2)), rng.choice([0.0, 0.3, 0.6, 2.0], 400)])
+    for slope, step, window in ((0.1, 0.25, 12.0), (0.02, 0.1, 3.0)):
+        found = lowest_mask(cells, slope, step, window=window)
+        assert found.tolist() == slowly_lowest(cells, slope, step, window)
+    assert 0 < found.sum() < 400
+    monkeypatch.setattr(module, "_MOST_CELLS", 30 * 25)
+    assert lowest_mask(cells, 0.1, 0.25).tolist() == slowly_lowest(cells, 0.1, 0.25, 12.0)
+    monkeypatch.setattr(module, "_MOST_CELLS", 30 * 25 - 1)
+    with pytest.raises(ValueError, match="the points cover 30 by 25 m"):
+        lowest_mask(cells, 0.1, 0.25)
+
+
+def test_cells_that_others_support_are_an_oracles():
+    rng = np.random.default_rng(3)
+    cells = np.column_stack([rng.uniform(0, 40, (150, 2)), rng.choice([0.0, 0.2, 0.5], 150)])
+    for others in (3, 6):
+        found = support_mask(cells, 0.1, 0.08, others=others)
+        for row, cell in enumerate(cells):
+            apart = np.hypot(*(cells[:, :2] - cell[:2]).T)
+            nearest = np.argsort(apart)[1:13]
+            alike = np.abs(cells[nearest, 2] - cell[2]) < 0.1 + 0.08 * apart[nearest]
+            assert found[row] == ((alike & (apart[nearest] < 8.0)).sum() >= others)
+        assert 0 < found.sum() < 150
+    assert support_mask(cells[:3], 0.1, 0.08, others=3).tolist() == [True] * 3  # too few to tell
+    far = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [9, 9, 0]])
+    assert support_mask(far, 0.1, 0.08, others=2).tolist() == [True, True, True, False]
+
+
+def test_level_grounds_turn_to_the_plane_and_back_by_the_book():
+    """The turn takes the plane's normal to z by the least angle, as SciPy has it."""
+    tilted = module.Ground(np.array([0.1, -0.2, 1.5]), module.HeightMap(np.zeros(2), np.full((3, 3), 0.25)))
+    normal = np.array([-0.1, 0.2, 1.0]) / np.sqrt(1.05)
+    axis = np.cross(normal, [0, 0, 1])
+    turn = Rotation.from_rotvec(axis / np.linalg.norm(axis) * np.arccos(normal[2])).as_matrix()
+    assert tilted.level_SE3_frame[:3, :3] == pytest.approx(turn)
+    assert tilted.tilt == pytest.approx(np.arccos(normal[2]))
+    on = np.array([[3.0, 4.0, 0.1 * 3 - 0.2 * 4 + 1.5]])
+    assert tilted.points(on)[0, 2] == pytest.approx(-0.25)
+    assert tilted.height(on[:, :2]) == pytest.approx(on[:, 2] + 0.25)
+    assert tilted.points_back(tilted.points(on)) == pytest.approx(on)
+    box = np.array([[3.0, 4.0, 2.0, 4.0, 2.0, 1.5, 0.7]])
+    ahead = turn @ [np.cos(0.7), np.sin(0.7), 0.1 * np.cos(0.7) - 0.2 * np.sin(0.7)]
+    found = tilted.boxes(box)
+    assert found[0, 6] == pytest.approx(np.arctan2(ahead[1], ahead[0]))
+    assert found[:, :3] == pytest.approx(tilted.points(box[:, :3]))
+    assert tilted.boxes_back(found) == pytest.approx(box)

@@ -251,3 +251,102 @@ def test_road_users_pair_by_nearest_and_heading():
     seen = seen_objects([frame], detector, site)[0][0]
     np.testing.assert_allclose(transform(sensor.pose, seen.centres), [[2.0, 1.0, 1.1]], atol=1e-9)
     np.testing.assert_allclose(seen.ahead @ sensor.pose[:3, :3].T, [[np.cos(0.3), np.sin(0.3), 0.0]], atol=1e-9)
+
+
+def joint_of(*pairs, free=None):
+    return joint._Joint(pairs, np.ones(12, bool) if free is None else free, np.zeros(12))
+
+
+def rows_along(number, residuals, one=0, other=1):
+    """Rows that pull two sensors together along one of their numbers. Of a residual of 1 m or more the weight is 0."""
+    rows, ones = np.tile(np.eye(6)[number], (len(residuals), 1)), np.ones(len(residuals))
+    return Pairs(one, other, rows, -rows, np.array(residuals), ones, ones)
+
+
+def test_a_motion_of_two_sensors_is_observed_if_rows_that_count_resist_it():
+    """Each row resists a motion of both sensors, one unit each, twice, so with 4: two rows are enough for 5. One row is
+    not, with any number of others beyond their limit."""
+    common = np.concatenate([np.eye(6), np.eye(6)], axis=1) / np.sqrt(2)
+    system = joint_of(rows_along(0, [0.0, 0.0]), rows_along(4, [0.0] + [1.0] * 20))
+    values, vectors, observed = system._modes
+    assert observed.sum() == 1
+    assert np.abs(vectors[:, observed][:, 0]) == pytest.approx(np.abs(np.eye(12)[0] + np.eye(12)[6]) / np.sqrt(2))
+    assert values[observed] == pytest.approx([4.0])
+    hidden = system.hidden_motions(common)
+    assert len(hidden) == 5
+    assert np.abs(hidden[:, 0]).max() < 1e-9
+    assert np.abs(hidden @ common.T).max() < 1e-9  # without those of all sensors together
+    one = joint_of(rows_along(0, [0.0] * 4), free=np.arange(12) >= 6)  # held, the other resists alone
+    assert one._modes[2].sum() == 0
+    six = joint_of(rows_along(0, [0.0] * 6), free=np.arange(12) >= 6)
+    assert six._modes[2].sum() == 1
+
+
+def test_surfaces_pair_by_hand():
+    """Sensor 1 is turned by a quarter and sees a point 3 cm above the first's, both on level ground."""
+    turned = np.eye(4)
+    turned[:2, :2], turned[:3, 3] = [[0, -1], [1, 0]], [1.0, 2.0, 0.0]
+    up = np.array([[0.0, 0, 1]])
+    place = np.array([[4.0, 5.0, 0.0]])
+    surfaces = [
+        Surface(place, up, np.array([0.03])),
+        Surface(transform(invert(turned), [*place, [0.0, 0.0, 0.03]]), up, np.array([0.04])),
+    ]
+    rows = [np.array([0])] * 2
+    first, second = joint._surface_pairs(surfaces, rows, [np.eye(4), turned], (0.5, 0.1))
+    assert [(pair.one, pair.other) for pair in (first, second)] == [(0, 1), (1, 0)]
+    assert first.residual == pytest.approx([-0.03])
+    assert second.residual == pytest.approx([0.03])
+    deviation = np.sqrt(0.03**2 + 0.04**2 + 0.01**2)
+    assert first.deviation == pytest.approx([3 * deviation])
+    assert first.limit == pytest.approx([4.685 * deviation])
+    assert joint._surface_pairs(surfaces, rows, [np.eye(4), turned], (0.5, 0.9))[0].limit == pytest.approx([0.9])
+    assert first.one_row == pytest.approx(registration.resistance(place, np.zeros(3), up))
+    assert first.other_row == pytest.approx(-registration.resistance(place, np.array([1.0, 2.0, 0.0]), up))
+    weight = (1 - (0.03 / (4.685 * deviation)) ** 2) ** 2 / (9 * deviation**2)
+    assert first.weight == pytest.approx([weight])
+    down = [surfaces[0], Surface(surfaces[1].points, -up, surfaces[1].roughness)]
+    assert [len(pair.residual) for pair in joint._surface_pairs(down, rows, [np.eye(4), turned], (0.5, 0.1))] == [0, 0]
+
+
+def test_of_two_road_users_near_a_third_the_nearer_is_it_and_headings_turn_about_z_alone():
+    own = np.array([[0.9, 0, 1, 4, 2, 1.5, 0.0], [-0.2, 0, 1, 4, 2, 1.5, 0.1]])
+    theirs = np.array([[0.0, 0.0, 1, 4, 2, 1.5, 0.0]])
+    (pair,) = object_pairs([[SeenBoxes.of(each, np.eye(4)) for each in (own, theirs)]], [np.eye(4)] * 2, 1.5)
+    assert pair.residual == pytest.approx([-0.2, 0.0, 0.0, 0.1])
+    assert pair.one_row[3].tolist() == (-pair.other_row[3]).tolist() == [0, 0, 1 / LEVER, 0, 0, 0]
+    assert pair.deviation == pytest.approx([0.25 * np.sqrt(2)] * 3 + [np.deg2rad(4.0) * np.sqrt(2)])
+    assert pair.limit == pytest.approx([1.5] * 3 + [np.deg2rad(20.0)])
+    for radius, gate in ((0.1, 0.8), (1.0, 1.0), (9.0, 1.5)):
+        (pair,) = object_pairs([[SeenBoxes.of(each, np.eye(4)) for each in (own, theirs)]], [np.eye(4)] * 2, radius)
+        assert pair.limit[0] == gate
+
+
+def test_scatter_is_the_robust_spread_of_a_sensors_own_rows():
+    """Of the rows of the third sensor, which sees nothing else, the median is 4 cm; one counts for nothing."""
+    rng, far = np.random.default_rng(3), TRUE[2].copy()
+    far[0, 3] += 500.0
+    surfaces = [seen_by(pose, rng) for pose in TRUE]
+    alone = align(surfaces, [*TRUE[:2], far], held=[0, 1, 2])
+    assert alone.scatter[2] == 0.0
+    assert alone.scatter[0] == alone.scatter[1] > 0.0
+
+    def more(poses, radius):
+        rows = np.zeros((4, 6))
+        return [Pairs(2, 1, rows, rows, np.array([0.03, -0.04, 0.05, 9.0]), np.ones(4), np.ones(4))]
+
+    found = align(surfaces, [*TRUE[:2], far], held=[0, 1, 2], more=more)
+    assert found.scatter[2] == pytest.approx(1.4826 * 0.04)
+    assert found.shared[2].tolist() == [0, 3, 0]
+    assert found.shared[:, 2].tolist() == [0, 3, 0]
+    assert found.shared[0, 1] == alone.shared[0, 1] > 100
+
+
+def test_what_nothing_determines_stays_as_unsure_as_usual_errors():
+    system = joint_of(rows_along(0, [0.0]))
+    variance = np.tile(np.repeat([joint.USUAL_TURN**2, joint.USUAL_MOVE**2], 3), 2)
+    assert np.diag(system.covariance()) == pytest.approx(variance)
+    moved = joint._Joint([rows_along(0, [0.0])], np.ones(12, bool), np.arange(12.0))
+    assert moved.step() == pytest.approx(-np.arange(12.0))  # back to where it was believed
+    held = joint._Joint([rows_along(0, [0.0])], np.arange(12) >= 6, np.arange(12.0))
+    assert held.step() == pytest.approx(np.where(np.arange(12) >= 6, -np.arange(12.0), 0.0))

@@ -246,3 +246,128 @@ def test_it_starts_where_it_is_believed_turned_about_the_vertical(monkeypatch):
     turns = [LEVER * np.deg2rad(turn) for turn in (0, -2.5, 2.5, -5, 5)]
     motions = [motion_between(TRUE, start) for start in starts]
     np.testing.assert_allclose(motions, [[0, 0, turn, 0, 0, 0] for turn in turns], atol=1e-9)
+
+
+def system_of(rows, residual=0.0, weight=1.0, overlap=1.0):
+    rows = np.asarray(rows, float)
+    residual, weight = (np.broadcast_to(np.asarray(each, float), len(rows)) for each in (residual, weight))
+    return registration._System(rows, residual, weight, overlap, 0.01)
+
+
+EYE = np.eye(6)
+
+
+def test_agreement_steps_and_covariances_are_those_by_hand():
+    agreeing = system_of(EYE[[5, 5, 5]], [0.0, 0.15, 0.4], overlap=0.5)
+    assert agreeing.agreement == pytest.approx((1 + 0.75**2) / 3 / 2)  # Tukey's weight of half of 0.3 m
+    weight = np.array([4.0, 1.0, 2.0, 3.0])
+    up = system_of(EYE[[5] * 4], [0.1, 0.2, -0.1, 0.0], weight)
+    assert up.step() == pytest.approx([0, 0, 0, 0, 0, -(0.4 + 0.2 - 0.2) / 10])
+    assert len(up.hidden_motions) == 5
+    assert np.diag(up.covariance()) == pytest.approx([0, 0, 0, 0, 0, 9 / 10])
+    turning = system_of(EYE[[0] * 4], 0.0, weight)
+    assert np.diag(turning.covariance()) == pytest.approx([9 / 10 / LEVER**2, 0, 0, 0, 0, 0])
+
+
+@pytest.mark.parametrize(
+    ("up", "along", "strength", "seen", "weight"),
+    [
+        *((4000, 3, 1.0, True, 1.0), (10000, 3, 1.0, False, 1.0), (10000, 5, 1.0, True, 1.0), (9, 2, 1.0, False, 1.0)),
+        *((9, 100, 0.2, True, 1.0), (9, 200, 0.14, False, 1.0), (9, 100, 1.0, False, 0.0)),
+    ],
+)
+def test_a_motion_is_observed_if_enough_points_resist_it(up, along, strength, seen, weight):
+    """Two points, and four of ten thousand, are too few; less than 0.15 of a motion across the plane is noise."""
+    rows = np.concatenate([EYE[[5] * up], strength * EYE[[3] * along]])
+    system = system_of(rows, weight=np.repeat([1.0, weight], [up, along]))
+    assert bool(np.abs(system.hidden_motions[:, 3]).max() < 0.5) is seen
+    assert np.abs(system.hidden_motions[:, 5]).max() < 1e-9
+
+
+def test_deviations_are_infinite_for_numbers_that_hidden_motions_change():
+    hidden = np.array([[0.3, 0, 0.31, 0, 0, 0], [0, 0, 0, 0, -1.0, 0]])
+    found = registration.Registration(np.eye(4), 4.0 * EYE, hidden, 1.0, 0.01)
+    assert found.deviations.tolist() == [2, 2, np.inf, 2, np.inf, 2]
+    known = registration.Registration(np.eye(4), 4.0 * EYE, np.zeros((0, 6)), 1.0, 0.01)
+    assert known.deviations.tolist() == [2.0] * 6
+
+
+def test_pairs_weigh_by_their_noise_roughness_and_scatter(monkeypatch):
+    """Eighty points at known heights above a level grid, ten of them too far off."""
+    monkeypatch.setattr(registration, "_STEPS", 1)
+    places = np.array([[x, y, 0.0] for x in range(10) for y in range(8)], float)
+    surface = Surface(places, np.tile([0.0, 0, 1], (80, 1)), np.full(80, 0.02))
+    rng = np.random.default_rng(0)
+    above, noise = rng.normal(0, 0.05, 80), rng.uniform(0.01, 0.1, 80)
+    above[:10], above[10] = 0.9, 0.25
+    start = pose(0.0, 0.0, 0.0)
+    moved, system = registration._align_levels(
+        places + above[:, None] * [0, 0, 1], noise, surface, start, ((0.8, 0.01, 0.2),)
+    )
+    near = above[10:]
+    scatter = 1.4826 * np.median(np.abs(near))
+    spread = np.sqrt(noise[10:] ** 2 + 0.02**2 + scatter**2)
+    limit = np.maximum(4.685 * spread, 0.2)
+    assert system.residual == pytest.approx(near)
+    assert system.scatter == pytest.approx(scatter)
+    assert system.overlap == pytest.approx(70 / 80)
+    assert system.weight == pytest.approx(np.clip(1 - (near / limit) ** 2, 0, None) ** 2 / spread**2)
+    world = places[10:] + near[:, None] * [0, 0, 1]
+    assert system.rows == pytest.approx(resistance(world, np.zeros(3), surface.normals[10:]))
+    assert moved == pytest.approx(apply_motion(start, system.step()))
+    _, wide = registration._align_levels(places, np.full(80, 0.001), surface, start, ((0.8, 0.01, 5.0),))
+    assert wide.scatter == 0.01  # no less
+    assert wide.weight == pytest.approx(np.full(80, 1 / (0.001**2 + 0.02**2 + 0.01**2)))
+
+
+@pytest.mark.parametrize("hidden", [False, True])
+def test_starts_that_end_alike_are_one_and_of_those_as_good_the_nearest_is_taken(monkeypatch, hidden):
+    """The starts end 0, 4, 6, 6 and 20 cm along x (and 10 along y), of which the second and fourth are no new ones."""
+    ends, fine = iter([0.0, 0.04, 0.06, 0.06, 0.2]), []
+    agreements = {0.0: 0.5, 0.06: 0.503, 0.2: 0.5035}
+
+    class System:
+        overlap, scatter = 0.7, 0.02
+        hidden_motions = EYE[[3]] if hidden else np.zeros((0, 6))
+
+        def __init__(self, x):
+            self.agreement = agreements.get(round(x, 6), 0.0)
+
+        def covariance(self):
+            return EYE
+
+    def align(points, noise, surface, start, levels):
+        if levels is registration._COARSE:
+            return apply_motion(np.eye(4), np.array([0, 0, 0, next(ends), 0.1, 0])), System(0.0)
+        fine.append(motion_between(np.eye(4), start).round(6).tolist())
+        return start, System(float(start[0, 3]))
+
+    monkeypatch.setattr(registration, "_align_levels", align)
+    surface = corner(np.random.default_rng(0), 50)
+    found = register(np.zeros((9, 3)), surface, np.eye(4))
+    starts = [[0, 0, 0, x, 0.1, 0] for x in (0.0, 0.06, 0.2)]
+    assert fine == [*starts, [0, 0, 0, 0, 0.1, 0]] if hidden else fine == starts
+    assert found.pose[:2, 3] == pytest.approx([0.0 if hidden else 0.06, 0.1])
+    assert (found.overlap, found.scatter) == (0.7, 0.02)
+
+
+def test_noise_that_few_frames_show_is_no_less_than_one_frames():
+    points, deviation = scene_points(scene(8.0, share=0.5, frames=1))
+    np.testing.assert_allclose(deviation, 0.02 * np.linalg.norm(points, axis=1) / 8.0, rtol=1e-5)
+    _, four = scene_points(scene(8.0, share=0.5, frames=8))
+    np.testing.assert_allclose(four, deviation / 2, rtol=1e-5)
+
+
+def test_fifty_points_are_enough_and_small_things_have_points():
+    registration._check_flat(50)
+    with pytest.raises(ValueError, match="the reference has 49 points on flat ground"):
+        registration._check_flat(49)
+    post = np.array([[0.0, 0], [0.6, 0], [0.6, 0.6], [0, 0.6]])
+    surface = site_surface(Site("s", np.array([-3.0, -3, 3, 3]), solids=(Solid(post, 0.0, 0.9, "container"),)))
+    assert np.isclose(surface.points[:, 2], 0.9).sum() == pytest.approx(0.36 / SURFACE_SPACING**2, abs=10)
+    ground = np.abs(surface.points[:, :2]).max()
+    assert ground > 20.0  # thirty metres beyond the area
+    other = site_surface(Site("s", np.array([-3.0, -3, 3, 3])), seed=1)
+    assert other.points.tobytes() != site_surface(Site("s", np.array([-3.0, -3, 3, 3])), seed=0).points.tobytes()
+    again = site_surface(Site("s", np.array([-3.0, -3, 3, 3])))
+    assert again.points.tobytes() == site_surface(Site("s", np.array([-3.0, -3, 3, 3])), seed=0).points.tobytes()
