@@ -75,7 +75,7 @@ class DifferenceSender:
                 difference = _REFERS.pack(*refers) + encode_difference(steps, sent, reference, squares)
                 stands = int(reference.standing(steps, sent).sum())
         whole = coding.encode_pixels(steps, sent) if stands < FEW_PIXELS else b""
-        if reference is None or not difference or 0 < len(whole) <= len(difference):
+        if reference is None or not difference or (whole and len(whole) <= len(difference)):
             kind, content, self._key = MessageKind.FOREGROUND, whole, image.number
             self._reference = Reference.of(image.number, step_in_mm(self.step), steps, sent)
         else:

@@ -177,7 +177,7 @@ def from_steps(steps: ImageSteps, sent: ImageMask, step: float, model: SensorMod
     """Convert steps to measurements (m) within the model's range."""
     last = np.nextafter(np.float32(model.max_range), np.float32(0))
     measured = np.zeros(steps.shape, np.float32)
-    measured[sent] = np.clip(steps[sent] * step, step / 4, min(float(last), float(np.finfo(np.float32).max)))
+    measured[sent] = np.clip(steps[sent] * step, step / 4, float(last))
     return measured
 
 

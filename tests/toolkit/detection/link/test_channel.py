@@ -11,6 +11,7 @@ from toolkit.detection.link.differences import ForegroundDifferences
 from toolkit.frame import Frame
 from toolkit.geometry import pose
 from toolkit.objects import Objects
+from toolkit.sensors.error_profiles import PAPER_ERRORS
 from toolkit.sensors.models import DepthCamera
 from toolkit.sensors.sensor import Sensor
 
@@ -144,3 +145,77 @@ def test_what_was_lost_takes_with_it_what_cannot_be_read_without(needed, expecte
     which, lagged = shown(LinkChannel(), needed=needed)
     assert [row[0] for row in which] == expected
     assert [int(each.sent.images[0][0, 0]) - 1 for each in lagged] == list(range(12))
+
+
+def slowly(channel, seed, times):
+    """The chain of Gilbert and Elliott, step by step, on the same random numbers."""
+    rng = np.random.default_rng(seed)
+    bad = rng.random() < channel.loss
+    mean = channel.burst or 1 / (1 - channel.loss)
+    for number, time in enumerate(times):
+        late, change = max(rng.standard_normal() * channel.jitter, 0.0), rng.random()
+        if number % channel.every:
+            yield math.inf
+            continue
+        yield math.inf if bad else time + channel.delay + late
+        bad = not change < 1 / mean if bad else change < channel.loss / (mean * (1 - channel.loss))
+
+
+@pytest.mark.parametrize(
+    "channel",
+    [
+        *(LinkChannel(), LinkChannel(0.2, 0.1), LinkChannel(loss=0.4), LinkChannel(loss=0.2, burst=4.0)),
+        *(LinkChannel(0.1, 0.05, 0.3, 2.0, 2), LinkChannel(loss=0.1, every=3)),
+    ],
+)
+def test_every_message_arrives_when_an_oracle_says(channel):
+    times = [0.1 * k for k in range(300)]
+    for seed in (0, [7, 1, 2]):
+        line = Line(channel, seed)
+        assert [line.arrival(time) for time in times] == list(slowly(channel, seed, times))
+
+
+def test_lines_are_drawn_from_the_seed_the_frame_that_traffic_began_with_and_the_sensor(monkeypatch):
+    asked = []
+
+    def noted(channel, seed):
+        asked.append((channel.delay, seed))
+        return Line(channel, seed)
+
+    monkeypatch.setattr("toolkit.detection.link.channel.Line", noted)
+    channels = [LinkChannel(delay=0.1), LinkChannel()]
+    list(delay_frames(recording(anew=(6,)), channels, noise_seed=None, seed=5))
+    assert asked == [(0.1, [5, 0, 0]), (0.0, [5, 0, 1]), (0.1, [5, 6, 0]), (0.0, [5, 6, 1])]
+    asked.clear()
+    list(delay_frames(recording(2), LinkChannel(), noise_seed=None))
+    assert [seed for _, seed in asked] == [[0, 0, 0], [0, 0, 1]]
+    with pytest.raises(ValueError, match="zip"):
+        list(delay_frames(recording(2), channels[:1], noise_seed=None))
+
+
+@pytest.mark.parametrize(("delay", "shown_at"), [(1.0, 10), (1.2, None)])
+def test_what_is_just_a_second_old_is_shown_and_nothing_older(delay, shown_at):
+    which, _ = shown(LinkChannel(delay=delay), recording(15))
+    assert [row[0] for row in which] == [k - 10 if shown_at and k >= shown_at else -1 for k in range(15)]
+
+
+@pytest.mark.parametrize("apart", [0.5, 0.6])
+def test_frames_half_a_second_apart_still_show_late_messages(apart):
+    if apart == 0.5:
+        assert [row[0] for row in shown(LinkChannel(delay=0.5), recording(4, apart))[0]] == [-1, 0, 1, 2]
+    else:
+        with pytest.raises(ValueError, match=r"frames must be at most 0\.5 s apart"):
+            shown(LinkChannel(delay=0.5), recording(4, apart))
+
+
+def test_frames_are_read_with_the_errors_and_the_noise_that_are_asked(monkeypatch):
+    asked = []
+
+    def read(recording, k, *, errors, noise_seed):
+        asked.append((k, errors, noise_seed))
+        return recording[k]
+
+    monkeypatch.setattr("toolkit.detection.link.channel.read_frame", read)
+    list(delay_frames(recording(2), LinkChannel(), errors="poor", noise_seed=4))
+    list(delay_frames(recording(1), LinkChannel()))
+    assert asked == [(0, "poor", 4), (1, "poor", 4), (0, PAPER_ERRORS, 0)]

@@ -402,3 +402,30 @@ def test_views_that_remember_nothing_and_parameters():
 )
 def test_which_messages_must_have_arrived(refers_to, number, needed):
     assert list(differences.ForegroundDifferences(refers_to=refers_to).dependencies(number)) == needed
+
+
+@pytest.mark.parametrize(
+    ("longer", "kind"), [(1, MessageKind.FOREGROUND), (0, MessageKind.FOREGROUND), (-1, MessageKind.DIFFERENCE)]
+)
+def test_of_two_equally_long_messages_the_whole_image_is_sent(monkeypatch, longer, kind):
+    sender = differences.DifferenceSender(SCENE)
+    sender.write(image(0))
+    second = image(1)
+    sent = (second.measurement > 0) & (second.measurement < SENSOR.model.max_range)
+    whole = image_coding.encode_pixels(range_images.to_steps(second.measurement, sent, 0.02), sent)
+    monkeypatch.setattr(differences, "FEW_PIXELS", 10**9)
+    monkeypatch.setattr(differences, "encode_difference", lambda *_: bytes(len(whole) + longer - 6))
+    header, content = read_message(sender.write(second))
+    assert header.kind == kind
+    assert content == whole if kind == MessageKind.FOREGROUND else len(content) == len(whole) - 1
+
+
+def test_differences_go_on_up_to_the_next_whole_image_and_only_forwards():
+    for last, kind in ((9, 5), (10, 2)):
+        sender = differences.DifferenceSender(SCENE, key_every=10)
+        assert kinds([sender.write(image(0)), sender.write(image(last))]) == [2, kind]
+    for key_every in (1, 255):
+        differences.check_differences("key", key_every)
+    sender = differences.DifferenceSender(SCENE)
+    assert (sender.step, sender.refers_to, sender.key_every) == (0.02, "previous", 10)
+    assert kinds([sender.write(image(3)), sender.write(image(3))]) == [2, 2]  # the same number is none after it

@@ -317,3 +317,24 @@ def test_missing_pixels_need_company(expected, gone, kept):
     beside[middle[0], 4] = beside[0, 0] = True  # drop-outs that the scene does not expect: in company, and alone
     assert foreground._keep_company(beside, there)[[middle[0], 0], [4, 0]].tolist() == [kept, False]
     np.testing.assert_array_equal(foreground._keep_company(beside, missing), beside)  # all are missing
+
+
+def test_missing_pixels_are_those_that_a_slow_count_finds():
+    """Of those about each pixel, two to either side, that should show the scene, at least half must be missing, three
+    or all of them."""
+    rng = np.random.default_rng(0)
+    for share in (0.2, 0.5, 0.8):
+        expected = rng.random((12, 15)) < 0.7
+        gone = rng.random((12, 15)) < share
+        kept = foreground._keep_company(gone, expected)
+        for row, column in np.ndindex(gone.shape):
+            about = slice(max(row - 2, 0), row + 3), slice(max(column - 2, 0), column + 3)
+            missing, there = int((gone & expected)[about].sum()), int(expected[about].sum())
+            enough = missing > 0 and 2 * missing >= there and (missing >= 3 or missing == there)
+            assert kept[row, column] == (gone[row, column] and enough)
+        assert 0 < kept.sum() < gone.size
+    lone = np.zeros((12, 15), bool)
+    lone[3, 4] = lone[3, 5] = True
+    assert not foreground._keep_company(lone, np.ones((12, 15), bool)).any()  # two of twenty-five
+    assert foreground._keep_company(lone, lone).sum() == 2  # all that there are
+    assert not foreground._keep_company(lone, np.zeros((12, 15), bool)).any()

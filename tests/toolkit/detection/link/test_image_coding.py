@@ -158,3 +158,28 @@ def test_what_no_encoder_writes_is_refused():
     ):
         with pytest.raises(ValueError, match=said):
             image_coding.decode_pixels(wrong, (1, 5))
+
+
+def test_the_shorter_way_of_a_mask_and_the_shortest_deflation_are_taken(monkeypatch):
+    """A stripe down the image changes twice in every row, but where it begins alone differs from left and up. One run
+    through two rows changes along the rows twice."""
+    stripe, run = np.zeros((40, 40), bool), np.zeros((40, 40), bool)
+    stripe[:, 7:19] = True
+    run[12, 9:], run[13, :30] = True, True
+    for mask, way in ((stripe, 1), (run, 0)):
+        packed = image_coding.encode_mask(mask)
+        assert packed[0] == way
+        assert image_coding.decode_mask(packed, 0, mask.shape)[0].tolist() == mask.tolist()
+    for values in (
+        np.arange(300) % 7,
+        np.zeros(300, int),
+        np.random.default_rng(0).integers(0, 2**20, 50),
+        np.array([3]),
+    ):
+        monkeypatch.undo()
+        lengths, strategies = [], image_coding._STRATEGIES
+        best = len(image_coding.pack_integers(values))
+        for strategy in strategies:
+            monkeypatch.setattr(image_coding, "_STRATEGIES", (strategy,))
+            lengths.append(len(image_coding.pack_integers(values)))
+        assert best == min(lengths)

@@ -129,6 +129,8 @@ def test_codecs_of_images_refuse_points_alone_and_go_by_name():
     got = range_images.from_steps(np.array([[0, 1, 10**9, 5]]), mask, 0.08, DepthCamera(max_range=50.0))
     np.testing.assert_allclose(got, [[0.02, 0.08, 50.0, 0.0]])
     assert got[0, 2] < 50
+    near = range_images.from_steps(np.array([[10**9]]), np.ones((1, 1), bool), 0.08, DepthCamera(max_range=0.5))
+    assert near[0, 0] == np.nextafter(np.float32(0.5), np.float32(0))
     codec, sent = range_images.RangeImages(), image(MODELS[0])
     message = codec.encode_image(sent)
     for other in (Sensor("t", MODELS[0], np.eye(4)), Sensor("s", MODELS[2], np.eye(4))):

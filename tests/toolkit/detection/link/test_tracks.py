@@ -135,3 +135,77 @@ def test_who_stands_stays_beside_one_that_surely_drives():
 
 def test_before_any_detection_there_is_none_at_any_time():
     assert len(Tracks().at(1.0)) == 0
+
+
+class SlowTracks:
+    """The same by the book, one track and one axis after the other."""
+
+    def __init__(self):
+        self.tracks, self.rows, self.time = [], [], 0.0
+
+    def update(self, detections, time):
+        step, again = (time - self.time if self.tracks else 0.0), bool(self.tracks) and time == self.time
+        move, push = np.array([[1, step], [0, 1]]), 3.0 * np.array([step**2 / 2, step])
+        for track in self.tracks:
+            track["state"] = [move @ axis for axis in track["state"]]
+            track["covariance"] = move @ track["covariance"] @ move.T + np.outer(push, push)
+        places, labels = detections.boxes[:, :2], detections.labels
+        pairs = []
+        for d, place in enumerate(places):
+            for t, track in enumerate(self.tracks):
+                apart = float(np.hypot(*(place - [axis[0] for axis in track["state"]])))
+                gate = min(1.0 + 2.5 * np.sqrt(track["covariance"][0, 0]), 8.0)
+                if labels[d] == track["label"] and apart <= gate:
+                    pairs.append((apart, d, t))
+        joined = {}
+        for _, d, t in sorted(pairs):
+            if d not in joined and t not in joined.values():
+                joined[d] = t
+        for d, t in joined.items():
+            track = self.tracks[t]
+            track["seen"] = time
+            if not again:
+                before = track["covariance"]
+                gain = before[:, 0] / (before[0, 0] + 0.15**2)
+                track["state"] = [
+                    axis + gain * (measured - axis[0]) for axis, measured in zip(track["state"], places[d], strict=True)
+                ]
+                track["covariance"] = before - np.outer(gain, before[0])
+        rows = []
+        for d, place in enumerate(places):
+            if d not in joined:
+                state, spread = [np.array([x, 0.0]) for x in place], np.diag([0.15**2, 8.0**2])
+                self.tracks.append({"state": state, "covariance": spread, "label": labels[d], "seen": time})
+                joined[d] = len(self.tracks) - 1
+            rows.append(self.tracks[joined[d]])
+        self.tracks = [track for track in self.tracks if time - track["seen"] <= 1.0]
+        self.rows, self.time = rows, time
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_many_tracks_are_those_of_a_slow_filter(seed):
+    """Cars and walkers that come and go, at uneven times and now and then twice at the same."""
+    rng, tracks, slow, time = np.random.default_rng(seed), Tracks(), SlowTracks(), 5.0
+    speeds, starts, labels = rng.normal(0, 8, (9, 2)), rng.uniform(-6, 6, (9, 2)), rng.integers(0, 2, 9)
+    for _ in range(40):
+        seen = np.flatnonzero(rng.random(9) < 0.6)
+        found = cars(
+            starts[seen] + speeds[seen] * (time - 5.0) + rng.normal(0, 0.1, (len(seen), 2)), labels=labels[seen]
+        )
+        tracks.update(found, time)
+        slow.update(found, time)
+        states = [[*(axis[0] for axis in t["state"]), *(axis[1] for axis in t["state"])] for t in slow.tracks]
+        assert tracks._state == pytest.approx(np.array(states).reshape(-1, 4), abs=1e-9)
+        assert tracks._covariance[:, ::2, ::2] == pytest.approx(
+            np.array([t["covariance"] for t in slow.tracks]).reshape(-1, 2, 2), abs=1e-9
+        )
+        assert tracks._labels.tolist() == [t["label"] for t in slow.tracks]
+        assert tracks._seen.tolist() == [t["seen"] for t in slow.tracks]
+        after = tracks.at(time + 0.4)
+        for row, track in enumerate(slow.rows):
+            assert slow.tracks[tracks._rows[row]] is track
+            speed = np.array([axis[1] for axis in track["state"]])
+            sure = speed @ speed > 4 * 2 * track["covariance"][1, 1]
+            moved = found.boxes[row, :2] + (0.4 * speed if sure else 0.0)
+            assert after.boxes[row, :2] == pytest.approx(moved, abs=1e-9)
+        time += float(rng.choice([0.0, 0.1, 0.1, 0.3, 1.0, 1.1]))
