@@ -28,6 +28,14 @@ def check_share(option: str, value: float) -> None:
         raise ValueError(f"{option} must lie between 0 and 1, got {value:g}")
 
 
+def check_each_once(option: str, values: Sequence[object] | None) -> None:
+    """Raise ValueError for an option with nothing after it, or with a value twice; None passes."""
+    if values is not None and not values:
+        raise ValueError(f"{option} needs one value or several: leave it out for the usual ones")
+    if values is not None and len(set(values)) < len(values):
+        raise ValueError(f"{option} takes each value once, got {' '.join(map(str, values))}: leave the repetition out")
+
+
 def check_ious(values: Iterable[float]) -> None:
     """Raise ValueError where an IoU threshold is none."""
     for value in values:

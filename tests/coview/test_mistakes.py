@@ -3,6 +3,7 @@
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import coview
@@ -56,6 +57,12 @@ def clouds(recording, tmp_path_factory):
         ("evaluate REC --rate 0", "--rate must be above 0, got 0"),
         ("plan tjunction --width 2", "--width must lie between 0 and 1, got 2"),
         ("evaluate CLOUDS/bare --detector general", "the recording has no label, so nothing can be scored"),
+        ("evaluate REC --schemes early early", "--schemes takes each value once, got early early: leave the"),
+        ("evaluate REC --sensors all all", "--sensors takes each value once, got all all"),
+        ("evaluate REC --classes", "--classes needs one value or several: leave it out for the usual ones"),
+        ("stress REC --kinds", "--kinds needs one value or several: leave it out for the usual ones"),
+        ("stress REC --kinds pose pose", "--kinds takes each value once, got pose pose"),
+        ("stress REC --schemes late early late", "--schemes takes each value once, got late early late"),
     ],
 )
 def test_an_argument_is_refused_before_an_old_answer(line, said, refused, recording, clouds, tmp_path):
@@ -91,7 +98,8 @@ def test_an_argument_is_refused_before_an_old_answer(line, said, refused, record
         ("survey tjunction", "tjunction is a site, no recording: make one with coview simulate tjunction --out"),
         ("survey nowhere.hdf5", "no dataset nowhere.hdf5: check the path"),
         ("detect tjunction --out b.json", "tjunction is a site, no recording"),
-        ("detect REC --out REC", "is what is read: write to another place"),
+        ("detect REC --out REC", "the name of a file of boxes must end in .json, got few.hdf5"),
+        ("detect REC --out boxes.txt", "the name of a file of boxes must end in .json, got boxes.txt: it is known by"),
         ("detect REC --detector a.b:c --out b.json", "detector a.b:c cannot be imported (ModuleNotFoundError"),
         ("convert REC --to kitti --out k.hdf5", "layout kitti is a folder, which cannot be called k.hdf5"),
         ("convert REC --to hdf5 --out k", "the name of a recording in layout hdf5 must end in .hdf5 or .h5, got k"),
@@ -147,3 +155,12 @@ def test_a_folder_shows_its_layout(run, clouds):
 def test_a_plan_that_says_no_is_replaced(run, tmp_path):
     line = ("plan", "tjunction", "--candidates", "paper", "--budget", "0", "--cache", "None", "--out", tmp_path)
     assert [run(*line)[0], run(*line, "--seed", "1")[0]] == [1, 1]
+
+
+def test_no_table_is_written_where_nothing_is_to_be_found(refused, recording, tmp_path, monkeypatch):
+    module = "toolkit.detection.evaluation"
+    monkeypatch.setattr(f"{module}.has_centre_inside", lambda boxes, area: np.zeros(len(boxes), bool))
+    line = ("evaluate", recording, "--frames", "1", "--classes", "heavy", "--schemes", "late", "--sensors", "0")
+    said = refused(*line, "--out", tmp_path / "new")
+    assert "there is no AP, since no heavy is to be found in 1 frame: take more frames, other --classes" in said
+    assert not (tmp_path / "new" / "table.json").exists()

@@ -11,7 +11,7 @@ from typing import Literal
 
 from tyro.conf import Positional
 
-from coview.arguments import check_least
+from coview.arguments import check_ending, check_least
 from coview.detectors import check_detector, place_detector, recording_detector, split_background
 from coview.outputs import OK, Writing, check_file, check_new_folder, print_result
 from coview.progress_bar import progress_bar
@@ -56,6 +56,8 @@ def detect(
     check_detector(detector)
     levelled = replace(place, level=place.level or "map")
     network = None if split_background(detector)[1] else place_detector(detector, levelled)
+    if format == "boxes":
+        check_ending(out, (".json",), "a file of boxes")
     check = check_file if format == "boxes" else check_new_folder
     check(out, inputs=[*clouds, *opening.files], overwrite=writing.overwrite)
     with ExitStack() as stack:

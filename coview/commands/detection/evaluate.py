@@ -10,12 +10,22 @@ from typing import TYPE_CHECKING, Literal
 
 from tyro.conf import Positional
 
-from coview.arguments import Label, check_ious, check_least, check_positive, check_schemes, check_share, sensor_set
+from coview.arguments import (
+    Label,
+    check_each_once,
+    check_ious,
+    check_least,
+    check_positive,
+    check_schemes,
+    check_share,
+    sensor_set,
+)
 from coview.detectors import CLUSTER, check_detector, recording_detector
 from coview.outputs import OK, Writing, check_folder, claim, print_result
 from coview.progress_bar import progress_bar
 from coview.recordings import Opening
 from toolkit.detection.place import Place
+from toolkit.display import describe_count
 from toolkit.frame import Frame, RecordingView
 from toolkit.runtime.run import Run
 from toolkit.sensors.error_profiles import find_profile
@@ -115,6 +125,8 @@ def evaluate(
     from toolkit.frame import select_sensors
     from toolkit.objects import check_known, known_labels
 
+    for name in ("schemes", "sensors", "classes", "iou"):
+        check_each_once(f"--{name}", getattr(rules, name))
     check_ious(rules.iou or ())
     check_schemes(rules.schemes or ())
     check_least("--radius", rules.radius, 0.0)
@@ -164,6 +176,11 @@ def evaluate(
                 reads=reads,
                 scenes=scenes,
                 run=replace(run, progress=bar.stage),
+            )
+        if not any(row.truths for row in found):
+            raise ValueError(
+                f"there is no AP, since no {' and no '.join(labels)} is to be found in "
+                f"{describe_count(reads.count(recording), 'frame')}: take more frames, other --classes or another area"
             )
         found = replace(found, poses=poses)
         save_evaluation(found, out)

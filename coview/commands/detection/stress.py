@@ -8,7 +8,7 @@ from pathlib import Path
 
 from tyro.conf import Positional
 
-from coview.arguments import site_file
+from coview.arguments import check_each_once, site_file
 from coview.detectors import check_detector, check_digest, recording_detector
 from coview.outputs import OK, Writing, check_folder, claim, print_result
 from coview.progress_bar import progress_bar
@@ -59,7 +59,9 @@ def stress(
         None if table is None else outputs.exact_failures(load_table(table), ious=question.iou, label=question.label)
     )
     check_detector(detector)
-    stressing.check_kinds(question.kinds)
+    for name in ("schemes", "kinds", "iou"):
+        check_each_once(f"--{name}", getattr(question, name))
+    stressing.check_kinds(question.kinds or ())
     with open_recording(dataset, site) as recording, claim(out, asked, check, overwrite=writing.overwrite):
         total = frame_count(recording, run.frames)
         kinds = stressing.choose_kinds(recording, question.kinds)

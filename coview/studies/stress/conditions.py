@@ -53,7 +53,7 @@ class StressQuestion:
 
     schemes: tuple[str, ...] = ("early", "foreground", "hybrid", "late")
     """Fusion schemes: early, late, hybrid, foreground and differences (of foregrounds)."""
-    kinds: tuple[str, ...] = ()
+    kinds: tuple[str, ...] | None = None
     """Stress: bytes, pose, mounting, silent, pairs, blinded, frozen, delay, loss, rate, clock; all when left out."""
     label: Label = "vehicle"
     """Class of the road users to find."""

@@ -80,20 +80,20 @@ def check_kinds(kinds: Sequence[str]) -> None:
         make_conditions(kind, ())
 
 
-def choose_kinds(recording: SiteRecording, kinds: Sequence[str] = ()) -> tuple[str, ...]:
+def choose_kinds(recording: SiteRecording, kinds: Sequence[str] | None = None) -> tuple[str, ...]:
     """Return the given kinds of stress, by default all that a recording can show.
 
     Raises ValueError for an unknown kind, and for one that needs frames closer together.
     """
     close = is_sequence(recording)
-    check_kinds(kinds)
-    for kind in kinds:
+    check_kinds(kinds or ())
+    for kind in kinds or ():
         if kind in IN_SEQUENCE and not close:
             raise ValueError(
                 f"stress {kind!r} needs frames at most {MOST_APART} s apart, these are {_frame_spacing(recording):g} s "
                 "apart: record with coview simulate --every 0.1"
             )
-    return tuple(kinds) or tuple(kind for kind in KINDS if close or kind not in IN_SEQUENCE)
+    return tuple(kinds or ()) or tuple(kind for kind in KINDS if close or kind not in IN_SEQUENCE)
 
 
 def _frame_spacing(recording: SiteRecording) -> float:

@@ -299,3 +299,15 @@ def test_times_that_no_clock_shows_or_that_two_sweeps_share_are_refused(tmp_path
             write_recording(twice, tmp_path / "log", layout)
     else:
         assert write_recording(twice, tmp_path / "log", layout) == 2
+
+
+@pytest.mark.parametrize("name", ["pole 1", "Süd; links", "a,b", "#3", "left:", "plain-1.b"])
+def test_poses_of_sensors_come_back_whatever_their_names(tmp_path, name):
+    (frame,) = scene(1, 1)
+    (cloud,) = frame.clouds
+    placed = pose(1.5, -2.0, 6.25, yaw=0.3, pitch=0.2)
+    write_recording([frame.with_clouds((replace(cloud, name=name, world_SE3_sensor=placed),))], tmp_path, "folder")
+    (read,) = open_recording(tmp_path, "folder")
+    assert [each.name for each in read.clouds] == [name]
+    np.testing.assert_array_equal(read.clouds[0].world_SE3_sensor, placed)
+    assert (tmp_path / "poses.txt").exists() == (name == "plain-1.b")

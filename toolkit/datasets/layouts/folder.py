@@ -12,6 +12,8 @@ World frame: that of the poses, world_SE3_sensor; without a pose file the clouds
 
 from __future__ import annotations
 
+import json
+import re
 from collections.abc import Iterable, Mapping
 from os.path import lexists
 from pathlib import Path
@@ -28,6 +30,7 @@ POSES = ("poses.json", "poses.txt", "poses.csv")
 LABELS_FILE = "labels.json"
 RECORDED = ("*.hdf5", "*.h5", "*.bag", "*.mcap")  # recordings in single files
 ALONE = "lidar"  # name of the sensor of clouds that lie in the folder itself
+_ONE_WORD = re.compile(r"[\w.-]+/\d+")  # SENSOR/NAME in a line of poses.txt
 _EPOCH = ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3), (1e8, 1.0))
 
 
@@ -113,16 +116,22 @@ def parse_epoch(name: str) -> float:
 
 
 def write_folder(samples: Iterable[Frame], path: Path) -> int:
-    """Write frames as SENSOR/000000.pcd and on, with labels.json and poses.txt; return how many."""
-    entries, lines = [], []
+    """Write frames as SENSOR/000000.pcd and on, with labels.json and poses; return how many.
+
+    Poses are lines of poses.txt, or poses.json where a sensor's name would not stay one word there.
+    """
+    entries, poses = [], dict[str, list[float]]()
     for k, sample in enumerate(samples):
         name = f"{k:06d}"
         for cloud in sample.clouds:
             records.write_cloud(path / cloud.name / f"{name}.pcd", cloud.in_own_frame())
-            numbers = " ".join(f"{value:.17g}" for value in cloud.world_SE3_sensor[:3].ravel())
-            lines.append(f"{cloud.name}/{name} {numbers}")
+            poses[f"{cloud.name}/{name}"] = cloud.world_SE3_sensor[:3].ravel().tolist()
         entries.append(records.boxes_record(name, sample.time, sample.objects, counts=sample.counts))
     if entries:
         records.write_boxes(path / LABELS_FILE, entries)
-        write_text(path / "poses.txt", "\n".join(lines) + "\n")
+        if all(map(_ONE_WORD.fullmatch, poses)):
+            lines = (f"{name} {' '.join(f'{value:.17g}' for value in pose)}\n" for name, pose in poses.items())
+            write_text(path / "poses.txt", "".join(lines))
+        else:
+            write_text(path / "poses.json", json.dumps(poses))
     return len(entries)
