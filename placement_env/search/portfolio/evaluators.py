@@ -171,7 +171,7 @@ class DetectorEvaluator:
         draws = draws_of_blocks(frames // BLOCK_FRAMES, seed=self.seed)
         truths = [np.array([detected.to_find(k, label).sum() for k in numbers], np.int64) for label in classes.labels]
         shape = (len(self.ious), len(sets))
-        ap, resamples, kbit = np.zeros(shape), np.zeros((*shape, len(draws))), np.zeros(len(sets))
+        ap, resamples, kbit = np.empty(shape), np.empty((*shape, len(draws))), np.empty(len(sets))
         for n, row in enumerate(rows):
             kbit[n] = np.mean([outcome.bits.sum() for outcome in outcomes[row]]) / 1000
             of_class = [[outcome.of_class(label) for outcome in outcomes[row]] for label in classes.labels]

@@ -265,6 +265,8 @@ def test_races_and_searches_share_their_time_and_know_the_seed(street, monkeypat
     assert efforts[1:] == [Effort((3,), 60 * 0.3 / (5 * 2), None, 3)] * 2
     budget_curve(street.objective, 1, **asked)
     assert (efforts[-1].seconds, races[-1]["most"]) == (None, SET_FRAMES)
+    budget_curve(street.objective, 1, judging=asked["judging"])
+    assert races[-1]["seed"] == 0
 
 
 def test_amounts_are_prices_of_sets_each_once(street):

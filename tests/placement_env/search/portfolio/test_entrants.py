@@ -1,12 +1,15 @@
 """Sets worth a judgement: feasible, of every size, within the money, the same again."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from placement_env.fidelity.coverage import Coverage
 from placement_env.objective import Objective
 from placement_env.search import greedy, swap
+from placement_env.search.checkpoint import Checkpoint
 from placement_env.search.exact import cheapest, cpsat, exhaustive
 from placement_env.search.portfolio import entrants as module_of_entrants
 from placement_env.search.portfolio.entrants import (
@@ -255,3 +258,59 @@ def test_predictions_of_several_drawings_are_means_and_sets_go_by_their_size(str
     assert joined.sets.sum(axis=1).tolist() == [1, 1, 2]
     assert joined.searches == (("b",), ("c",), ("a",))
     assert joined.predicted == pytest.approx(0.75 * street.objective.scores(joined.sets).ap)
+
+
+def test_all_sets_that_were_scored_are_counted_and_finished_searches_not_run_again(street, monkeypatch, tmp_path):
+    """At each of two sizes two searches score 7 and 5 sets, and neighbours are 3."""
+    runs = []
+
+    def answer(name, members, scored):
+        def run():
+            runs.append(name)
+            return SimpleNamespace(best=SimpleNamespace(subset=members), evaluations=scored)
+
+        return name, run
+
+    monkeypatch.setattr(
+        module_of_entrants, "_searches", lambda objective, size, *_: [answer("a", (0,), 7), answer("b", (1,), 5)]
+    )
+    near = np.array([[0, 0, 1, 0]], bool)
+    monkeypatch.setattr(module_of_entrants, "_neighbours", lambda *_: (list(near), 3))
+    for _ in range(2):
+        found = entrants(street.objective, TWO, checkpoint=Checkpoint(tmp_path, every=0.0))
+        assert found.considered == 30
+        assert found.searches == (("a",), ("b",), ())
+        assert found.sets.astype(int).tolist() == [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]]
+    assert runs == ["a", "b"] * 2
+
+
+def test_entropy_is_of_the_same_candidates_and_what_they_see(street, seen, small_candidates):
+    assert module_of_entrants.entropy_objective(street.objective) is None
+    objective = Objective(Setting(candidates=small_candidates, fidelity=Coverage(seen), scheme="late"), visibility=seen)
+    entropy = module_of_entrants.entropy_objective(objective)
+    assert entropy is not None
+    assert entropy.visibility is seen
+    assert (entropy.fidelity, entropy.candidates) == ("perception entropy", small_candidates)
+
+
+def test_half_of_the_neighbours_are_those_that_no_other_beats(seen, small_candidates):
+    """In reward, perception entropy and coverage at once; the others are the best by reward."""
+    objective = Objective(
+        Setting(candidates=small_candidates, fidelity=Coverage(seen), scheme="early"), visibility=seen
+    )
+    answer = np.array([[1, 1, 0, 0]], bool)[:, : len(small_candidates)]
+    rows, considered = module_of_entrants._neighbours(objective, answer, 3)
+    assert 1 <= len(rows) <= 3
+    near = neighbours(np.array([0, 1]), len(small_candidates))[1:]
+    near = near[objective.feasible(near)]
+    assert considered == len(near)
+    order = np.argsort(-objective.scores(near).reward, kind="stable")
+    entropy = module_of_entrants.entropy_objective(objective)
+    assert entropy is not None
+    figures = [objective.scores(near).reward, entropy.scores(near).ap, Coverage(seen, "early")(near).ap]
+    front = exhaustive.find_front(-np.stack(figures, axis=1)[order])
+    wanted = dict.fromkeys(row.tobytes() for row in near[order][:2])
+    for row in [*near[order][front], *near[order]]:
+        if len(wanted) < 3:
+            wanted.setdefault(row.tobytes())
+    assert [row.tobytes() for row in rows] == list(wanted)

@@ -281,3 +281,12 @@ def test_a_mean_ap_is_over_three_thresholds_and_all_drawings(street):
 def test_orders_of_races_are_those_of_seed_0_unless_given():
     assert race_order(96).tolist() == race_order(96, seed=0).tolist() != race_order(96, seed=1).tolist()
     assert sorted(race_order(13).tolist()) == list(range(13))
+
+
+def test_over_drawings_of_a_site_all_figures_are_means(hazy):
+    exact, rough = (CasesEvaluator((each,)) for each in hazy)
+    both = replace(exact, drawings=(rough,))
+    found, each = both.evaluate(SETS, EVERY), [one.evaluate(SETS, EVERY) for one in (exact, rough)]
+    for name in ("ap", "kbit", "resamples"):
+        assert getattr(found, name) == pytest.approx(np.mean([getattr(one, name) for one in each], axis=0))
+    assert found.ap.shape == (3,)

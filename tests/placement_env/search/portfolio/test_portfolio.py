@@ -14,7 +14,7 @@ from placement_env.objective import Objective
 from placement_env.protocol import Estimate
 from placement_env.racing import Contest, RaceRules, race_until
 from placement_env.search.portfolio import portfolio
-from placement_env.search.portfolio.entrants import Effort, Entrants
+from placement_env.search.portfolio.entrants import Effort, Entrants, keep_entrants
 from placement_env.search.portfolio.evaluators import CasesEvaluator, DetectorEvaluator, Evaluated, Schedule, race_order
 from placement_env.search.portfolio.portfolio import Judging
 from placement_env.setting import Setting, Weights
@@ -342,3 +342,22 @@ def test_the_race_has_the_rules_that_are_asked(seconds, most, deceived, monkeypa
     ((rules, order),) = asked
     assert (rules.confidence, rules.tolerance, rules.most) == (0.6, AP_TOLERANCE, most)
     assert order.tolist() == race_order(48, seed=5).tolist()
+
+
+def test_seeds_are_0_unless_given(deceived, monkeypatch):
+    seeds, race, keep = [], portfolio.contest, keep_entrants
+
+    def raced(*given, seed, **more):
+        seeds.append(seed)
+        return race(*given, seed=seed, **more)
+
+    def kept(*given, seed, **more):
+        seeds.append(seed)
+        return keep(*given, seed=seed, **more)
+
+    monkeypatch.setattr(portfolio, "contest", raced)
+    monkeypatch.setattr(portfolio, "keep_entrants", kept)
+    portfolio.search(deceived, 2, judging=Judging(evaluators=(Truth(), Truth())))
+    assert seeds == [0, 0]
+    portfolio.search(deceived, 2, seed=3, judging=Judging(evaluators=(Truth(), Truth())))
+    assert seeds == [0, 0, 3, 3]
