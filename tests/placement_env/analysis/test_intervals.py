@@ -1,5 +1,7 @@
 """Intervals and tallies, against an oracle that takes one resample after the other."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy.stats import binomtest, norm
@@ -67,6 +69,20 @@ def test_resamples_taken_in_pieces_are_the_same(monkeypatch):
     for held in (300, 1):
         monkeypatch.setattr("placement_env.analysis.intervals.HELD_AT_ONCE", held)
         assert tally.resamples(seed=1).tolist() == whole.tolist()
+    monkeypatch.setattr("placement_env.analysis.intervals.HELD_AT_ONCE", 1000)
+    taken, draws = [], block_draws(30, seed=1)
+
+    class Draws:
+        def __len__(self):
+            return len(draws)
+
+        def __getitem__(self, some):
+            taken.append(len(draws[some]) * len(tally.scores))
+            return draws[some]
+
+    given: Any = Draws()
+    assert tally.resamples(draws=given).tolist() == whole.tolist()
+    assert 500 < max(taken) <= 1000
 
 
 def test_blocks_ratios_and_percentiles_of_what_is_defined():
