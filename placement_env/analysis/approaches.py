@@ -88,7 +88,7 @@ def find_streets(site: Site) -> Approaches:
             name = f"{edge.get('name') or 'the road'} in the {compass(site, middle)}"
             groups[f"the {JUNCTION}" if edge.get("function") else name].append(inside)
     kept = {name: shapely.union_all(lines) for name, lines in sorted(groups.items())} or {f"the {JUNCTION}": area}
-    return Approaches((*kept, PARKED), tuple(kept.values()), np.zeros((0, 3)))
+    return Approaches((*kept, PARKED), tuple(kept.values()), np.empty((0, 3)))
 
 
 def _inner_first(site: Site, root: ElementTree.Element, merged: dict[str, str], junctions: set[str]) -> list[str]:

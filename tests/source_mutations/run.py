@@ -122,11 +122,11 @@ def run_mutants(room: str, mutants: Sequence[Mutant], copies: Sequence[Path]) ->
 
 
 def passes(copy: Path, room: str, seconds: float, file: str = "") -> bool:
-    """Run the tests of a room in a copy of the tree, those of the changed file first, the slow end-to-end ones last."""
+    """Run the tests of a room in a copy of the tree, those of the changed file first, examples in docstrings last."""
     tests = copy / "tests" / room
     found = [tests.with_name(f"test_{tests.name}")] if tests.suffix else sorted(tests.glob("test_*.py"))
     found.sort(key=lambda path: (path.stem == f"test_{tests.name}", path.stem != f"test_{file}"))
-    command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *map(str, found)]
+    command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *map(str, [*found, copy / room])]
     environment = {**os.environ, "PYTHONPATH": str(copy), "OMP_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": "1"}
     process = subprocess.Popen(
         command, cwd=copy, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True

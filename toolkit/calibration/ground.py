@@ -103,7 +103,7 @@ def low_points(points: _Points, cell: float, share: float = 0.1) -> _Cells:
     """
     points = points[np.isfinite(points).all(axis=1)].astype(np.float64)
     if not len(points):
-        return np.zeros((0, 3))
+        return np.empty((0, 3))
     place = np.floor(points[:, :2] / cell).astype(np.int64)
     place -= place.min(axis=0)
     key = place[:, 0] * (int(place[:, 1].max()) + 1) + place[:, 1]
@@ -134,7 +134,7 @@ def lowest_mask(cells: _Cells, slope: float, step: float, *, window: float = STE
     from scipy.ndimage import grey_erosion
 
     if not len(cells):
-        return np.zeros(0, bool)
+        return np.empty(0, bool)
     place = np.floor(cells[:, :2] / GROUND_CELL).astype(np.int64)
     place -= place.min(axis=0)
     rows, columns = (place.max(axis=0) + 1).tolist()
@@ -357,7 +357,7 @@ def plain_points(cloud: object) -> _Points:
     """
     tensors, legacy = getattr(cloud, "point", None), getattr(cloud, "points", None)
     if tensors is not None:
-        points = tensors.positions.cpu().numpy() if "positions" in tensors else np.zeros((0, 3))
+        points = tensors.positions.cpu().numpy() if "positions" in tensors else np.empty((0, 3))
     else:
         points = np.asarray(cloud if legacy is None else legacy)
     if points.ndim != 2 or not 3 <= points.shape[1] <= _MOST_COLUMNS or points.dtype.kind not in "fiu":

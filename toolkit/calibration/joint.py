@@ -123,7 +123,7 @@ def align(
             motions[axis, sensor] = [*(direction * LEVER), *np.cross(direction, pose[:3, 3] - middle)]
             motions[3 + axis, sensor, 3:] = direction
     hidden = system.hidden_motions(np.linalg.qr(motions.reshape(6, -1).T)[0].T)
-    shared, rows = np.zeros((count, count), np.int64), [[np.zeros(0)] for _ in poses]
+    shared, rows = np.zeros((count, count), np.int64), [[np.empty(0)] for _ in poses]
     for pair in pairs:
         counts = pair.weight > 0
         shared[pair.one, pair.other] += int(counts.sum())
@@ -236,7 +236,7 @@ _LEAST_GATE = 0.8  # m
 _CENTRE = 0.25  # m, standard deviation of a centre along each axis
 _HEADING = float(np.deg2rad(4.0))  # standard deviation of a heading
 _WORST_HEADING = float(np.deg2rad(20.0))  # greatest difference of the headings of one road user, up to a half turn
-_NO_MATCH = (np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
+_NO_MATCH = (np.empty((0, 3)), np.empty((0, 3)), np.empty(0))
 
 
 @dataclass(frozen=True, eq=False)

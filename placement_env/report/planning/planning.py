@@ -124,12 +124,12 @@ def score_boxes(judge: judging.Judge, chosen: tuple[int, ...]) -> Scored:
 
 def fuse_clouds(detected: Detected, chosen: Sequence[int], k: int) -> Float32[np.ndarray, "n 3"]:
     """Join the points of a set's sensors in frame k."""
-    return np.concatenate([np.zeros((0, 3), np.float32), *(detected.renders.clouds(k, c) for c in chosen)])
+    return np.concatenate([np.empty((0, 3), np.float32), *(detected.renders.clouds(k, c) for c in chosen)])
 
 
 def _count_points(detected: Detected, chosen: Sequence[int]) -> Int64[np.ndarray, " t"]:
     """Points of a set on each scored object, frame after frame."""
-    counts = [np.zeros(0, np.int64)]
+    counts = [np.empty(0, np.int64)]
     for k in range(detected.frames):
         boxes = detected.renders.objects(k).boxes[detected.scored(k)]
         counts.append(count_on_ground(fuse_clouds(detected, chosen, k), boxes, detected.renders.site))
@@ -180,7 +180,7 @@ def by_range(scored: Scored, sensors: Sequence[Sensor], seed: int) -> tuple[cont
 
     def group_of(boxes: Float64[np.ndarray, "n 7"]) -> Int64[np.ndarray, " n"]:
         nearest = np.linalg.norm(boxes[:, None, :2] - places, axis=2).min(axis=1)
-        return np.searchsorted(RANGE_ENDS, nearest, side="left").astype(np.int64)
+        return np.searchsorted(RANGE_ENDS, nearest).astype(np.int64)
 
     return by_group(scored, names, group_of, seed)
 

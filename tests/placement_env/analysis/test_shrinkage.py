@@ -99,6 +99,14 @@ def test_draws_off_the_figures_are_centred_and_shared_noise_stays(blocks):
     assert moved.figure == pytest.approx(plain.figure, abs=1e-12)
     assert moved.resamples == pytest.approx(plain.resamples + shared - shared.mean(), abs=1e-12)
     assert moved.resamples.mean(axis=1) == pytest.approx(plain.figure, abs=1e-12)
+    if np.isinf(blocks):
+        noise = own - own.mean(axis=0)
+        noise -= noise.mean(axis=1, keepdims=True)
+        variance = noise.var(axis=1)
+        spread = max(0.02**2, (figure - PREDICTED).var(ddof=1) - variance.mean())
+        weight = np.sqrt(spread / (spread + variance))[:, None]
+        common = own.mean(axis=0) - own.mean()
+        assert plain.resamples == pytest.approx(plain.figure[:, None] + weight * noise + common, abs=1e-12)
 
 
 def test_predictions_are_trusted_to_two_hundredths_at_most():

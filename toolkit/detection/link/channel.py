@@ -184,12 +184,12 @@ class Tracks:
 
     def __init__(self) -> None:
         self._time = 0.0
-        self._state = np.zeros((0, 4))  # x, y and their velocities
-        self._covariance = np.zeros((0, 4, 4))
-        self._labels = np.zeros(0, np.int64)
-        self._seen = np.zeros(0)
+        self._state = np.empty((0, 4))  # x, y and their velocities
+        self._covariance = np.empty((0, 4, 4))
+        self._labels = np.empty(0, np.int64)
+        self._seen = np.empty(0)
         self._detected = Detections.empty()
-        self._rows = np.zeros(0, np.int64)  # track of each detection
+        self._rows = np.empty(0, np.int64)  # track of each detection
 
     def __len__(self) -> int:
         return len(self._state)

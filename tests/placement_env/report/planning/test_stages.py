@@ -2,7 +2,7 @@
 
 import json
 import math
-from dataclasses import replace
+from dataclasses import fields, replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,19 +11,21 @@ import pytest
 
 from placement_env.analysis.intervals import Tally
 from placement_env.candidates.candidates import Axes
+from placement_env.candidates.sensor_catalogue import PricedModel, SensorCatalogue
 from placement_env.cases import Cases
 from placement_env.classes import VEHICLES, Classes
-from placement_env.fidelity.detector import Detected
+from placement_env.fidelity.detector import FALSE_ALARM, IGNORED, Detected
 from placement_env.fidelity.traffic import Traffic
 from placement_env.handover.ground import Ground
 from placement_env.objective import Objective
-from placement_env.report.content import DrawingResult, Judgement, Plan, Planned, PlanOption, Verdict
+from placement_env.report.content import BreakdownRow, DrawingResult, Judgement, Plan, Planned, PlanOption, Verdict
 from placement_env.report.planning import judging, planning, question as questions, sentences
 from placement_env.report.planning.judging import Choice, Judge
 from placement_env.report.planning.planning import ChosenSet, measure_blind_streets, pick_moments, plan, write_plan
 from placement_env.search.portfolio.entrants import Entrants
 from placement_env.setting import AP_ONLY
-from toolkit.objects import Detections, Objects
+from toolkit.objects import LABELS, Detections, Objects
+from toolkit.runtime.run import Run
 from toolkit.sensors.error_profiles import PAPER_ERRORS, POOR
 from toolkit.sites.site import Site
 from toolkit.traffic.snapshots import Snapshot
@@ -156,13 +158,9 @@ def test_poles_for_several_sensors_take_the_second_for_the_price_of_its_model(st
         assert planning._most_sensors(ask(street.site, sensors=9, money=money), free) == most
 
 
-def test_money_alone_buys_a_dozen_at_most(ask):
-    from tests.placement_env.conftest import candidates_on
-
-    assert (
-        planning._most_sensors(ask(Site("s", np.array([0.0, 0, 9, 9])), sensors=None, money=1e6), candidates_on(20, 1))
-        == 12
-    )
+def test_money_alone_buys_a_dozen_at_most(ask, make):
+    site = Site("s", np.array([0.0, 0, 9, 9]))
+    assert planning._most_sensors(ask(site, sensors=None, money=1e6), make(mounts=20).candidates) == 12
 
 
 def test_blind_lanes_are_measured_by_street():
@@ -395,3 +393,84 @@ def test_an_answer_as_good_as_the_best_is_set_beside_it(ask, street):
         beside = "The best set, 2 sensors, has AP 0.910 for the price of 2 ordinary poles, +0.005."
         assert (beside in lines) is said
         assert "No other is surely within 0.01 of the best on the same frames." in lines
+
+
+def test_no_part_of_a_plan_is_left_out(staged, street):
+    """All but what the question does not ask for: levels, error profiles, drawings."""
+    named = zip(("narrow", "wide"), street.candidates.axes.models, strict=True)
+    models = tuple(PricedModel(name, model, 0.0) for name, model in named)
+    rates = {"permit": 7.0}
+    catalogue = SensorCatalogue(models, "EUR", 1.0, rates=rates, report={"title": "Street"})
+    made = staged.plan(catalogue=catalogue).plan
+    asked = {"by_level", "by_errors", "by_draw", "by_drawing", "near_optimal", "blind_streets"}
+    assert {each.name for each in fields(made) if not getattr(made, each.name)} == asked
+    assert (made.currency, made.head) == ("EUR", {"title": "Street"})
+    assert 0 < made.confidence <= 1
+    assert [sensor.model for sensor in made.sensors] == ["narrow", "narrow"]
+    assert sum(item.price for item in made.running) == 14.0
+    assert [link.mbit_s for link in made.links] == pytest.approx([0.048, 0.048])
+    assert made.origins["mapped"] == {"pole": 4}
+    assert [(row.label, row.judged.ap) for row in made.class_ap] == [("vehicle", 0.75)]
+    assert {name for row in made.by_class for name in [row.label]} == set(LABELS)
+    assert made.best.counted.ap == 0.75
+    assert "No cheaper set is as good" in " ".join(made.why)
+
+
+def test_results_of_drawings_are_part_of_the_plan(staged, monkeypatch):
+    result = DrawingResult(Judgement(0.5, 0.4, 0.6, 0.5, 1.0, 32, 8), ("post1",))
+    asked = []
+
+    def noted(judge, choice, min_ap):
+        asked.append((judge, choice.members, min_ap))
+        return (result,)
+
+    monkeypatch.setattr(judging, "choose_at_drawings", noted)
+    assert staged.plan(min_ap=0.7).plan.by_drawing == (result,)
+    assert asked == [(staged.judge, (0, 1), 0.7)]
+
+
+def test_judges_are_over_all_drawings_by_the_seed_of_the_question(street, monkeypatch):
+    monkeypatch.setattr(planning, "Preparation", lambda setting, run: (setting, run))
+    monkeypatch.setattr(Judge, "of", staticmethod(lambda prepared, seed: replace(street.judge, seed=seed)))
+    each = [SimpleNamespace(judged=lambda candidates, n=n: (n, candidates)) for n in range(2)]
+    asked: Any = SimpleNamespace(at_drawings=each, run=Run(seed=5))
+    objectives: Any = [SimpleNamespace(candidates="a"), SimpleNamespace(candidates="b")]
+    made, judge = planning._prepare_judge(asked, objectives, Run(seed=9))
+    prepared: Any = made
+    assert prepared == ((0, "a"), Run(seed=9))
+    assert (judge.seed, [other.seed for other in judge.drawings]) == (5, [5])
+
+
+def test_ignored_detections_count_in_no_group(street):
+    scored = planning.score_boxes(street.judge, (0, 2))
+    ghost = scored.hits[0] == FALSE_ALARM
+    assert ghost.sum() == 8
+
+    def side(boxes):
+        return (boxes[:, 0] > -6).astype(np.int64)
+
+    ignored = replace(scored, hits=np.where(ghost, IGNORED, scored.hits))
+    rows = planning.by_group(ignored, ["west", "east"], side, 0)
+    assert [row.judged.precision for row in rows] == [1.0, 1.0]
+    assert rows[0].judged.ap == 1.0
+
+
+def test_points_of_pictures_are_thinned_by_frame_and_sensor(street, monkeypatch):
+    asked = []
+
+    def noted(cloud, points, seed):
+        asked.append((len(cloud), points, seed))
+        return cloud
+
+    monkeypatch.setattr(planning, "thin", noted)
+    pick_moments(street.detected, (0, 2), count=1, points=9, seed=5)
+    assert asked == [(50, 9, [5, 0, 0]), (50, 9, [5, 0, 2])]
+
+
+@pytest.mark.parametrize(("vehicles", "few"), [(99, True), (100, False)])
+def test_levels_with_few_road_users_are_named(vehicles, few):
+    judged = Judgement(0.9, 0.8, 1.0, 0.9, 0.9, vehicles, 120)
+    rows = [BreakdownRow("thin traffic", judged), BreakdownRow("none", None)]
+    said = " ".join(sentences.list_unknowns(judged, rows))
+    assert (f"What holds at thin traffic ({vehicles}): fewer than 100" in said) is few
+    assert "How far" not in said
