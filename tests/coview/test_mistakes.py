@@ -83,7 +83,7 @@ def test_an_argument_is_refused_before_an_old_answer(line, said, refused, record
         ("detect CLOUDS/folder --detector tjunction --out b.json", "give that area (--area -40 -20 40 20)"),
         (
             "detect CLOUDS/folder --detector general+background --out b.json",
-            "in a single frame everything stands still",
+            "1 frames do not tell what waits from what belongs to the site",
         ),
         ("survey CLOUDS/note.txt", "is no recording: its ending is none of .hdf5, .h5, .bag"),
         ("view REC --sensors 9 --still CLOUDS/old.png", "no sensor 9: choose among 0..5 or d0"),

@@ -290,7 +290,7 @@ def test_surfaces_pair_by_hand():
     place = np.array([[4.0, 5.0, 0.0]])
     surfaces = [
         Surface(place, up, np.array([0.03])),
-        Surface(transform(invert(turned), [*place, [0.0, 0.0, 0.03]]), up, np.array([0.04])),
+        Surface(transform(invert(turned), place + np.array([[0.0, 0.0, 0.03]])), up, np.array([0.04])),
     ]
     rows = [np.array([0])] * 2
     first, second = joint._surface_pairs(surfaces, rows, [np.eye(4), turned], (0.5, 0.1))

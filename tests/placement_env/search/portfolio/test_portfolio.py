@@ -324,7 +324,7 @@ def test_the_parts_of_traffic_differ_and_the_same_again_is_the_same(tmp_path):
     first, again = (portfolio.search(objective, 2, seed=1, judging=judging) for _ in range(2))
     assert first.assessment == again.assessment
     assert (first.assessment.by, first.assessment.frames) == ("coverage", 2)
-    fresh = Objective(Setting("tjunction", fidelity="coverage"), Run(frames=2, seed=2))
+    fresh = Objective(Setting("tjunction", fidelity="coverage"), objective.run.part(2))
     assert first.assessment.ap == pytest.approx(fresh.score(first.best.subset).ap)
 
 
