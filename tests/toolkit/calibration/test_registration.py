@@ -22,6 +22,7 @@ from toolkit.calibration.registration import (
 from toolkit.geometry import invert, look, pose, transform
 from toolkit.sensors.error_terms import make_rotation
 from toolkit.sensors.models import DepthCamera
+from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site, Solid
 
 
@@ -371,3 +372,42 @@ def test_fifty_points_are_enough_and_small_things_have_points():
     assert other.points.tobytes() != site_surface(Site("s", np.array([-3.0, -3, 3, 3])), seed=0).points.tobytes()
     again = site_surface(Site("s", np.array([-3.0, -3, 3, 3])))
     assert again.points.tobytes() == site_surface(Site("s", np.array([-3.0, -3, 3, 3])), seed=0).points.tobytes()
+
+
+def test_a_reference_is_read_by_its_ending(monkeypatch):
+    """Two cameras look down from 8 m, of which a recording tells the poses; sites and clouds have readers."""
+    poses = [look((x, 0.0, 8.0), heading=0.0, tilt=np.pi / 2) for x in (0.0, 20.0)]
+    asked = []
+
+    class Opened:
+        sensors = tuple(Sensor("c", DepthCamera(width=40, height=30, stride=2), pose) for pose in poses)
+
+        def __init__(self, path):
+            asked.append(path)
+
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *_):
+            asked.append("closed")
+
+    def learn(recording, frames=None):
+        asked.append(frames)
+        return scene(8.0), scene(8.0)
+
+    monkeypatch.setattr(registration, "CoopDataset", Opened)
+    monkeypatch.setattr(registration, "learn_empty_scenes", learn)
+    surface = registration.read_surface("a.HDF5", frames=7)
+    assert asked == ["a.HDF5", 7, "closed"]
+    assert np.abs(surface.points[:, 2]).max() < 1e-4
+    assert (surface.points[:, 0] < 10).sum() == (surface.points[:, 0] > 10).sum() > 100
+    monkeypatch.setattr(registration, "load_site", lambda name: f"site {name}")
+    monkeypatch.setattr(registration, "site_surface", lambda site: f"surface of {site}")
+    monkeypatch.setattr(registration, "read_points", lambda path: f"points of {path}")
+    monkeypatch.setattr(registration, "cloud_surface", lambda points: f"surface of {points}")
+    for reference, wanted in (
+        *(("tjunction", "site tjunction"), ("a.json", "site a.json"), ("a.geojson", "site a.geojson")),
+        *(("a.ply", "points of a.ply"), ("a.h5x", "points of a.h5x")),
+    ):
+        found: object = registration.read_surface(reference)
+        assert found == f"surface of {wanted}"

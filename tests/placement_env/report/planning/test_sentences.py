@@ -6,11 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from placement_env.candidates.sensor_catalogue import SensorCatalogue
 from placement_env.classes import Classes
 from placement_env.report.content import FailureCase, Judgement, Plan, PlanOption, SchemeFigures, Verdict
 from placement_env.report.planning import sentences
 from toolkit.detection.link.range_images import RangeImages
-from toolkit.sites.site import Site
+from toolkit.sites.site import Mount, Relief, Site, Solid
 
 SITE = Site("street", np.array([-20.0, -20, 20, 20]))
 FINAL = Judgement(0.91, 0.85, 0.95, 0.92, 0.9, 812, 120)
@@ -128,3 +129,75 @@ def test_refusals_say_how_short_of_the_requirement(ask, street):
     assert "it leaves the price of 500 ordinary poles" in left
     assert excluded == "The links exclude all."
     assert len(sentences.explain_shortfall(ask(street.site, sensors=9, min_ap=0.95), best, final, ())) == 1
+
+
+def test_a_requirement_that_is_just_reached_is_met(ask):
+    met = sentences.build_verdict(ask(SITE, min_ap=0.91), OPTION, OPTION, ())
+    assert (met.met, "reaches below it" in met.sentence) == (True, True)
+    sure = sentences.build_verdict(ask(SITE, min_ap=0.85), OPTION, OPTION, ())
+    assert (sure.met, "the whole interval lies above it" in sure.sentence) == (True, True)
+    unjudged = replace(OPTION, judged=None)
+    with pytest.raises(ValueError, match="the chosen set is not judged"):
+        sentences.build_verdict(ask(SITE), unjudged, unjudged, ())
+    few = replace(FINAL, low=math.nan, high=math.nan)
+    said = sentences.build_verdict(ask(SITE), OPTION, replace(OPTION, judged=few), ()).sentence
+    assert "AP 0.910 (no interval from fewer than 80 frames, 812 vehicles" in said
+
+
+def test_schemes_at_the_plans_iou_and_single_failures_are_said(ask):
+    other = replace(FINAL, ap=0.3)
+    schemes = (
+        SchemeFigures("early", 0.8, other, 9.0),
+        SchemeFigures("late", 0.7, FINAL, 2.0),
+        SchemeFigures("early", 0.7, FINAL, 500.0),
+        SchemeFigures("late", 0.8, other, 3.0),
+    )
+    failures = (FailureCase(("a", "b"), other), FailureCase(("b",), FINAL))
+    lines = explain(ask(SITE), schemes=schemes, failures=failures, near=(OPTION, OPTION))
+    assert lines[-2:] == (
+        "Early fusion gives AP 0.910 for 500.0 kbit per sensor and frame; with the same sensors: "
+        "late 0.910 for 2.0 kbit.",
+        "The failure of b hurts most: AP 0.910 is left.",
+    )
+    assert "2 other judged sets are surely within 0.01 of the best on the same frames." in lines
+    assert not any("fusion gives" in line for line in explain(ask(SITE), schemes=schemes[2:3]))
+    assert not any("fusion gives" in line for line in explain(ask(SITE), schemes=schemes[1:2]))
+    assert not any("hurts most" in line for line in explain(ask(SITE), failures=failures[:1]))
+    found = [line for line in lines if line.startswith("It comes from ")]
+    assert found == [
+        "It comes from greedy and swap; its predicted AP is 0.930, its AP among the judged sets 0.910 (0.850 to 0.950)."
+    ]
+
+
+def test_assumptions_name_what_was_asked_and_no_more(ask):
+    several = assume(ask(SITE, iou=(0.7, 0.8)))
+    assert "Every AP is the mean over IoU 0.7, 0.8, as in COCO" in several
+    assert "hits at IoU 0.7." in several
+    assert "COCO" not in assume(ask(SITE))
+    assert "drawings" not in assume(ask(SITE))
+    drawn = assume(ask(replace(SITE, furnished="dense"), drawings=3))
+    assert "Figures of whole sets are means over 3 drawings of what no map knows" in drawn
+    bare = assume(ask(SITE, catalogue=SensorCatalogue((), "EUR")))
+    assert "The catalogue names no pole_price: the prices of poles are taken to be in EUR." in bare
+    assert "its unit" in assume(ask(SITE, catalogue=SensorCatalogue(())))
+    priced = assume(ask(SITE, catalogue=SensorCatalogue((), "EUR", 4000.0)))
+    assert "pole_price" not in priced
+    assert "No catalogue" not in priced
+    assert "For a set this large" not in priced
+    assert "AP is of vehicles alone" in priced
+    alone = assume(ask(SITE, classes=Classes(("vehicle",), combine="worst")))
+    assert "AP is of vehicles alone" in alone
+
+
+def test_origins_are_drawn_things_but_poles_and_the_uneven_ground():
+    assert sentences.describe_origins(replace(SITE, road_origin="drawn")).startswith("Everything at the site is drawn")
+    assert sentences.describe_origins(SITE).startswith("Nothing at the site is marked as drawn")
+    pole = Mount("p", np.zeros(3), origin="drawn")
+    assert sentences.describe_origins(replace(SITE, mounts=(pole,))).startswith("Nothing at the site is marked")
+    square = np.array([[0.0, 0], [2, 0], [2, 2], [0, 2]])
+    wall = Solid(square, 0.0, 5.0, "wall", origin="drawn")
+    drawn = replace(SITE, mounts=(pole,), solids=(wall,))
+    said = sentences.describe_origins(drawn)
+    assert said.startswith("In no map, but drawn at random: 1 wall. They hide road")
+    uneven = sentences.describe_origins(replace(drawn, relief=Relief(0.05, 1)))
+    assert "1 wall, and ground uneven within 0.05 m. They hide" in uneven
