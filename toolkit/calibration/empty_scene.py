@@ -378,15 +378,15 @@ class SceneAdaptation:
         self._time, self._frames = time, self._frames + 1
         there = is_return(measurement, self._began.model.max_range)
         seen = np.where(there, measurement, np.inf).astype(np.float32)
-        finite, shown = there, np.zeros(seen.shape, bool)
+        shown = np.zeros(seen.shape, bool)
         for median, spread in zip(self._medians, self._spreads, strict=True):  # each mode follows pixels that show it
-            off = np.where(finite, seen, 0) - median
-            shows = finite & (median > 0) & (np.abs(off) <= SIGMAS * spread)
+            off = seen - median
+            shows = (median > 0) & (np.abs(off) <= SIGMAS * spread)
             median[shows] += share * off[shows]
             least = np.broadcast_to(self._began.model.deviation(np.nan_to_num(median)), median.shape)
             squared = (1 - share) * spread[shows] ** 2 + share * off[shows] ** 2
             spread[shows] = np.maximum(np.sqrt(squared), least[shows])
-            shown |= shows | (~finite & (median == 0))
+            shown |= shows | (~there & (median == 0))
         # Start, continue or end the wait of foreground surfaces, which then become the scene.
         first, spread = self._medians[0], self._spreads[0]
         surface = np.where(first > 0, first, np.inf)

@@ -376,3 +376,40 @@ def test_level_grounds_turn_to_the_plane_and_back_by_the_book():
     assert found[0, 6] == pytest.approx(np.arctan2(ahead[1], ahead[0]))
     assert found[:, :3] == pytest.approx(tilted.points(box[:, :3]))
     assert tilted.boxes_back(found) == pytest.approx(box)
+
+
+def test_planes_and_maps_look_for_low_cells_as_far_about_as_said(monkeypatch):
+    asked, support, lowest = [], module.support_mask, module.lowest_mask
+
+    def supported(cells, step, slope, *, others):
+        asked.append((step, slope, others))
+        return support(cells, step, slope, others=others)
+
+    def low(cells, slope, step, *, window=module.STEP_WINDOW):
+        asked.append((slope, step, window))
+        return lowest(cells, slope, step, window=window)
+
+    monkeypatch.setattr(module, "support_mask", supported)
+    monkeypatch.setattr(module, "lowest_mask", low)
+    street = np.column_stack([np.random.default_rng(0).uniform(-20, 20, (4000, 2)), np.zeros(4000)])
+    fit_map(street)
+    assert asked == [(0.1, 0.08, 4), (0.08, 0.1, 8.0), (0.1, 0.08, 6)]
+    asked.clear()
+    fit_plane(street, max_tilt=0.2)
+    assert asked == [(0.25, 0.3, 3), (np.tan(0.2), 0.25, 12.0)]
+
+
+def test_maps_cover_the_points_in_reach_of_their_middle():
+    """Ground at 5 and 35 m: a reach of 10 m from the middle, at 5 m, has the first alone."""
+    rng = np.random.default_rng(1)
+    near, far = rng.uniform([0, 0], [10, 10], (3000, 2)), rng.uniform([30, 0], [40, 10], (500, 2))
+    street = np.column_stack([np.concatenate([near, far]), np.zeros(3500)])
+    whole, part = fit_map(street), fit_map(street, reach=10.0)
+    assert whole.heights.shape[0] == pytest.approx(41, abs=1)
+    assert part.heights.shape[0] == pytest.approx(11, abs=1)
+    assert part.origin.tolist() == [0.5, 0.5]
+    high = fit_map(street + np.array([0, 0, 2.5]))
+    assert (high.heights.shape, high.heights.tolist()) == ((1, 1), [[0.0]])  # nothing near zero
+    for reach in (0.0, -1.0, np.inf):
+        with pytest.raises(ValueError, match="reach must be above 0 m"):
+            fit_map(street, reach=reach)

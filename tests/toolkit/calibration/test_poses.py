@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from toolkit.calibration import empty_scene, poses, poses as sample_poses
+from toolkit.calibration.joint import Alignment
 from toolkit.calibration.registration import Registration, Surface, scene_points, site_surface
 from toolkit.datasets.readings import ReadRecording, Reads
 from toolkit.frame import Frame, SensorCloud, unproject
@@ -301,3 +302,56 @@ def test_a_recording_that_cannot_be_read_is_a_finding_and_a_missing_reference_an
     assert poses.check_drift(broken, place)[0].suspected == "its sensors' poses cannot be checked"
     with pytest.raises(FileNotFoundError, match="no site"):
         poses.check_drift(broken, tmp_path / "missing.json")
+
+
+def test_sensors_have_their_share_of_what_an_alignment_found(monkeypatch):
+    """The first shares 50 rows with the second and the second 250 more with the third; the fourth shares 49."""
+    shared = np.zeros((4, 4), np.int64)
+    shared[0, 1] = shared[1, 0] = 50
+    shared[1, 2] = shared[2, 1] = 250
+    shared[3, 2] = shared[2, 3] = 49
+    rng, placed = np.random.default_rng(0), tuple(pose(float(k)) for k in range(4))
+    covariance = rng.random((24, 24))
+    unobserved = np.zeros((1, 24))
+    unobserved[0, 9] = 1.0
+    sensors = [Sensor(f"s{k}", MODEL, np.eye(4)) for k in range(4)]
+    asked = []
+
+    def align(surfaces, believed, **options):
+        asked.append((len(surfaces), len(believed), options))
+        return Alignment(placed, covariance, unobserved, shared, np.array([0.1, 0.2, 0.3, 0.4]))
+
+    monkeypatch.setattr(poses, "align", align)
+    street = np.column_stack([np.random.default_rng(0).uniform(-5, 5, (4000, 2)), np.full(4000, -5.0)])
+    found = poses.align_clouds([street] * 4, sensors, held=[0])
+    assert asked == [(4, 4, {"held": [0], "more": None})]
+    assert [each.registration is None for each in found] == [False, False, False, True]
+    assert "it shares 49 points with the other sensors, 50 are needed" in found[3].refusal
+    first, second, third = (each.registration for each in found[:3])
+    assert [each.overlap for each in (first, second, third)] == [50 / 250, 1.0, 1.0]
+    assert [each.scatter for each in (first, second, third)] == [0.1, 0.2, 0.3]
+    assert second.pose.tolist() == placed[1].tolist()
+    assert second.covariance.tolist() == covariance[6:12, 6:12].tolist()
+    assert np.abs(second.unobserved).tolist() == [[0, 0, 0, 1, 0, 0]]
+    assert len(first.unobserved) == len(third.unobserved) == 0
+    shared[:] = 0
+    alone = poses.align_clouds([street] * 4, sensors, held=[0])
+    assert [each.registration is None for each in alone] == [False, True, True, True]
+    assert alone[0].registration.overlap == 0.0  # held, with nothing to share
+
+
+@pytest.mark.parametrize(
+    ("turn_deg", "metres", "deviation", "drifted"),
+    [
+        *((0.09, 0.019, 1e-6, False), (0.11, 0.0, 1e-6, True), (0.0, 0.021, 1e-6, True)),
+        *((0.0, 0.1, 0.02, False), (0.0, 0.11, 0.02, True), (1.0, 0.0, 0.0034, False), (1.1, 0.0, 0.0034, True)),
+    ],
+)
+def test_drifts_are_above_what_is_worth_it_and_three_deviations(turn_deg, metres, deviation, drifted):
+    """Of 2 cm along each axis the deviation of a distance is 3.5 cm, and three times that 10.4."""
+    moved = np.eye(4)
+    moved[:3, :3] = make_rotation(np.array([0.0, 0.0, np.deg2rad(turn_deg)]))
+    moved[0, 3] = metres
+    each = found_at(moved, deviation)
+    assert each.drifted is drifted
+    assert each.deviation == pytest.approx((deviation * np.sqrt(3),) * 2)

@@ -361,3 +361,15 @@ def test_seeds_are_0_unless_given(deceived, monkeypatch):
     assert seeds == [0, 0]
     portfolio.search(deceived, 2, seed=3, judging=Judging(evaluators=(Truth(), Truth())))
     assert seeds == [0, 0, 3, 3]
+
+
+def test_a_set_that_is_worth_just_its_price_is_not_built(street, monkeypatch):
+    def ended(objective, sets, *_, **__):
+        count, zero = len(sets), np.zeros(len(sets))
+        return Contest(np.arange(count), zero, np.full(count, 24), 1.0, 1, zero)
+
+    monkeypatch.setattr(portfolio, "contest", ended)
+    judging = Judging(evaluators=(Truth(), Truth()))
+    for weights, built in ((Weights(price=0.001), False), (Weights(comm=1e-5), False), (Weights(), True)):
+        setting = Setting(candidates=street.candidates, fidelity=Deceived(), scheme="late", weights=weights)
+        assert bool(portfolio.search(Objective(setting), 1, judging=judging).best.subset) is built
