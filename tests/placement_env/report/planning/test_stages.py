@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.stats import binomtest
 
 from placement_env.analysis.intervals import Tally
 from placement_env.candidates.candidates import Axes
@@ -23,6 +24,7 @@ from placement_env.report.planning import judging, planning, question as questio
 from placement_env.report.planning.judging import Choice, Judge
 from placement_env.report.planning.planning import ChosenSet, measure_blind_streets, pick_moments, plan, write_plan
 from placement_env.search.portfolio.entrants import Entrants
+from placement_env.search.portfolio.portfolio import NEAR_TIE
 from placement_env.setting import AP_ONLY
 from toolkit.objects import LABELS, Detections, Objects
 from toolkit.runtime.run import Run
@@ -474,3 +476,43 @@ def test_levels_with_few_road_users_are_named(vehicles, few):
     said = " ".join(sentences.list_unknowns(judged, rows))
     assert (f"What holds at thin traffic ({vehicles}): fewer than 100" in said) is few
     assert "How far" not in said
+
+
+def test_intervals_are_of_the_seed_and_where_all_is_found_wilsons(street):
+    """Eighty frames: in half of each block of four sensor 0 is blind, so that resamples differ by the seed."""
+
+    class Long(type(street.detected.renders)):  # type: ignore[misc]
+        def clouds(self, k, c):
+            return super().clouds(k, c)[: 0 if c == 0 and k // 4 % 2 else None]
+
+    renders = Long(street.site, street.detected.renders.sensors, frames=80)
+    detected = Detected(renders, street.detected.detector, "early")
+    row = np.array([[1, 0, 0, 0]], bool)
+    first, again, other = (Judge((detected,), seed=seed).judge_drawn(row, Cases())[1] for seed in (0, 0, 1))
+    assert np.array_equal(first, again)
+    assert not np.array_equal(first, other)
+    (found,) = Judge((detected,)).judge(np.array([[0, 1, 0, 0]], bool))  # half of four in every frame
+    wilson = binomtest(40, 80).proportion_ci(0.95, method="wilson")  # 320 vehicles, each in four frames
+    assert (found.low, found.high) == pytest.approx((wilson.low, wilson.high))
+
+
+def test_a_set_just_near_the_highest_ap_may_be_best(street):
+    """Within three quarters of the tolerance the greater mean AP decides, also at just that."""
+    highest, least = 1.0, 1.0 - NEAR_TIE
+    options = tuple(
+        PlanOption((name,), 1.0, 1.0, 1.0, 0.5, Judgement(ap, 0.9, 1.0, ap, 1.0, 320, 80), mean_ap=mean)
+        for name, ap, mean in (("a", highest, 0.7), ("b", least, 0.8), ("c", np.nextafter(least, 0), 0.9))
+    )
+    draws = {i: np.linspace(0.0, 1.0, 100) ** (i + 1) for i in range(3)}
+    assert judging.choose(options, draws)[0] == 1
+
+
+def test_a_hit_of_the_very_first_vehicle_counts_in_its_group(street):
+    scored = planning.score_boxes(street.judge, (0,))
+    assert (scored.hits == 0).sum() == 1
+    far = scored.boxes.copy()
+    far[scored.hits[0] == 0, 0] = 40.0  # the detection lies in the other group, the vehicle does not
+    rows = planning.by_group(
+        replace(scored, boxes=far), ["west", "east"], lambda boxes: (boxes[:, 0] > 20).astype(int), 0
+    )
+    assert (rows[0].judged.recall, rows[1].judged) == (0.5, None)

@@ -21,6 +21,7 @@ from placement_env.search.portfolio.entrants import (
     join_entrants,
     keep_entrants,
 )
+from placement_env.search.progress import as_rows
 from placement_env.search.verification import neighbours
 from placement_env.setting import Setting
 from toolkit.runtime.cache import Cache
@@ -293,24 +294,27 @@ def test_entropy_is_of_the_same_candidates_and_what_they_see(street, seen, small
     assert (entropy.fidelity, entropy.candidates) == ("perception entropy", small_candidates)
 
 
-def test_half_of_the_neighbours_are_those_that_no_other_beats(seen, small_candidates):
-    """In reward, perception entropy and coverage at once; the others are the best by reward."""
-    objective = Objective(
-        Setting(candidates=small_candidates, fidelity=Coverage(seen), scheme="early"), visibility=seen
-    )
-    answer = np.array([[1, 1, 0, 0]], bool)[:, : len(small_candidates)]
-    rows, considered = module_of_entrants._neighbours(objective, answer, 3)
-    assert 1 <= len(rows) <= 3
-    near = neighbours(np.array([0, 1]), len(small_candidates))[1:]
+@pytest.mark.parametrize("count", [3, 6, 7])
+def test_half_of_the_neighbours_are_those_that_no_other_beats(make, made_visibility, monkeypatch, count):
+    """In reward, perception entropy and coverage at once; the others are the best by reward. The front is made up: all,
+    from the last on."""
+    seen, candidates, asked = made_visibility(candidates=12), make(mounts=12).candidates, []
+
+    def front(figures):
+        asked.append(figures)
+        return np.arange(len(figures))[::-1]
+
+    monkeypatch.setattr(exhaustive, "find_front", front)
+    setting = Setting(candidates=candidates, fidelity=Coverage(seen, "early"), scheme="early")
+    objective = Objective(setting, visibility=seen)
+    rows, considered = module_of_entrants._neighbours(objective, as_rows([[0, 1]], 12), count)
+    near = neighbours(np.array([0, 1]), 12)[1:]
     near = near[objective.feasible(near)]
     assert considered == len(near)
-    order = np.argsort(-objective.scores(near).reward, kind="stable")
+    near = near[np.argsort(-objective.scores(near).reward, kind="stable")]
     entropy = module_of_entrants.entropy_objective(objective)
     assert entropy is not None
     figures = [objective.scores(near).reward, entropy.scores(near).ap, Coverage(seen, "early")(near).ap]
-    front = exhaustive.find_front(-np.stack(figures, axis=1)[order])
-    wanted = dict.fromkeys(row.tobytes() for row in near[order][:2])
-    for row in [*near[order][front], *near[order]]:
-        if len(wanted) < 3:
-            wanted.setdefault(row.tobytes())
-    assert [row.tobytes() for row in rows] == list(wanted)
+    assert asked[0] == pytest.approx(-np.stack(figures, axis=1))
+    wanted = [*near[: count - count // 2], *near[::-1][: count // 2]]
+    assert [row.tolist() for row in rows] == [row.tolist() for row in wanted]
