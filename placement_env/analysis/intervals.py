@@ -246,7 +246,7 @@ class Tally:
             found = np.cumsum(weights * hits, axis=1)[:, last_of_equals]
             precision = np.divide(found, believed, out=np.zeros(believed.shape), where=believed > 0)
             envelope = np.maximum.accumulate(precision[:, ::-1], axis=1)[:, ::-1]
-            area = (np.diff(found, axis=1, prepend=0) * envelope).sum(axis=1)
+            area = (np.diff(found, prepend=0) * envelope).sum(axis=1)
             figures.append(np.divide(area, truths, out=np.full(len(truths), np.nan), where=truths > 0))
         return np.concatenate(figures)
 

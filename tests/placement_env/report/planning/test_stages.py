@@ -19,6 +19,7 @@ from placement_env.fidelity.detector import FALSE_ALARM, IGNORED, Detected
 from placement_env.fidelity.traffic import Traffic
 from placement_env.handover.ground import Ground
 from placement_env.objective import Objective
+from placement_env.racing import Contest
 from placement_env.report.content import BreakdownRow, DrawingResult, Judgement, Plan, Planned, PlanOption, Verdict
 from placement_env.report.planning import judging, planning, question as questions, sentences
 from placement_env.report.planning.judging import Choice, Judge
@@ -516,3 +517,46 @@ def test_a_hit_of_the_very_first_vehicle_counts_in_its_group(street):
         replace(scored, boxes=far), ["west", "east"], lambda boxes: (boxes[:, 0] > 20).astype(int), 0
     )
     assert (rows[0].judged.recall, rows[1].judged) == (0.5, None)
+
+
+def test_races_have_the_confidence_and_the_seed_and_sets_just_near_the_best_are_judged(street, monkeypatch):
+    """Of one sensor each, sets end at 1, 0.75 and just below; a quarter is near."""
+    asked = []
+
+    def ended(objective, sets, evaluator, **given):
+        asked.append(given)
+        expected = np.array([1.0, 0.75, np.nextafter(0.75, 0)])
+        return Contest(np.arange(3), expected, np.full(3, 8), 0.8, 24, expected)
+
+    monkeypatch.setattr(judging, "contest", ended)
+    monkeypatch.setattr(judging, "NEAR", 0.25)
+    sets = np.eye(4, dtype=bool)[:3]
+    found = Entrants(sets, np.zeros(3), ((),) * 3, 3)
+    choice = judging.choose_set(street.objective, found, street.judge, confidence=0.6, run=Run(seed=5))
+    assert asked == [{"confidence": 0.6, "seed": 5, "frames": judging.RACED}]
+    assert [option.judged is not None for option in choice.options] == [True, True, False]
+    assert choice.confidence == 0.8
+
+
+def test_what_may_be_built_at_every_drawing_is_kept_in_the_order_of_the_first(street):
+    """At the second drawing sensor 3 is too dear, at the third sensor 0 sends too much."""
+
+    class Pool:
+        def __init__(self, place):
+            self.place = place
+
+        def select(self, rows):
+            return self.place, rows.tolist()
+
+    first, second, third = (street.objective.weighed(street.objective.weights) for _ in range(3))
+    second = second.weighed(second.weights, most_price=11.0)
+    rows = {id(first): [0, 1, 2, 3], id(second): [0, 1, 2], id(third): [1, 2, 3]}
+    prepared: Any = [SimpleNamespace(setting=SimpleNamespace(pool=Pool(k)), visibility=Pool(-k)) for k in (1, 2, 3)]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(planning, "find_buildable", lambda each, most: np.array(rows[id(each)]))
+        kept: Any = planning._keep_buildable(prepared, [first, second, third], None)
+        assert kept == [((k, [1, 2]), (-k, [1, 2])) for k in (1, 2, 3)]
+        alone: Any = planning._keep_buildable(prepared[:1], [first], None)
+        assert alone == [((1, [0, 1, 2, 3]), (-1, [0, 1, 2, 3]))]
+        two: Any = planning._keep_buildable(prepared[:2], [first, second], None)
+        assert two[0] == ((1, [0, 1, 2]), (-1, [0, 1, 2]))

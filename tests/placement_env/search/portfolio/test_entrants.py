@@ -318,3 +318,17 @@ def test_half_of_the_neighbours_are_those_that_no_other_beats(make, made_visibil
     assert asked[0] == pytest.approx(-np.stack(figures, axis=1))
     wanted = [*near[: count - count // 2], *near[::-1][: count // 2]]
     assert [row.tolist() for row in rows] == [row.tolist() for row in wanted]
+
+
+def test_the_best_neighbours_are_kept_of_many_and_equal_sizes_stay_in_order(make, street, monkeypatch):
+    objective = make(mounts=8, seed=4)
+    monkeypatch.setattr(module_of_entrants, "FRONT_OF", 2)
+    rows, _ = module_of_entrants._neighbours(objective, as_rows([[0, 1]], 8), 9)
+    near = neighbours(np.array([0, 1]), 8)[1:]
+    near = near[objective.feasible(near)]
+    best = near[np.argsort(-objective.scores(near).reward, kind="stable")[:2]]
+    assert [row.tolist() for row in rows] == best.tolist()
+    singles = np.eye(40, dtype=bool)[np.random.default_rng(0).permutation(40)]
+    found = [Entrants(part, np.zeros(20), ((),) * 20, 1) for part in (singles[:20], singles[20:])]
+    joined = join_entrants([make(mounts=40), make(mounts=40)], found)
+    assert joined.sets.tolist() == singles.tolist()
