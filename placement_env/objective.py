@@ -4,8 +4,8 @@ Reward = AP − λ_comm · kbit per sensor − λ_price · price.
 
 kbit per sensor is the paper's measure of communication (section IV-A): the data that each sensor of a set sends in a
 frame, averaged over frames and sensors. A set is feasible when its mounts have room for its sensors, no sensor sends
-more than the link of its mount carries (where the scheme sends points), and its mounts and sensors cost no more than
-the money available.
+more than the link of its mount carries (where the scheme sends points), its mounts and sensors cost no more than the
+money available, and every mount that must carry a sensor has one.
 """
 
 from __future__ import annotations
@@ -156,7 +156,7 @@ class Objective:
     def provenance(self) -> dict[str, Any]:
         """Origin of its scores."""
         made, cases, detector = self.preparation, self.setting.cases, getattr(self.scored_by, "detector", None)
-        known: dict[str, Any] = {}
+        known: dict[str, Any] = {"keep": list(self.setting.keep)} if self.setting.keep else {}
         if self.site is not None:
             known |= {"site": self.site.name, "hybrid_radius": self.site.hybrid_radius}
         if made is not None:
@@ -199,6 +199,18 @@ class Objective:
         """Mask of candidates that fit their mount's link."""
         boxes = not self.scheme.sends_points
         return np.ones(len(self.candidates), np.bool_) if boxes else self.sent <= self.candidates.capacity
+
+    @cached_property
+    def kept(self) -> Int64[np.ndarray, " k"]:
+        """Mounts that must carry a sensor."""
+        return self.candidates.find_mounts(self.setting.keep)
+
+    @cached_property
+    def _least_prices(self) -> Float64[np.ndarray, " M"]:
+        """Least price of a sensor on each mount, which is paid too; 0 where none may stand."""
+        least = np.full(len(self.candidates.mounts), np.inf)
+        np.minimum.at(least, self.candidates.mount[self.linked], self.candidates.prices[self.linked])
+        return np.where(np.isfinite(least), least, 0.0)
 
     def score(self, subset: Members) -> Score:
         """Score of one set, given as indices or names of candidates. Raises ValueError for an unknown one."""
@@ -260,15 +272,41 @@ class Objective:
 
     def feasible(self, subsets: Bool[np.ndarray, "n C"]) -> Bool[np.ndarray, " n"]:
         """Mask of sets that may be built."""
-        together = fit_together(self.candidates, subsets, self.shared_links)
+        together = fit_together(self.candidates, subsets, self.shared_links) & self.keeps(subsets)
         return np.asarray(together & ~(subsets & ~self.linked).any(axis=1) & self.affordable(self.price(subsets)))
+
+    def keeps(self, subsets: Bool[np.ndarray, "n C"]) -> Bool[np.ndarray, " n"]:
+        """Mask of sets with a sensor on every mount that must carry one."""
+        if not len(self.kept):
+            return np.ones(len(subsets), np.bool_)
+        return np.asarray((self.candidates.per_mount(subsets)[:, self.kept] > 0).all(axis=1))
 
     def allowed(self, subset: Bool[np.ndarray, " C"] | Members) -> Bool[np.ndarray, " C"]:
         """Mask of candidates that keep a set feasible: with room on their mounts, and money left for them."""
-        row = subset if isinstance(subset, np.ndarray) and subset.dtype == np.bool_ else self.row(subset)
+        return self._fitting(subset, 0.0)
+
+    def next_allowed(self, subset: Bool[np.ndarray, " C"] | Members) -> Bool[np.ndarray, " C"]:
+        """Mask of candidates to add next: on mounts that must carry a sensor until all do, which leave money for these.
+
+        Then any that is allowed.
+        """
+        mount = self.candidates.mount
+        bare = np.setdiff1d(self.kept, mount[self._row(subset)])
+        if not len(bare):
+            return self.allowed(subset)
+        return self._fitting(subset, self._least_prices[bare].sum() - self._least_prices[mount]) & np.isin(mount, bare)
+
+    def _fitting(
+        self, subset: Bool[np.ndarray, " C"] | Members, reserve: float | Float64[np.ndarray, " C"]
+    ) -> Bool[np.ndarray, " C"]:
+        """Mask of candidates that keep a set feasible and some money in reserve."""
+        row = self._row(subset)
         price = self.price(row[None])[0] + extra_prices(self.candidates, row)
         room = room_beside(self.candidates, row[None], self.shared_links)[0]
-        return np.asarray(room & self.linked & self.affordable(price))
+        return np.asarray(room & self.linked & self.affordable(price + reserve))
+
+    def _row(self, subset: Bool[np.ndarray, " C"] | Members) -> Bool[np.ndarray, " C"]:
+        return subset if isinstance(subset, np.ndarray) and subset.dtype == np.bool_ else self.row(subset)
 
     @property
     def shared_links(self) -> Float64[np.ndarray, " C"] | None:

@@ -14,6 +14,7 @@ import numpy as np
 
 from placement_env.analysis.intervals import describe_interval
 from placement_env.candidates.candidates import aims
+from placement_env.classes import join_names
 from placement_env.fidelity.preparation import BY_LEVELS, check_scorable
 from placement_env.fidelity.table import hash_site
 from placement_env.objective import Objective, Score
@@ -26,6 +27,7 @@ from placement_env.search.portfolio.portfolio import JUDGED_FRAMES, RACE_FRAMES,
 from placement_env.search.result import Assessment, Contender, ProfileAP, Result
 from placement_env.search.verification import ap_at_profiles, verify_best
 from placement_env.setting import Setting
+from toolkit.arrays import Bool
 from toolkit.detection.codec import PAPER
 from toolkit.detection.provenance import detector_origin
 from toolkit.runtime.files import replace_infinite
@@ -71,6 +73,9 @@ class SearchOrder:
     def __post_init__(self) -> None:
         setting = self.setting
         check_search(self.method, self.fidelity, setting.pool, setting.cases)
+        setting.check_budget(self.budget)
+        if setting.keep and self.method == "ppo":
+            raise ValueError("method ppo does not know poles that must carry a sensor: say --method portfolio or swap")
         if self.fidelity == "table" and setting.codec != PAPER:
             raise ValueError(f"tables hold kbit of the paper's codec, got {setting.codec}: say --codec paper")
         for path, own in ((setting.surrogate, "surrogate"), (setting.table, "table")):
@@ -123,6 +128,7 @@ class SearchOrder:
             "detector": None if setting.detector is None else detector_origin(setting.detector),
             "classes": setting.counted.origin,
             "most_price": setting.most_price,
+            **({"keep": setting.keep} if setting.keep else {}),
         }
 
     def resumes(self, out: Path) -> bool:
@@ -173,8 +179,10 @@ def run_search(order: SearchOrder, checkpoint: Checkpoint = NOWHERE) -> Answer:
         order.tell(_first_answer(order))
     objective = Objective(order.searched, order.run, stride=stride)
     check_present(objective)
-    if not objective.allowed([]).any():
-        reasons = describe_exclusions(objective, currency=order.currency)
+    alone = objective.allowed([])
+    reasons = explain_kept(objective, alone, currency=order.currency)
+    if reasons or not alone.any():
+        reasons = reasons or describe_exclusions(objective, currency=order.currency)
         line = f"none may be built: {' '.join(reasons)}"
         return Answer(objective, {"sensors": [], "reasons": reasons}, (line,), False)
     judging = Judging(
@@ -200,6 +208,7 @@ def run_search(order: SearchOrder, checkpoint: Checkpoint = NOWHERE) -> Answer:
     chosen = result.best.subset
     by_errors = ap_at_profiles(objective, chosen, result.sensors)
     summary, lines = _report(objective, result)
+    lines += [f"asked to build on: {', '.join(order.setting.keep)}"] if order.setting.keep else []
     summary |= _state_errors(order, by_errors)
     if not chosen:
         why = describe_empty(objective) if order.demand is None else result.certificate.note
@@ -406,6 +415,38 @@ def describe_exclusions(objective: Objective, max_kbit: float | None = None, cur
         reasons.append(
             f"The sum of {money} excludes {excluded} of {count} candidates: the cheapest of all costs {least_price}."
         )
+    return tuple(reasons)
+
+
+def explain_kept(
+    objective: Objective, alone: Bool[np.ndarray, " C"], max_kbit: float = math.inf, currency: str = ""
+) -> tuple[str, ...]:
+    """Sentences on why the poles that must carry a sensor cannot all have one. alone: candidates that may be built."""
+    candidates, least, reasons = objective.candidates, 0.0, list[str]()
+
+    def cost(amount: float) -> str:
+        needed, most = (describe_money(x, currency) for x in (amount, objective.most_price))
+        return f"{needed} or more, and {most} may be spent"
+
+    for mount in objective.kept.tolist():
+        name, own = candidates.mounts[mount].name, np.flatnonzero(candidates.mount == mount)
+        if not len(own):
+            why = "no pose on it sees the detection area"
+        elif not objective.linked[own].any():
+            why = f"each pose sends more than its link of {candidates.capacity[own[0]]:g} kbit per frame carries"
+        elif (objective.sent[own] > max_kbit).all():
+            why = f"each pose sends {objective.sent[own].min():.1f} kbit per frame or more; {max_kbit:g} are allowed"
+        elif not objective.affordable(candidates.prices[own]).any():
+            why = f"a sensor there costs {cost(float(candidates.prices[own].min()))}"
+        elif not alone[own].any():
+            why = "links, money and drawings of the site leave no pose"
+        else:
+            least += float(candidates.prices[own][alone[own]].min())
+            continue
+        reasons.append(f"Pole {name} must carry a sensor, but cannot: {why}.")
+    if not reasons and not objective.affordable(np.array([least]))[0]:
+        names = join_names([candidates.mounts[mount].name for mount in objective.kept])
+        reasons.append(f"Sensors on {names}, as asked, cost together {cost(least)}.")
     return tuple(reasons)
 
 

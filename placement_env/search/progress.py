@@ -62,15 +62,17 @@ class Limits:
 class Progress:
     """Score sets and keep the best feasible one of at most `budget` candidates, at first the empty set, reward 0.
 
-    A limit in seconds is kept to about `PACE_S`, or the time of one set.
+    Where poles must carry a sensor, the empty set is worse than any other. A limit in seconds is kept to about
+    `PACE_S`, or the time of one set.
     """
 
     def __init__(self, objective: Objective, budget: int, seconds: float | None, evaluations: int | None) -> None:
         check_whole("budget", budget, least=1)
+        objective.setting.check_budget(budget)
         self.objective, self.budget = objective, budget
         self.size = len(objective.candidates)
         self.limits = Limits(seconds, evaluations)
-        self.best, self.reward = np.zeros(self.size, bool), 0.0
+        self.best, self.reward = np.zeros(self.size, bool), -np.inf if len(objective.kept) else 0.0
         self._block = 1
 
     @property

@@ -99,6 +99,7 @@ def search(
     search; checkpoint: keeps the progress of the searches. Raises ValueError where these do not fit.
     """
     check_whole("budget", budget, least=1)
+    objective.setting.check_budget(budget)
     limits, confidence = Limits(seconds, evaluations), judging.confidence
     schedule = Schedule.of(seconds, objective.run)
     racing, final = judging.build_evaluators(objective, schedule, seed=seed)
@@ -123,7 +124,7 @@ def search(
     timed = schedule.limit(racing, 1 / 2, 1)
     most = SET_FRAMES if seconds is None else math.inf
     ran = contest(objective, found.sets, timed, confidence=confidence, seed=seed, most=most)
-    if ran.figures[0] <= 0 and (objective.weights.comm or objective.weights.price):
+    if ran.figures[0] <= 0 and not len(objective.kept) and (objective.weights.comm or objective.weights.price):
         return answer([], f"by the {racing.name} none of the {len(found.sets)} entrants is worth what it costs")
     members = np.flatnonzero(found.sets[ran.ranking[0]]).tolist()
     limits.record(objective.score(members).reward)
