@@ -11,7 +11,7 @@ money available, and every mount that must carry a sensor has one.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from copy import copy
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from placement_env.fidelity.visibility import Visibility
 
 Members = Iterable[int | str] | Int64[np.ndarray, " k"]  # of a set, by index or name
+Watch = Callable[[tuple[int, ...], float, int], None]  # told better sets, their reward, and frames of a race or 0
 ROUNDING = 1e-9  # share of a price by which a sum of prices may exceed it
 MOST_REMEMBERED = 200_000  # sets kept in memory; when there are more, the memory starts anew
 
@@ -76,8 +77,8 @@ class Objective:
     """Score sets of candidate sensors for a setting, a site or the name of one.
 
     visibility: what the candidates see, for a setting with a custom fidelity. Without it, each candidate is scored
-    alone to find how much it sends. stride: step between the frames of the run that count. Raises ValueError where the
-    fidelity cannot score the setting this way.
+    alone to find how much it sends. stride: step between the frames of the run that count. `watch`, where it is set, is
+    told better sets as searches find them. Raises ValueError where the fidelity cannot score the setting this way.
     """
 
     def __init__(
@@ -85,6 +86,7 @@ class Objective:
     ) -> None:
         self.setting = setting if isinstance(setting, Setting) else Setting(setting)
         self.run, self.visibility, self._scored = run, visibility, 0
+        self.watch: Watch | None = None
         self.preparation: Preparation | None = None
         if isinstance(self.setting.fidelity, str):
             from placement_env.fidelity.preparation import Preparation
@@ -113,7 +115,7 @@ class Objective:
         return cls(setting, preparation.run, visibility=visibility)
 
     def __getstate__(self) -> dict[str, object]:
-        return {**self.__dict__, "_known": self._empty()}
+        return {**self.__dict__, "_known": self._empty(), "watch": None}
 
     @property
     def site(self) -> Site | None:
@@ -136,7 +138,7 @@ class Objective:
         most = self.most_price if most_price is None else most_price
         other.setting = replace(self.setting, weights=weights, most_price=most)
         vars(other.setting)["pool"] = self.candidates
-        other._known, other._scored = dict(self._known), 0
+        other._known, other._scored, other.watch = dict(self._known), 0, None
         return other
 
     def forget(self) -> None:

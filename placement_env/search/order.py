@@ -15,7 +15,7 @@ import numpy as np
 from placement_env.analysis.intervals import describe_interval
 from placement_env.candidates.candidates import aims
 from placement_env.classes import join_names
-from placement_env.fidelity.preparation import BY_LEVELS, check_scorable
+from placement_env.fidelity.preparation import BY_LEVELS, Preparation, check_scorable
 from placement_env.fidelity.table import hash_site
 from placement_env.objective import Objective, Score
 from placement_env.protocol import Doubting, FidelityName
@@ -39,7 +39,8 @@ FRESH_ERROR = 0.026, 0.077  # of the surrogate's AP, mean and largest of 36 case
 FEWEST_AT_LEVEL = 100  # objects, below which a level of traffic is warned about
 UNFINISHED = ".parts"  # after the name of a folder: where the search for it is unfinished
 USUAL_FRAMES = 200
-FIRST_LOOK = 16  # simulated frames of a first answer, every second of them looked at
+FIRST_LOOK = 8  # of the frames that are looked at, those of a first answer
+BETTER = 0.001  # AP by which an answer must be better than the last one told
 SEARCHED = 48  # frames, spread over all, that a portfolio's searches look at if there are as many
 Summary = dict[str, Any]  # JSON values
 
@@ -175,9 +176,11 @@ def run_search(order: SearchOrder, checkpoint: Checkpoint = NOWHERE) -> Answer:
     """Search as ordered, and check the answer. checkpoint: where the state of the search is kept."""
     frames = order.run.frames_or(USUAL_FRAMES)
     stride = max(1, frames // SEARCHED) if order.method == PORTFOLIO and order.fidelity in BY_LEVELS else 1
-    if order.tell is not None and stride > 1 and order.setting.cases.levels == 1:
-        order.tell(_first_answer(order))
+    tells = order.tell is not None and stride > 1 and order.setting.cases.levels == 1 and not order.curve
+    first = _find_first(order, stride) if tells else None
     objective = Objective(order.searched, order.run, stride=stride)
+    if order.tell is not None and first is not None:
+        objective.watch = _Better(objective, first, order.tell)
     check_present(objective)
     alone = objective.allowed([])
     reasons = explain_kept(objective, alone, currency=order.currency)
@@ -226,12 +229,35 @@ def run_search(order: SearchOrder, checkpoint: Checkpoint = NOWHERE) -> Answer:
     return Answer(objective, replace_infinite(summary), tuple(line for line in lines if line), True, result, chosen)
 
 
-def _first_answer(order: SearchOrder) -> str:
-    """Greedy's answer from a few frames, in seconds, in a line."""
-    quick = Objective(order.searched, replace(order.run, frames=FIRST_LOOK, progress=None), stride=2)
-    best = load_search("greedy")(quick, order.budget, seed=order.run.seed).best
-    names = ", ".join(_names(quick, best.subset)) or "no sensors"
-    return f"first answer, by greedy on {FIRST_LOOK // 2} frames: {names}, predicted AP {best.ap:.3f}"
+def _find_first(order: SearchOrder, stride: int) -> Score:
+    """Tell greedy's answer from the first frames that are looked at, in seconds, and return its score there."""
+    whole = Preparation(order.searched, replace(order.run, progress=None), stride)
+    few = Preparation(whole.setting, whole.run, stride)
+    vars(few)["traffic"] = whole.traffic.part(0, FIRST_LOOK)
+    objective = Objective.of_moved(few, whole.setting.pool, few.visibility, order.setting.weights)
+    best = load_search("greedy")(objective, order.budget, seed=order.run.seed).best
+    names = ", ".join(_names(objective, best.subset)) or "no sensors"
+    if order.tell is not None:
+        order.tell(f"first answer, by greedy on {FIRST_LOOK} frames: {names}, predicted AP {best.ap:.3f}")
+    return best
+
+
+class _Better:
+    """Watch of a search that tells each better set: by its prediction, then the one ahead in the race."""
+
+    def __init__(self, objective: Objective, first: Score, tell: Callable[[str], None]) -> None:
+        self._objective, self._tell, self._told = objective, tell, first.subset
+        self._reward = objective.score(first.subset).reward
+
+    def __call__(self, subset: tuple[int, ...], reward: float, raced: int) -> None:
+        if subset == self._told or (not raced and reward < self._reward + BETTER):
+            return
+        self._told, self._reward = subset, reward
+        names = ", ".join(_names(self._objective, subset))
+        if raced:
+            self._tell(f"ahead after {raced} frames of the race: {names}")
+        else:
+            self._tell(f"better: {names}, predicted AP {self._objective.score(subset).ap:.3f}")
 
 
 def _report(objective: Objective, result: Result) -> tuple[Summary, list[str]]:

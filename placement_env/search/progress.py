@@ -135,13 +135,15 @@ class Progress:
         return Certificate("none", self.reward, note=note)
 
     def _keep(self, subsets: np.ndarray, rewards: np.ndarray) -> None:
-        better = np.flatnonzero(rewards > self.reward)
+        better, before = np.flatnonzero(rewards > self.reward), self.reward
         if better.size:
             fits = self.objective.feasible(subsets[better]) & (subsets[better].sum(axis=1) <= self.budget)
             for row in better[fits].tolist():  # one after another, so that batch size does not change the history
                 if rewards[row] > self.reward:
                     self.best, self.reward = subsets[row].copy(), float(rewards[row])
                     self.limits.record(self.reward, at=self.limits.count + row + 1)
+        if self.reward > before and self.objective.watch is not None:
+            self.objective.watch(tuple(np.flatnonzero(self.best).tolist()), self.reward, 0)
 
 
 def as_rows(sets: Sequence[Sequence[int]], size: int) -> Bool[np.ndarray, "n C"]:

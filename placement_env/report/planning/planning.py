@@ -543,7 +543,7 @@ def plan(question: Question) -> content.Planned:
         for scored, each in searched
     ]
     found = join_entrants(objectives, each_found)
-    compared, judge = _prepare_judge(question, objectives, question.part("comparison"))
+    compared, judge = _prepare_judge(question, objectives, question.part("comparison"), compares=True)
     if judge.absent:
         return _refuse(question, sentences.refuse_traffic(question, judge.absent, judge.frames, "judging"), pool)
     choice = judging.choose_set(
@@ -561,10 +561,12 @@ def plan(question: Question) -> content.Planned:
     return content.Planned(answer, mounted_site(question.site, candidates, choice.members), candidates, ground, moments)
 
 
-def _prepare_judge(question: Question, objectives: Sequence[Objective], run: Run) -> tuple[Preparation, judging.Judge]:
+def _prepare_judge(
+    question: Question, objectives: Sequence[Objective], run: Run, *, compares: bool = False
+) -> tuple[Preparation, judging.Judge]:
     """Prepare one part of the traffic at the first drawing, and the judge over all drawings."""
     pairs = zip(question.at_drawings, objectives, strict=True)
-    prepared = [Preparation(each.judged(objective.candidates), run) for each, objective in pairs]
+    prepared = [Preparation(each.judged(objective.candidates), run, compares=compares) for each, objective in pairs]
     first, *others = (judging.Judge.of(each, question.run.seed) for each in prepared)
     return prepared[0], replace(first, drawings=tuple(others))
 

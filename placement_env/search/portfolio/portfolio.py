@@ -79,7 +79,8 @@ class Judging:
         setting, run = self.setting or objective.setting.with_fidelity(self.by), objective.run
         parts = enumerate((self.race_frames, self.final_frames), 1)
         runs = [run.part(number, schedule.frames(count)) for number, count in parts]
-        race, final = (build_evaluator(Preparation(setting, each), self.by, seed=seed) for each in runs)
+        prepared = (Preparation(setting, each, compares=n == 0) for n, each in enumerate(runs))
+        race, final = (build_evaluator(each, self.by, seed=seed) for each in prepared)
         return race, final
 
 
@@ -154,6 +155,10 @@ def contest(
         found = evaluator.evaluate(rows, frames, objective.run.stage("racing", len(frames)))
         cost = weigh_costs(objective, rows, found.kbit)
         blocks = float(len(np.unique(frames[: found.frames] // BLOCK_FRAMES)))
+        if objective.watch is not None:
+            best = int((found.ap - cost).argmax())
+            ahead = tuple(np.flatnonzero(rows[best]).tolist())
+            objective.watch(ahead, float(found.ap[best] - cost[best]), len(frames[: found.frames]))
         return Resampled(found.ap - cost, found.resamples - cost[:, None], found.frames, blocks)
 
     order, first = race_order(evaluator.frames, seed=seed)[:frames], min(FIRST, evaluator.frames)
