@@ -73,6 +73,8 @@ class CandidateOptions:
     """Catalogue of sensor models with prices (TOML), in place of --model."""
     money: float | None = None
     """Maximum price of a set, in the catalogue's currency or in ordinary poles."""
+    keep: tuple[str, ...] = ()
+    """Names of poles that must carry a sensor."""
 
     def __post_init__(self) -> None:
         if self.money is not None and not 0 <= self.money < math.inf:
@@ -148,6 +150,7 @@ class SettingOptions:
             table=self.table,
             weights=self.weights,
             most_price=math.inf if self.candidates.money is None else self.candidates.money,
+            keep=self.candidates.keep,
         )
         return setting, currency
 

@@ -4,14 +4,14 @@ Reward = AP − λ_comm · kbit per sensor − λ_price · price.
 
 kbit per sensor is the paper's measure of communication (section IV-A): the data that each sensor of a set sends in a
 frame, averaged over frames and sensors. A set is feasible when its mounts have room for its sensors, no sensor sends
-more than the link of its mount carries (where the scheme sends points), and its mounts and sensors cost no more than
-the money available.
+more than the link of its mount carries (where the scheme sends points), its mounts and sensors cost no more than the
+money available, and every mount that must carry a sensor has one.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from copy import copy
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from placement_env.fidelity.visibility import Visibility
 
 Members = Iterable[int | str] | Int64[np.ndarray, " k"]  # of a set, by index or name
+Watch = Callable[[tuple[int, ...], float, int], None]  # told better sets, their reward, and frames of a race or 0
 ROUNDING = 1e-9  # share of a price by which a sum of prices may exceed it
 MOST_REMEMBERED = 200_000  # sets kept in memory; when there are more, the memory starts anew
 
@@ -76,8 +77,8 @@ class Objective:
     """Score sets of candidate sensors for a setting, a site or the name of one.
 
     visibility: what the candidates see, for a setting with a custom fidelity. Without it, each candidate is scored
-    alone to find how much it sends. stride: step between the frames of the run that count. Raises ValueError where the
-    fidelity cannot score the setting this way.
+    alone to find how much it sends. stride: step between the frames of the run that count. `watch`, where it is set, is
+    told better sets as searches find them. Raises ValueError where the fidelity cannot score the setting this way.
     """
 
     def __init__(
@@ -85,6 +86,7 @@ class Objective:
     ) -> None:
         self.setting = setting if isinstance(setting, Setting) else Setting(setting)
         self.run, self.visibility, self._scored = run, visibility, 0
+        self.watch: Watch | None = None
         self.preparation: Preparation | None = None
         if isinstance(self.setting.fidelity, str):
             from placement_env.fidelity.preparation import Preparation
@@ -113,7 +115,7 @@ class Objective:
         return cls(setting, preparation.run, visibility=visibility)
 
     def __getstate__(self) -> dict[str, object]:
-        return {**self.__dict__, "_known": self._empty()}
+        return {**self.__dict__, "_known": self._empty(), "watch": None}
 
     @property
     def site(self) -> Site | None:
@@ -136,7 +138,7 @@ class Objective:
         most = self.most_price if most_price is None else most_price
         other.setting = replace(self.setting, weights=weights, most_price=most)
         vars(other.setting)["pool"] = self.candidates
-        other._known, other._scored = dict(self._known), 0
+        other._known, other._scored, other.watch = dict(self._known), 0, None
         return other
 
     def forget(self) -> None:
@@ -156,7 +158,7 @@ class Objective:
     def provenance(self) -> dict[str, Any]:
         """Origin of its scores."""
         made, cases, detector = self.preparation, self.setting.cases, getattr(self.scored_by, "detector", None)
-        known: dict[str, Any] = {}
+        known: dict[str, Any] = {"keep": list(self.setting.keep)} if self.setting.keep else {}
         if self.site is not None:
             known |= {"site": self.site.name, "hybrid_radius": self.site.hybrid_radius}
         if made is not None:
@@ -199,6 +201,18 @@ class Objective:
         """Mask of candidates that fit their mount's link."""
         boxes = not self.scheme.sends_points
         return np.ones(len(self.candidates), np.bool_) if boxes else self.sent <= self.candidates.capacity
+
+    @cached_property
+    def kept(self) -> Int64[np.ndarray, " k"]:
+        """Mounts that must carry a sensor."""
+        return self.candidates.find_mounts(self.setting.keep)
+
+    @cached_property
+    def _least_prices(self) -> Float64[np.ndarray, " M"]:
+        """Least price of a sensor on each mount, which is paid too; 0 where none may stand."""
+        least = np.full(len(self.candidates.mounts), np.inf)
+        np.minimum.at(least, self.candidates.mount[self.linked], self.candidates.prices[self.linked])
+        return np.where(np.isfinite(least), least, 0.0)
 
     def score(self, subset: Members) -> Score:
         """Score of one set, given as indices or names of candidates. Raises ValueError for an unknown one."""
@@ -260,15 +274,41 @@ class Objective:
 
     def feasible(self, subsets: Bool[np.ndarray, "n C"]) -> Bool[np.ndarray, " n"]:
         """Mask of sets that may be built."""
-        together = fit_together(self.candidates, subsets, self.shared_links)
+        together = fit_together(self.candidates, subsets, self.shared_links) & self.keeps(subsets)
         return np.asarray(together & ~(subsets & ~self.linked).any(axis=1) & self.affordable(self.price(subsets)))
+
+    def keeps(self, subsets: Bool[np.ndarray, "n C"]) -> Bool[np.ndarray, " n"]:
+        """Mask of sets with a sensor on every mount that must carry one."""
+        if not len(self.kept):
+            return np.ones(len(subsets), np.bool_)
+        return np.asarray((self.candidates.per_mount(subsets)[:, self.kept] > 0).all(axis=1))
 
     def allowed(self, subset: Bool[np.ndarray, " C"] | Members) -> Bool[np.ndarray, " C"]:
         """Mask of candidates that keep a set feasible: with room on their mounts, and money left for them."""
-        row = subset if isinstance(subset, np.ndarray) and subset.dtype == np.bool_ else self.row(subset)
+        return self._fitting(subset, 0.0)
+
+    def next_allowed(self, subset: Bool[np.ndarray, " C"] | Members) -> Bool[np.ndarray, " C"]:
+        """Mask of candidates to add next: on mounts that must carry a sensor until all do, which leave money for these.
+
+        Then any that is allowed.
+        """
+        mount = self.candidates.mount
+        bare = np.setdiff1d(self.kept, mount[self._row(subset)])
+        if not len(bare):
+            return self.allowed(subset)
+        return self._fitting(subset, self._least_prices[bare].sum() - self._least_prices[mount]) & np.isin(mount, bare)
+
+    def _fitting(
+        self, subset: Bool[np.ndarray, " C"] | Members, reserve: float | Float64[np.ndarray, " C"]
+    ) -> Bool[np.ndarray, " C"]:
+        """Mask of candidates that keep a set feasible and some money in reserve."""
+        row = self._row(subset)
         price = self.price(row[None])[0] + extra_prices(self.candidates, row)
         room = room_beside(self.candidates, row[None], self.shared_links)[0]
-        return np.asarray(room & self.linked & self.affordable(price))
+        return np.asarray(room & self.linked & self.affordable(price + reserve))
+
+    def _row(self, subset: Bool[np.ndarray, " C"] | Members) -> Bool[np.ndarray, " C"]:
+        return subset if isinstance(subset, np.ndarray) and subset.dtype == np.bool_ else self.row(subset)
 
     @property
     def shared_links(self) -> Float64[np.ndarray, " C"] | None:

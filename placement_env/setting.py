@@ -56,7 +56,8 @@ class Setting:
     thresholds, failures, levels of traffic and errors; fidelity: name of what scores a set, or an object that does;
     detector: of fidelity "detector", None for the shipped network; surrogate, table: files for these fidelities, None
     for the shipped ones; rendering: "auto", or all rays ("full") or panoramas wherever they can be used; weights: costs
-    in the reward; most_price: most that a set may cost. Raises ValueError where a field does not fit.
+    in the reward; most_price: most that a set may cost; keep: names of poles that must carry a sensor. Raises
+    ValueError where a field does not fit.
 
     >>> Setting("tjunction", scheme="late", cases=Cases(iou=(0.7, 0.8))).scheme.name
     'late'
@@ -76,6 +77,7 @@ class Setting:
     rendering: Rendering = "auto"
     weights: Weights = field(default=AP_ONLY)
     most_price: float = math.inf
+    keep: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if isinstance(self.fidelity, str):
@@ -84,12 +86,15 @@ class Setting:
             raise ValueError(f"weights must be Weights, got {self.weights!r}: pass Weights(comm=..., price=...)")
         if not self.most_price >= 0:
             raise ValueError(f"most_price must be 0 or more, got {self.most_price}: leave it out for any price")
+        if isinstance(self.keep, str):
+            raise ValueError(f"keep must be names of poles, got {self.keep!r}: put it in a tuple")
         check_choice("rendering", self.rendering, get_args(Rendering))
         if self.detector is not None and not callable(self.detector):
             raise ValueError(f"detector must be a function of a cloud's points, or None, got {self.detector!r}")
         site = load_site(self.site) if isinstance(self.site, str) else self.site
         scheme, codec, classes = find_scheme(self.scheme), check_codec(self.codec), find_classes(self.classes)
         vars(self).update(site=site, scheme=scheme, codec=codec, classes=classes, most_price=float(self.most_price))
+        vars(self).update(keep=tuple(dict.fromkeys(self.keep)))
 
     @cached_property
     def place(self) -> Site:
@@ -100,16 +105,19 @@ class Setting:
 
     @cached_property
     def pool(self) -> Candidates:
-        """The candidates. Raises ValueError and OSError where there are none."""
+        """The candidates. Raises ValueError and OSError where there are none, or no pole of a name to be kept."""
         from placement_env.candidates.candidates import Candidates
         from placement_env.candidates.pool import choose_candidates
 
         asked = self.candidates
-        if isinstance(asked, Candidates):
-            return asked
         if callable(asked):
-            return asked(self.place)
-        return choose_candidates(self.place, "paper" if asked is None else asked)
+            found = asked(self.place)
+        elif isinstance(asked, Candidates):
+            found = asked
+        else:
+            found = choose_candidates(self.place, "paper" if asked is None else asked)
+        found.find_mounts(self.keep)
+        return found
 
     @property
     def fusion(self) -> Scheme:
@@ -120,6 +128,14 @@ class Setting:
     def counted(self) -> Classes:
         """The classes that count."""
         return find_classes(self.classes)
+
+    def check_budget(self, budget: int) -> None:
+        """Raise ValueError where fewer sensors are allowed than poles must carry one."""
+        if budget < len(self.keep):
+            raise ValueError(
+                f"{len(self.keep)} poles must carry a sensor and a budget of {budget} is allowed: raise the budget, or "
+                "keep fewer poles"
+            )
 
     def with_fidelity(self, fidelity: FidelityName) -> Setting:
         """Same question for another fidelity, without files and errors that it does not know."""

@@ -287,7 +287,7 @@ class TiledVoxelNet:
             voxels = placed.batch(rows, item, len(tiles), self.config)
             local = voxels._replace(cells=voxels.cells - F.pad(corner[voxels.cells[:, 0]], (1, 1)))
             x: Tensor = middle(self._network.features(voxels), local, (wide, wide, self.config.grid_shape[2]))
-            return self._within(x.permute(0, 2, 3, 1)[:, 1:, 1:], tiles)
+            return self._within(x.permute(0, 2, 3, 1)[:, 1:, 1:].to(self._finest.weight.dtype), tiles)
 
         return entries.bank(convolve)
 
@@ -316,7 +316,7 @@ class TiledVoxelNet:
                 side, k, width = y.shape[1], self.size // y.shape[1], x.shape[3]
                 raised = _cells(conv, y).view(-1, side, side, k, k, width).transpose(2, 3)
                 x.view(-1, side, k, side, k, width).add_(raised)
-            x = _cells(rpn.outputs, torch.relu_(x)).permute(0, 3, 1, 2)
+            x = _cells(rpn.outputs, torch.relu_(x)).float().permute(0, 3, 1, 2)
             corner = torch.from_numpy(self.size * self._corners(tiles)).to(x.device)
             yield TilePredictions(first, corner, Prediction(*torch.split(x, rpn.channels, 1)))
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from difflib import get_close_matches
 from functools import cached_property
 from hashlib import sha256
 
@@ -143,6 +144,18 @@ class Candidates(Displayed):
     def capacity(self) -> Float64[np.ndarray, " C"]:
         """Capacity of the link of each candidate's mount (kbit per frame)."""
         return np.array([self.mounts[mount].capacity for mount in self.mount], np.float64)
+
+    def find_mounts(self, names: Sequence[str]) -> Int64[np.ndarray, " k"]:
+        """Indices of mounts by name. Raises ValueError for a name that none has."""
+        known = {mount.name: m for m, mount in enumerate(self.mounts)}
+        for name in names:
+            if name not in known:
+                near = " or ".join(get_close_matches(name, known, 3, 0.4) or list(known)[:3])
+                raise ValueError(
+                    f"no sensor may stand on a pole {name!r}, which is unknown, in a keep-out area or on the "
+                    f"carriageway: name one of the {len(known)} poles that may be built, such as {near}"
+                )
+        return np.array([known[name] for name in names], np.int64)
 
     def per_mount(
         self, subsets: Bool[np.ndarray, "n C"], each: Float64[np.ndarray, " C"] | None = None

@@ -19,7 +19,7 @@ from placement_env.setting import Setting
 from toolkit.arrays import Int64
 from toolkit.detection.scheme import surrogate_name
 from toolkit.detection.schemes import SCHEMES
-from toolkit.objects import LABELS, Detector, check_known
+from toolkit.objects import LABELS, Detector, check_known, quick_detector
 from toolkit.runtime.run import Run
 from toolkit.sensors.error_profiles import ErrorProfile
 from toolkit.sensors.sensor import Sensor
@@ -41,11 +41,15 @@ _DETECTORS: dict[tuple[str, str], Detector] = {}  # by network and text of the s
 
 @dataclass(frozen=True, eq=False)
 class Preparation:
-    """Shared parts of a setting's fidelities. stride: step between the frames that count."""
+    """Shared parts of a setting's fidelities.
+
+    stride: step between the frames that count; compares: sets are compared, which is left to `quick_detector`.
+    """
 
     setting: Setting
     run: Run = Run()
     stride: int = 1
+    compares: bool = False
 
     @property
     def frames(self) -> int:
@@ -113,7 +117,8 @@ class Preparation:
     @cached_property
     def detector(self) -> Detector:
         """The setting's detector, or the shipped one."""
-        return self.setting.detector or load_shipped_detector(self.network, self.setting.place)
+        detector = self.setting.detector or load_shipped_detector(self.network, self.setting.place)
+        return quick_detector(detector) if self.compares else detector
 
     @cached_property
     def _hit_models(self) -> dict[float, tuple[HitModel, ...]]:

@@ -37,7 +37,8 @@ from toolkit.traffic.spawner import LIFE
 if TYPE_CHECKING:
     from placement_env.candidates.candidates import Candidates
 
-IN_MEMORY = 256  # candidates held in memory when a cache keeps them
+IN_MEMORY = 2048  # parts held in memory when a cache keeps them
+PARTS = 2 * LIFE  # of the frames, rendered separately: a race looks at one frame of every block of so many first
 
 
 class Renders:
@@ -66,7 +67,8 @@ class Renders:
         self._arguments = (traffic, candidates, cache)
         self._cache, self._noise_seed, self.errors = cache, noise_seed, errors
         self._whole = not only_own_noise(errors)
-        self._packed: dict[int, _Packed] = {}
+        self._packed: dict[tuple[int, int], _Packed] = {}
+        self._rigs: dict[int, Rig] = {}
         self._scenes: dict[int, EmptyScene] = {}
 
     def __reduce__(self) -> tuple[object, ...]:
@@ -109,7 +111,7 @@ class Renders:
                     learner.add(self._reading(k, c).images[0])
                 self._scenes[c] = learner.scene()
             else:
-                self._scenes[c] = EmptyScene.of(self.sensors[c], self._of_candidate(c).still())
+                self._scenes[c] = EmptyScene.of(self.sensors[c], _still(self._rig(c)))
         return self._scenes[c]
 
     def objects(self, k: int) -> Objects:
@@ -118,15 +120,15 @@ class Renders:
 
     def _measure(self, k: int, c: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Points in the crop, with noise, their pixels and measurements."""
-        packed, rng = self._of_candidate(c), None
+        packed, rng = self._of_candidate(c, k), None
         if self._noise_seed is not None:
             rng = np.random.default_rng([self._noise_seed, k, _seed(self.sensors[c])])
-        return packed.rig.measure(0, *packed.frame(k), rng)
+        return self._rig(c).measure(0, *packed.frame(k), rng)
 
     def _reading(self, k: int, c: int) -> Frame:
         """Whole image of candidate c in frame k, with errors."""
-        snapshots, sensor, packed = self.traffic.snapshots, self.sensors[c], self._of_candidate(c)
-        now, speed, image = snapshots[k], None, packed.still()
+        snapshots, sensor, packed = self.traffic.snapshots, self.sensors[c], self._of_candidate(c, k)
+        now, speed, image = snapshots[k], None, _still(self._rig(c))
         if self.errors.needs_velocities:
             around = [snapshots[other] for other in (k - 1, k + 1) if 0 <= other < len(snapshots)]
             speed = velocities(now.objects, now.time, [(each.objects, each.time) for each in around])
@@ -136,31 +138,47 @@ class Renders:
         seed = block_seed(self._noise_seed or 0, k // LIFE) if self.redrawn else self._noise_seed or 0
         return with_errors(frame, self.errors, seed, velocities=speed, numbers=[_seed(sensor)])
 
-    def _of_candidate(self, c: int) -> _Packed:
-        packed = self._packed.pop(c, None) or self._kept(c)
+    def _of_candidate(self, c: int, k: int) -> _Packed:
+        """Packed part of a candidate's frames with frame k."""
+        part = c, k % PARTS
+        packed = self._packed.pop(part, None) or self._kept(*part)
         if self._cache is not None and len(self._packed) >= IN_MEMORY:
             self._packed.pop(next(iter(self._packed)))  # least recently used
-        self._packed[c] = packed
+        self._packed[part] = packed
         return packed
 
-    def _kept(self, c: int) -> _Packed:
-        """Kept render of a candidate, rendered anew if damaged."""
-        sensor, kind = self.sensors[c], "whole render" if self._whole else "render"
-        key = make_key(kind, _code([sensor]), self.traffic.digest(), sensor.digest)
-        ((still_pixels, still_depth, *changes),) = recall(self._cache, [key], lambda _: [self._render(c)])
-        return _Packed(replace(self._rig(c), pixels=(still_pixels,), depth=(still_depth,)), *changes)
+    def _kept(self, c: int, part: int) -> _Packed:
+        """Kept part of a candidate's frames, rendered anew if damaged."""
+        (arrays,) = recall(self._cache, [self._key(c, part)], lambda _: [self._render(c, part)])
+        return _Packed(*arrays)
 
-    def _render(self, c: int) -> Arrays:
-        """Pixels and measurements of the empty site, then the fields of `_Packed` beside its rig."""
-        renderer, changes = build_renderer(self.traffic).looking([self.sensors[c]]), []
-        still = renderer.background[0].ravel().astype(np.float32)
+    def _rig(self, c: int) -> Rig:
+        """A candidate and its view of the empty site, as far as that is packed."""
+        if c not in self._rigs:
+            (arrays,) = recall(self._cache, [self._key(c, "empty")], lambda _: [self._render_empty(c)])
+            self._rigs[c] = replace(self._bare_rig(c), pixels=(arrays[0],), depth=(arrays[1],))
+        return self._rigs[c]
+
+    def _key(self, c: int, part: int | str) -> bytes:
+        sensor, kind = self.sensors[c], "whole render" if self._whole else "render"
+        return make_key(kind, _code([sensor]), self.traffic.digest(), sensor.digest, part, PARTS)
+
+    def _render_empty(self, c: int) -> Arrays:
+        """Pixels and measurements of the empty site."""
+        renderer = build_renderer(self.traffic).looking([self.sensors[c]])
         if self._whole:
+            still = renderer.background[0].ravel().astype(np.float32)
             seen = np.flatnonzero(still > 0).astype(np.uint32)
-            rig = replace(self._rig(c), pixels=(seen,), depth=(still[seen],))
-        else:
-            area, height, slope = self.site.area, self.site.height, self.site.relief.slope
-            rig = Rig.seeing(renderer.sensors, area, height, renderer.background, slope)
-        for snapshot in self.traffic.snapshots:
+            return seen, still[seen]
+        area, height, slope = self.site.area, self.site.height, self.site.relief.slope
+        rig = Rig.seeing(renderer.sensors, area, height, renderer.background, slope)
+        return rig.pixels[0], rig.depth[0]
+
+    def _render(self, c: int, part: int) -> Arrays:
+        """Fields of `_Packed` of a part."""
+        renderer, changes = build_renderer(self.traffic).looking([self.sensors[c]]), []
+        still, rig = renderer.background[0].ravel().astype(np.float32), self._rig(c)
+        for snapshot in self.traffic.snapshots[part::PARTS]:
             images = renderer.render(snapshot).measurements
             if self._whole:
                 changes.append(_find_changes(still, images[0].ravel()))
@@ -168,9 +186,9 @@ class Renders:
                 found = change(rig, Frame(renderer.sensors, images, snapshot.objects))
                 changes.append((found.pixels[0], found.steps[0]))
         pixels, steps = (np.concatenate(each) for each in zip(*changes, strict=True))
-        return rig.pixels[0], rig.depth[0], pixels, steps, np.cumsum([0, *(len(each) for each, _ in changes)])
+        return pixels, steps, np.cumsum([0, *(len(each) for each, _ in changes)])
 
-    def _rig(self, c: int) -> Rig:
+    def _bare_rig(self, c: int) -> Rig:
         area = tuple(self.site.area.tolist())
         return Rig((self.sensors[c],), area, self.site.height, (), (), self.site.relief.slope)
 
@@ -217,23 +235,23 @@ class Recorded:
 
 @dataclass(frozen=True, eq=False)
 class _Packed:
-    """Packed frames of one candidate: pixels unlike the rig's, their steps (0: none), and ends of each frame."""
+    """Packed part of a candidate's frames: pixels unlike the rig's, their steps (0: none), and ends of each frame."""
 
-    rig: Rig
     pixels: Shaped[np.ndarray, " p"]
     steps: Shaped[np.ndarray, " p"]
     ends: Int64[np.ndarray, " _"]
 
     def frame(self, k: int) -> tuple[Shaped[np.ndarray, " n"], Float32[np.ndarray, " n"]]:
         """Changed pixels of frame k and their measurements (m)."""
-        rows = slice(*self.ends[k : k + 2])
+        rows = slice(*self.ends[k // PARTS :][:2])
         return self.pixels[rows], self.steps[rows].astype(np.float32) / np.float32(STEPS_PER_METRE)
 
-    def still(self) -> Float32[np.ndarray, "rows columns"]:
-        """Image of the empty site, as far as it is packed."""
-        image = np.zeros(self.rig.sensors[0].model.shape, np.float32)
-        image.ravel()[self.rig.pixels[0]] = self.rig.depth[0]
-        return image
+
+def _still(rig: Rig) -> Float32[np.ndarray, "rows columns"]:
+    """Image of the empty site, as far as it is packed."""
+    image = np.zeros(rig.sensors[0].model.shape, np.float32)
+    image.ravel()[rig.pixels[0]] = rig.depth[0]
+    return image
 
 
 def _find_changes(still: np.ndarray, image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import get_args
 
 import numpy as np
@@ -25,6 +25,7 @@ from toolkit.runtime.cache import make_key, recall
 from toolkit.runtime.code_digest import code_digest
 from toolkit.runtime.run import Run
 from toolkit.sensors.sensor import Sensor, SensorModel
+from toolkit.sites.files import format_site
 
 BLOCK_PIXELS = 4_000_000  # pixels of the sensors handled at once, about 40 bytes each
 FRAMES_AT_ONCE = 8  # frames that a process handles before it returns its views from panoramas
@@ -128,7 +129,7 @@ class _Look:
 
     def _depends_on(self, sensors: Sequence[Sensor]) -> tuple[object, ...]:
         code = code_digest(__name__, *sorted({type(sensor.model).__module__ for sensor in sensors}))
-        return code, self.traffic.digest(), [sensor.digest for sensor in sensors], self.labels
+        return code, [sensor.digest for sensor in sensors], self.labels
 
     def __reduce__(self) -> tuple[object, ...]:
         return type(self), (self.traffic, self.sensors, self.labels)
@@ -141,7 +142,7 @@ class _FullLook(_Look):
         return look_at(self.traffic, build_renderer(self.traffic), self.sensors[slice(*block)], self.labels)
 
     def key(self, block: Block) -> bytes:
-        return make_key("seen", *self._depends_on(self.sensors[slice(*block)]))
+        return make_key("seen", self.traffic.digest(), *self._depends_on(self.sensors[slice(*block)]))
 
 
 class _RoundLook(_Look):
@@ -159,10 +160,10 @@ class _RoundLook(_Look):
         return seen
 
     def key(self, block: Block) -> bytes:
-        return make_key("panoramas", self._whole, block)
+        return make_key("panoramas", self.traffic.part(*block).digest(), self._looks)
 
     @cached_property
-    def _whole(self) -> tuple[object, ...]:
+    def _looks(self) -> tuple[object, ...]:
         return self._depends_on(self.sensors)
 
     @cached_property
@@ -182,8 +183,19 @@ class _RoundLook(_Look):
 
     @cached_property
     def _stills(self) -> list[dict[SensorModel, Still]]:
-        """Standing scene seen from each place by its sensors' models."""
+        """Standing scene seen from each place by its sensors' models, looked at once for all traffic of the site."""
+        site = self.traffic.site
+        known = _known_stills(format_site(site))
         stills: list[dict[SensorModel, Still]] = [{} for _ in self._places[0]]
         for v, model in {(v, each.model) for v, each in zip(self._places[1].tolist(), self.sensors, strict=True)}:
-            stills[v][model] = Still.of(build_renderer(self.traffic), self.traffic.site, self._places[0][v], model)
+            key = self._places[0][v].tobytes(), model
+            if key not in known:
+                known[key] = Still.of(build_renderer(self.traffic), site, self._places[0][v], model)
+            stills[v][model] = known[key]
         return stills
+
+
+@lru_cache(maxsize=1)
+def _known_stills(site: str) -> dict[tuple[bytes, SensorModel], Still]:
+    """Standing scenes that were looked at, by place and model, of a site known by the text of its file."""
+    return {}

@@ -41,14 +41,24 @@ class Traffic:
 
     def every(self, stride: int) -> Traffic:
         """Same traffic with every stride-th frame alone, from the first."""
-        return self if stride == 1 else replace(self, snapshots=self.snapshots[::stride])
+        return self if stride == 1 else self._of(self.snapshots[::stride])
+
+    def part(self, first: int, end: int) -> Traffic:
+        """Some successive frames of the same traffic."""
+        return self._of(self.snapshots[first:end])
+
+    def _of(self, snapshots: tuple[Snapshot, ...]) -> Traffic:
+        other = replace(self, snapshots=snapshots)
+        vars(other)["_scene"] = self._scene
+        return other
 
     def digest(self) -> str:
         """SHA-256 over site, bodies and frames. Equal digests mean that everything a sensor might see is equal."""
         return self._digest
 
     @cached_property
-    def _digest(self) -> str:
+    def _scene(self) -> bytes:
+        """SHA-256 over site and bodies."""
         from toolkit.sites.files import format_site
 
         sha = sha256(format_site(self.site).encode())
@@ -56,6 +66,11 @@ class Traffic:
             sha.update(repr((body.name, body.label, body.vertices.shape, body.triangles.shape)).encode())
             sha.update(b"" if body.truth is None else repr(body.truth).encode())
             sha.update(body.vertices.tobytes() + body.triangles.tobytes())
+        return sha.digest()
+
+    @cached_property
+    def _digest(self) -> str:
+        sha = sha256(self._scene)
         for snapshot in self.snapshots:
             objects = snapshot.objects
             sha.update(repr((len(objects), snapshot.bodies.tolist(), objects.labels.tolist())).encode())

@@ -78,6 +78,8 @@ def search(
     Every step counts as an evaluation; without a limit `DEFAULT_STEPS` are trained. checkpoint: keeps the policy, and
     the best set up to each round.
     """
+    if objective.setting.keep:
+        raise ValueError("a policy does not know poles that must carry a sensor: say --method portfolio or swap")
     steps = DEFAULT_STEPS if seconds is None and evaluations is None else evaluations
     limits, best, chosen = Limits(seconds, evaluations), 0.0, np.zeros(len(objective.candidates), np.bool_)
 

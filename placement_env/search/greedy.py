@@ -17,6 +17,7 @@ Leskovec et al., KDD 2007): for the answer S and any feasible T of at most k sen
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -71,16 +72,18 @@ def search(
     return progress.result("greedy", known)
 
 
-def grow(progress: Progress, prices: Float64[np.ndarray, " C"] | None = None) -> tuple[list[int], float]:
+def grow(
+    progress: Progress, prices: Float64[np.ndarray, " C"] | None = None, *, start: Sequence[int] = ()
+) -> tuple[list[int], float]:
     """Greedy's candidates in order, as many as fit and the limits allow, and the largest growth of any gain.
 
-    prices: of the candidates, to take the greatest gain per price; None for the greatest gain.
+    prices: of the candidates, to take the greatest gain per price; None for the greatest gain; start: first candidates.
     """
-    chosen: list[int] = []
+    chosen = list(start)
     reward, rise = 0.0, 0.0
     gains = np.full(progress.size, np.inf)
     while len(chosen) < progress.budget:
-        options = np.flatnonzero(progress.objective.allowed(chosen))
+        options = np.flatnonzero(progress.objective.next_allowed(chosen))
         rewards = progress.rewards(add_each(chosen, options, progress.size))
         if not (scored := np.isfinite(rewards)).any():
             break
@@ -104,7 +107,7 @@ def raced(
     progress = Progress(objective, budget, seconds, evaluations)
     chosen: list[int] = []
     while len(chosen) < budget and not progress.spent:
-        options = np.flatnonzero(objective.allowed(chosen))
+        options = np.flatnonzero(objective.next_allowed(chosen))
         if not len(options):
             break
         sets = add_each(chosen, options, progress.size)
@@ -124,6 +127,8 @@ def is_submodular(objective: Objective) -> bool:
 
 def guarantee(objective: Objective) -> float:
     """Share of the optimum that greedy reaches for monotone submodular objectives without cost weights."""
+    if len(objective.kept):
+        return 0.0
     mount = objective.candidates.mount[objective.allowed([])]
     alone = not objective.candidates.several and len(np.unique(mount)) == len(mount)
     return 1 - 1 / np.e if alone else 0.0 if objective.shared_links is not None else 0.5

@@ -14,7 +14,8 @@ import numpy as np
 
 from placement_env.analysis.intervals import describe_interval
 from placement_env.candidates.candidates import aims
-from placement_env.fidelity.preparation import BY_LEVELS, check_scorable
+from placement_env.classes import join_names
+from placement_env.fidelity.preparation import BY_LEVELS, Preparation, check_scorable
 from placement_env.fidelity.table import hash_site
 from placement_env.objective import Objective, Score
 from placement_env.protocol import Doubting, FidelityName
@@ -26,6 +27,7 @@ from placement_env.search.portfolio.portfolio import JUDGED_FRAMES, RACE_FRAMES,
 from placement_env.search.result import Assessment, Contender, ProfileAP, Result
 from placement_env.search.verification import ap_at_profiles, verify_best
 from placement_env.setting import Setting
+from toolkit.arrays import Bool
 from toolkit.detection.codec import PAPER
 from toolkit.detection.provenance import detector_origin
 from toolkit.runtime.files import replace_infinite
@@ -37,7 +39,8 @@ FRESH_ERROR = 0.026, 0.077  # of the surrogate's AP, mean and largest of 36 case
 FEWEST_AT_LEVEL = 100  # objects, below which a level of traffic is warned about
 UNFINISHED = ".parts"  # after the name of a folder: where the search for it is unfinished
 USUAL_FRAMES = 200
-FIRST_LOOK = 16  # simulated frames of a first answer, every second of them looked at
+FIRST_LOOK = 8  # of the frames that are looked at, those of a first answer
+BETTER = 0.001  # AP by which an answer must be better than the last one told
 SEARCHED = 48  # frames, spread over all, that a portfolio's searches look at if there are as many
 Summary = dict[str, Any]  # JSON values
 
@@ -71,6 +74,9 @@ class SearchOrder:
     def __post_init__(self) -> None:
         setting = self.setting
         check_search(self.method, self.fidelity, setting.pool, setting.cases)
+        setting.check_budget(self.budget)
+        if setting.keep and self.method == "ppo":
+            raise ValueError("method ppo does not know poles that must carry a sensor: say --method portfolio or swap")
         if self.fidelity == "table" and setting.codec != PAPER:
             raise ValueError(f"tables hold kbit of the paper's codec, got {setting.codec}: say --codec paper")
         for path, own in ((setting.surrogate, "surrogate"), (setting.table, "table")):
@@ -123,6 +129,7 @@ class SearchOrder:
             "detector": None if setting.detector is None else detector_origin(setting.detector),
             "classes": setting.counted.origin,
             "most_price": setting.most_price,
+            **({"keep": setting.keep} if setting.keep else {}),
         }
 
     def resumes(self, out: Path) -> bool:
@@ -169,12 +176,16 @@ def run_search(order: SearchOrder, checkpoint: Checkpoint = NOWHERE) -> Answer:
     """Search as ordered, and check the answer. checkpoint: where the state of the search is kept."""
     frames = order.run.frames_or(USUAL_FRAMES)
     stride = max(1, frames // SEARCHED) if order.method == PORTFOLIO and order.fidelity in BY_LEVELS else 1
-    if order.tell is not None and stride > 1 and order.setting.cases.levels == 1:
-        order.tell(_first_answer(order))
+    tells = order.tell is not None and stride > 1 and order.setting.cases.levels == 1 and not order.curve
+    first = _find_first(order, stride) if tells else None
     objective = Objective(order.searched, order.run, stride=stride)
+    if order.tell is not None and first is not None:
+        objective.watch = _Better(objective, first, order.tell)
     check_present(objective)
-    if not objective.allowed([]).any():
-        reasons = describe_exclusions(objective, currency=order.currency)
+    alone = objective.allowed([])
+    reasons = explain_kept(objective, alone, currency=order.currency)
+    if reasons or not alone.any():
+        reasons = reasons or describe_exclusions(objective, currency=order.currency)
         line = f"none may be built: {' '.join(reasons)}"
         return Answer(objective, {"sensors": [], "reasons": reasons}, (line,), False)
     judging = Judging(
@@ -200,6 +211,7 @@ def run_search(order: SearchOrder, checkpoint: Checkpoint = NOWHERE) -> Answer:
     chosen = result.best.subset
     by_errors = ap_at_profiles(objective, chosen, result.sensors)
     summary, lines = _report(objective, result)
+    lines += [f"asked to build on: {', '.join(order.setting.keep)}"] if order.setting.keep else []
     summary |= _state_errors(order, by_errors)
     if not chosen:
         why = describe_empty(objective) if order.demand is None else result.certificate.note
@@ -217,12 +229,35 @@ def run_search(order: SearchOrder, checkpoint: Checkpoint = NOWHERE) -> Answer:
     return Answer(objective, replace_infinite(summary), tuple(line for line in lines if line), True, result, chosen)
 
 
-def _first_answer(order: SearchOrder) -> str:
-    """Greedy's answer from a few frames, in seconds, in a line."""
-    quick = Objective(order.searched, replace(order.run, frames=FIRST_LOOK, progress=None), stride=2)
-    best = load_search("greedy")(quick, order.budget, seed=order.run.seed).best
-    names = ", ".join(_names(quick, best.subset)) or "no sensors"
-    return f"first answer, by greedy on {FIRST_LOOK // 2} frames: {names}, predicted AP {best.ap:.3f}"
+def _find_first(order: SearchOrder, stride: int) -> Score:
+    """Tell greedy's answer from the first frames that are looked at, in seconds, and return its score there."""
+    whole = Preparation(order.searched, replace(order.run, progress=None), stride)
+    few = Preparation(whole.setting, whole.run, stride)
+    vars(few)["traffic"] = whole.traffic.part(0, FIRST_LOOK)
+    objective = Objective.of_moved(few, whole.setting.pool, few.visibility, order.setting.weights)
+    best = load_search("greedy")(objective, order.budget, seed=order.run.seed).best
+    names = ", ".join(_names(objective, best.subset)) or "no sensors"
+    if order.tell is not None:
+        order.tell(f"first answer, by greedy on {FIRST_LOOK} frames: {names}, predicted AP {best.ap:.3f}")
+    return best
+
+
+class _Better:
+    """Watch of a search that tells each better set: by its prediction, then the one ahead in the race."""
+
+    def __init__(self, objective: Objective, first: Score, tell: Callable[[str], None]) -> None:
+        self._objective, self._tell, self._told = objective, tell, first.subset
+        self._reward = objective.score(first.subset).reward
+
+    def __call__(self, subset: tuple[int, ...], reward: float, raced: int) -> None:
+        if subset == self._told or (not raced and reward < self._reward + BETTER):
+            return
+        self._told, self._reward = subset, reward
+        names = ", ".join(_names(self._objective, subset))
+        if raced:
+            self._tell(f"ahead after {raced} frames of the race: {names}")
+        else:
+            self._tell(f"better: {names}, predicted AP {self._objective.score(subset).ap:.3f}")
 
 
 def _report(objective: Objective, result: Result) -> tuple[Summary, list[str]]:
@@ -406,6 +441,38 @@ def describe_exclusions(objective: Objective, max_kbit: float | None = None, cur
         reasons.append(
             f"The sum of {money} excludes {excluded} of {count} candidates: the cheapest of all costs {least_price}."
         )
+    return tuple(reasons)
+
+
+def explain_kept(
+    objective: Objective, alone: Bool[np.ndarray, " C"], max_kbit: float = math.inf, currency: str = ""
+) -> tuple[str, ...]:
+    """Sentences on why the poles that must carry a sensor cannot all have one. alone: candidates that may be built."""
+    candidates, least, reasons = objective.candidates, 0.0, list[str]()
+
+    def cost(amount: float) -> str:
+        needed, most = (describe_money(x, currency) for x in (amount, objective.most_price))
+        return f"{needed} or more, and {most} may be spent"
+
+    for mount in objective.kept.tolist():
+        name, own = candidates.mounts[mount].name, np.flatnonzero(candidates.mount == mount)
+        if not len(own):
+            why = "no pose on it sees the detection area"
+        elif not objective.linked[own].any():
+            why = f"each pose sends more than its link of {candidates.capacity[own[0]]:g} kbit per frame carries"
+        elif (objective.sent[own] > max_kbit).all():
+            why = f"each pose sends {objective.sent[own].min():.1f} kbit per frame or more; {max_kbit:g} are allowed"
+        elif not objective.affordable(candidates.prices[own]).any():
+            why = f"a sensor there costs {cost(float(candidates.prices[own].min()))}"
+        elif not alone[own].any():
+            why = "links, money and drawings of the site leave no pose"
+        else:
+            least += float(candidates.prices[own][alone[own]].min())
+            continue
+        reasons.append(f"Pole {name} must carry a sensor, but cannot: {why}.")
+    if not reasons and not objective.affordable(np.array([least]))[0]:
+        names = join_names([candidates.mounts[mount].name for mount in objective.kept])
+        reasons.append(f"Sensors on {names}, as asked, cost together {cost(least)}.")
     return tuple(reasons)
 
 

@@ -62,15 +62,17 @@ class Limits:
 class Progress:
     """Score sets and keep the best feasible one of at most `budget` candidates, at first the empty set, reward 0.
 
-    A limit in seconds is kept to about `PACE_S`, or the time of one set.
+    Where poles must carry a sensor, the empty set is worse than any other. A limit in seconds is kept to about
+    `PACE_S`, or the time of one set.
     """
 
     def __init__(self, objective: Objective, budget: int, seconds: float | None, evaluations: int | None) -> None:
         check_whole("budget", budget, least=1)
+        objective.setting.check_budget(budget)
         self.objective, self.budget = objective, budget
         self.size = len(objective.candidates)
         self.limits = Limits(seconds, evaluations)
-        self.best, self.reward = np.zeros(self.size, bool), 0.0
+        self.best, self.reward = np.zeros(self.size, bool), -np.inf if len(objective.kept) else 0.0
         self._block = 1
 
     @property
@@ -133,13 +135,15 @@ class Progress:
         return Certificate("none", self.reward, note=note)
 
     def _keep(self, subsets: np.ndarray, rewards: np.ndarray) -> None:
-        better = np.flatnonzero(rewards > self.reward)
+        better, before = np.flatnonzero(rewards > self.reward), self.reward
         if better.size:
             fits = self.objective.feasible(subsets[better]) & (subsets[better].sum(axis=1) <= self.budget)
             for row in better[fits].tolist():  # one after another, so that batch size does not change the history
                 if rewards[row] > self.reward:
                     self.best, self.reward = subsets[row].copy(), float(rewards[row])
                     self.limits.record(self.reward, at=self.limits.count + row + 1)
+        if self.reward > before and self.objective.watch is not None:
+            self.objective.watch(tuple(np.flatnonzero(self.best).tolist()), self.reward, 0)
 
 
 def as_rows(sets: Sequence[Sequence[int]], size: int) -> Bool[np.ndarray, "n C"]:

@@ -95,11 +95,13 @@ def _first(progress: Progress, start: Iterable[int | str] | None) -> list[int]:
     if start is None:
         grown, _ = grow(progress)
         return np.flatnonzero(progress.best).tolist() or grown
-    fitting: list[int] = []
-    for member in np.flatnonzero(progress.objective.row(start)).tolist():
-        if len(fitting) < progress.budget and progress.objective.allowed(fitting)[member]:
+    objective, fitting = progress.objective, list[int]()
+    members = np.flatnonzero(objective.row(start))
+    first = np.isin(objective.candidates.mount[members], objective.kept)
+    for member in [*members[first].tolist(), *members[~first].tolist()]:
+        if len(fitting) < progress.budget and objective.next_allowed(fitting)[member]:
             fitting.append(member)
-    return fitting
+    return fitting if objective.keeps(objective.row(fitting)[None])[0] else grow(progress, start=fitting)[0]
 
 
 def _climb(progress: Progress, climb: Climb, rng: np.random.Generator, between: Callable[[], None]) -> bool:
@@ -111,11 +113,12 @@ def _climb(progress: Progress, climb: Climb, rng: np.random.Generator, between: 
         others = [c for i, c in enumerate(places) if i != place and c != EMPTY]
         options = np.flatnonzero(progress.objective.allowed(others))
         subsets = np.vstack([as_rows([others], progress.size), add_each(others, options, progress.size)])
-        rewards = progress.rewards(subsets)
-        best = int(rewards.argmax())
-        if rewards[best] > climb.reward:
+        keeps = progress.objective.keeps(subsets)
+        options, rewards = np.r_[EMPTY, options][keeps], progress.rewards(subsets[keeps])
+        best = int(rewards.argmax()) if len(rewards) else 0
+        if len(rewards) and rewards[best] > climb.reward:
             climb.reward = float(rewards[best])
-            places[place] = EMPTY if best == 0 else int(options[best - 1])
+            places[place] = int(options[best])
             climb.waiting = [i for i in rng.permutation(len(places)).tolist() if i != place]
         if not np.isfinite(rewards).all():
             return False
@@ -125,13 +128,14 @@ def _climb(progress: Progress, climb: Climb, rng: np.random.Generator, between: 
 
 
 def draw_set(objective: Objective, budget: int, rng: np.random.Generator) -> list[int]:
-    """Random feasible set. Mounts come in random order, with an affordable candidate of each, up to `budget`."""
+    """Random feasible set: mounts in random order, those to be kept first, an affordable candidate of each."""
     candidates, free = objective.candidates, np.flatnonzero(objective.allowed([]))
     mount = candidates.mount[free]
     chosen: list[int] = []
-    for place in rng.permutation(np.unique(mount)).tolist():
+    places = rng.permutation(np.unique(mount))
+    for place in places[np.argsort(~np.isin(places, objective.kept), kind="stable")].tolist():
         options = free[mount == place]
-        options = options[objective.affordable(candidates.prices[chosen].sum() + candidates.prices[options])]
+        options = options[objective.next_allowed(chosen)[options]]
         if len(chosen) < budget and options.size:
             chosen.append(int(rng.choice(options)))
     while candidates.several and len(chosen) < budget and rng.random() < SECOND:

@@ -9,6 +9,7 @@ import torch
 from models.config import VoxelNetConfig, road_users
 from models.detector import VoxelNetDetector, load_detector
 from models.network.candidates import LEAST_RIVAL, apply_rivals
+from models.network.grid import collate, voxelise
 from models.network.voxelnet import VoxelNet
 from models.weight_files import Header, load_weights, save_weights
 from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE, Detector, UnionDetector
@@ -249,3 +250,18 @@ def test_unions_may_have_many_candidates_or_none(monkeypatch):
     outside = points() + np.float32([100, 0, 0])
     assert [len(each) for each in detector.unions([outside, points(0)], EIGHT[:4, 1:])] == [0] * 4
     assert [len(each) for each in detector.unions([], np.zeros((2, 0), bool))] == [0, 0]
+
+
+def test_a_quick_detector_differs_a_little_and_says_so(monkeypatch):
+    detector = VoxelNetDetector(network(), score_threshold=0.0)
+    monkeypatch.setattr("models.detector.is_quick_at_bfloat16", lambda device: False)
+    assert detector.quick() is detector
+    monkeypatch.setattr("models.detector.is_quick_at_bfloat16", lambda device: True)
+    quick = detector.quick()
+    assert quick.digest != detector.digest
+    exact, coarse = (each.network(collate([voxelise(torch.as_tensor(points()), CONFIG)])) for each in (detector, quick))
+    assert coarse.class_logits.dtype == torch.float32
+    assert 0 < float((exact.class_logits - coarse.class_logits).abs().max()) < 0.1
+    clouds, unions = [points(seed=1), points(seed=2)], np.array([[True, False], [True, True]])
+    assert len(quick.unions(clouds, unions)) == 2
+    assert {each.dtype for each in detector.network.state_dict().values()} == {torch.float32}

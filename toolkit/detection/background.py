@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -21,7 +21,7 @@ from toolkit.datasets.dataset import CoopDataset
 from toolkit.detection.provenance import detector_origin
 from toolkit.frame import empty_scene
 from toolkit.geometry import level_rows
-from toolkit.objects import Detections, Detector, UnionDetector
+from toolkit.objects import Detections, Detector, UnionDetector, quick_detector
 from toolkit.points import Crop, frame_points, join_clouds
 from toolkit.sites.site import Site
 
@@ -138,6 +138,10 @@ class KnownBackground:
         """SHA-256 of detector and background, or AttributeError."""
         own = self.detector.digest  # type: ignore[attr-defined]
         return hashlib.sha256(repr((own, self.background.digest, self.least)).encode()).hexdigest()
+
+    def quick(self) -> KnownBackground:
+        """Same detector as it compares (`quick_detector`)."""
+        return replace(self, detector=quick_detector(self.detector))
 
     def __call__(self, points: Float[np.ndarray, "n 3"], /) -> Detections:
         """Detect in the finite ones of points (n, 3)."""

@@ -64,6 +64,8 @@ class StockOptions:
     """Catalogue of sensor models with prices (TOML); the paper's camera at no price when left out."""
     keep_out: Path | None = None
     """GeoJSON file of areas where no sensor may stand."""
+    keep: tuple[str, ...] = ()
+    """Names of poles that must carry a sensor."""
     capacity: float | None = None
     """Capacity of every link (kbit per frame), in place of the poles' own."""
     scheme: str = "early"
@@ -138,6 +140,7 @@ def plan(
         cases=cases,
         detector=load_own_detector(stock.detector, place, run),
         most_price=math.inf if goal.money is None else goal.money,
+        keep=stock.keep,
     )
     sensors = USUAL_SENSORS if goal.budget is None and goal.money is None else goal.budget
     question = Question(setting, run, sensors, goal.min_ap, goal.max_kbit, goal.confidence, goal.width, goal.drawings)

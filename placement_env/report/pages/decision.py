@@ -61,6 +61,8 @@ def _describe_build(plan: content.Plan, chosen: content.PlanOption) -> str:
     limits = [f"at most {price_text(money, plan.currency)}"] if isinstance(money, int | float) else []
     limits += [f"at most {describe_count(most, 'sensor')}"] if isinstance(most, int) else []
     allowed = f" Allowed were {' and '.join(limits)}." if limits else ""
+    if isinstance(keep := plan.question.get("keep"), list) and keep:
+        allowed += f" {join_names(keep)} had to carry a sensor, as asked."
     unit = "" if plan.currency else ", in prices of an ordinary pole"
     price = f"The price is {price_text(chosen.price, plan.currency)}{unit}."
     return f"Build {things} {where}. {price}{allowed}{_compare_with_best(plan, chosen)}"

@@ -47,7 +47,7 @@ from placement_env.report import content
 from placement_env.report.pages.report import REPORT_FILES, write_report
 from placement_env.report.planning import judging, sentences
 from placement_env.report.planning.question import PART_FRAMES, Question
-from placement_env.search.order import describe_exclusions
+from placement_env.search.order import describe_exclusions, explain_kept
 from placement_env.search.portfolio.entrants import Effort, Entrants, join_entrants, keep_entrants
 from placement_env.setting import AP_ONLY
 from placement_env.subsets import all_subsets
@@ -526,8 +526,11 @@ def plan(question: Question) -> content.Planned:
     everything = [Objective.of_moved(each, each.setting.pool, each.visibility, AP_ONLY) for each in prepared]
     excluded = describe_exclusions(everything[0], question.max_kbit, question.currency)
     kept = _keep_buildable(prepared, everything, question.max_kbit)
-    if not len(kept[0][0]):
-        return _refuse(question, excluded, pool)
+    alone = np.isin(everything[0].names, [sensor.name for sensor in kept[0][0].sensors])
+    most = math.inf if question.max_kbit is None else question.max_kbit
+    without = explain_kept(everything[0], alone, most, question.currency)
+    if without or not len(kept[0][0]):
+        return _refuse(question, without or excluded, pool)
     objectives = [Objective.of_moved(each, *seen, AP_ONLY) for each, seen in zip(prepared, kept, strict=True)]
     objective, candidates = objectives[0], objectives[0].candidates
     effort = Effort(tuple(range(1, _most_sensors(question, candidates) + 1)), min_ap=question.min_ap)
@@ -540,7 +543,7 @@ def plan(question: Question) -> content.Planned:
         for scored, each in searched
     ]
     found = join_entrants(objectives, each_found)
-    compared, judge = _prepare_judge(question, objectives, question.part("comparison"))
+    compared, judge = _prepare_judge(question, objectives, question.part("comparison"), compares=True)
     if judge.absent:
         return _refuse(question, sentences.refuse_traffic(question, judge.absent, judge.frames, "judging"), pool)
     choice = judging.choose_set(
@@ -558,10 +561,12 @@ def plan(question: Question) -> content.Planned:
     return content.Planned(answer, mounted_site(question.site, candidates, choice.members), candidates, ground, moments)
 
 
-def _prepare_judge(question: Question, objectives: Sequence[Objective], run: Run) -> tuple[Preparation, judging.Judge]:
+def _prepare_judge(
+    question: Question, objectives: Sequence[Objective], run: Run, *, compares: bool = False
+) -> tuple[Preparation, judging.Judge]:
     """Prepare one part of the traffic at the first drawing, and the judge over all drawings."""
     pairs = zip(question.at_drawings, objectives, strict=True)
-    prepared = [Preparation(each.judged(objective.candidates), run) for each, objective in pairs]
+    prepared = [Preparation(each.judged(objective.candidates), run, compares=compares) for each, objective in pairs]
     first, *others = (judging.Judge.of(each, question.run.seed) for each in prepared)
     return prepared[0], replace(first, drawings=tuple(others))
 
@@ -624,7 +629,7 @@ def _most_sensors(question: Question, candidates: Candidates) -> int:
     each = np.sort(np.concatenate([each[np.isfinite(each)], np.repeat(second, candidates.places - 1)]))
     each = each[np.isfinite(each)]
     by_money = int((np.cumsum(each) <= question.setting.most_price * (1 + 1e-9)).sum())
-    asked = MOST_BOUGHT if question.sensors is None else question.sensors
+    asked = max(MOST_BOUGHT, len(question.setting.keep)) if question.sensors is None else question.sensors
     return max(1, min(asked, by_money))
 
 

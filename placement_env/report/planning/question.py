@@ -106,6 +106,8 @@ class Question:
 
     def __post_init__(self) -> None:
         failing = self.cases.failing
+        if self.sensors:
+            self.setting.check_budget(self.sensors)
         if self.sensors is None and self.money is None:
             raise ValueError("a plan needs a budget: a number of sensors, a sum of money, or both")
         if self.sensors is not None:
@@ -189,6 +191,7 @@ class Question:
         return {
             "site": self.site.name,
             **{name: getattr(self, name) for name in ("sensors", "money", "currency", "min_ap", "max_kbit")},
+            "keep": list(setting.keep),
             "capacity_kbit": stock.capacity_kbit,
             "classes": list(counted.names),
             "class_weights": list(counted.weights),

@@ -271,7 +271,7 @@ def _prune(objective: Objective, chosen: list[int], at_least: float, reached: Se
             cheaper = objective.allowed(rest) & (prices < prices[gone] - MET)
             options += [rest, *([*rest, c] for c in np.flatnonzero(cheaper).tolist())]
         sets = as_rows(options, len(prices))
-        sets = sets[reached(sets) >= at_least - MET]
+        sets = sets[objective.keeps(sets) & (reached(sets) >= at_least - MET)]
         if not len(sets):
             return sorted(chosen)
         chosen = np.flatnonzero(sets[objective.price(sets).argmin()]).tolist()

@@ -114,8 +114,9 @@ def cover_most(
     check_whole("budget", budget, least=1)
     check_whole("views", views, least=1)
     began = time.monotonic()
-    there = seen if may_stand is None else seen & may_stand[:, None]
-    kept = useful(there, poles.apart, None if prices is None else prices.each + prices.shared)
+    may = np.ones(len(seen), np.bool_) if may_stand is None else may_stand
+    needed = may & np.isin(poles.mount, poles.kept)
+    kept = useful(seen & may[:, None], poles.apart, None if prices is None else prices.each + prices.shared, needed)
     cost, poles = None if prices is None else prices.select(kept), poles.select(kept)
     each = np.ones((1, seen.shape[1]), np.int64) if worth is None else worth
     objects, weights = merge_objects(seen[kept], poles.apart, views, each)
@@ -128,6 +129,8 @@ def cover_most(
     if run_solver(solver, model) in ("OPTIMAL", "FEASIBLE"):  # else time ran out before any solution
         start = [c for c, x in enumerate(built) if solver.boolean_value(x)]
         bound = min(bound, int(np.floor(solver.best_objective_bound + 1e-6)))
+    elif poles.kept:
+        start = []
     chosen = sorted(kept[start].tolist())
     covered = int((each @ (seen[chosen].sum(axis=0) >= views)).min())
     return Solved(chosen, covered, max(bound, covered), bound <= covered)
@@ -149,13 +152,17 @@ def compute_worth(labels: Int64[np.ndarray, " O"], classes: Classes) -> tuple[_W
     return np.rint(shares * PARTS).astype(np.int64), PARTS
 
 
-def useful(seen: _Seen, mount: _Each, prices: _Each | None = None) -> Int64[np.ndarray, " k"]:
+def useful(
+    seen: _Seen, mount: _Each, prices: _Each | None = None, needed: Bool[np.ndarray, " C"] | None = None
+) -> Int64[np.ndarray, " k"]:
     """Candidates that see something, and more than any on their mount for no higher a price; the first of equal ones.
+
+    needed: candidates that count though they see nothing.
 
     >>> useful(np.array([[1, 0], [1, 1], [1, 0], [0, 0]], bool), np.array([0, 0, 1, 1]))
     array([1, 2])
     """
-    keep = np.asarray(seen.any(axis=1))
+    keep = np.asarray(seen.any(axis=1) if needed is None else seen.any(axis=1) | needed)
     for here in np.unique(mount):
         poses = np.flatnonzero(keep & (mount == here))
         views = seen[poses].astype(np.float32)

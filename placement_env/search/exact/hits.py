@@ -34,7 +34,8 @@ def search(
     start, _ = greedy.grow(progress)
     left = max(0.1, min(SECONDS, progress.limits.seconds - progress.limits.elapsed))
     found = solve(Programme.of(objective, budget, levels), SolverLimits(left, seed), start=start)
-    chosen = start if found.chosen is None else max(found.chosen, start, key=levels.worth)
+    ways = [each for each in (found.chosen, start) if each and objective.feasible(objective.row(each)[None])[0]]
+    chosen = max(ways, key=levels.worth, default=[])
     value = levels.worth(chosen)
     bound = max(value, found.bound) if found.chosen is not None else levels.whole
 

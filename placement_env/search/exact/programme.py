@@ -2,7 +2,7 @@
 
     Σ_c known[c, o] x_c >= threshold[j, o] l_jo                level j of object o is reached, which is worth gain[j, o]
     Σ_c x_c <= budget
-    Σ_{c on m} x_c <= places_m,   Σ_{c on m} load_c x_c <= 1 link
+    Σ_{c on m} x_c <= places_m,   Σ_{c on m} load_c x_c <= 1 link,   Σ_{c on m} x_c >= 1 for mounts to be kept
     Σ_c price_c x_c + Σ_m shared_m z_m <= money,   z_m >= x_c
 
 Either the worth of the reached levels is maximal, or the set is as cheap as possible for a given worth. With one level
@@ -135,18 +135,20 @@ class Prices(NamedTuple):
 
 
 class Poles(NamedTuple):
-    """Places and links of the mounts. load: of the link by each candidate, in parts of `LINK`."""
+    """Places and links of the mounts. load: of the link by each candidate, in parts of `LINK`; kept: mounts to use."""
 
     mount: Int64[np.ndarray, " C"]
     places: Int64[np.ndarray, " C"]
     load: Int64[np.ndarray, " C"]
+    kept: tuple[int, ...] = ()
 
     @staticmethod
     def of(objective: Objective) -> Poles:
         """Poles of an objective's candidates."""
         candidates, sent = objective.candidates, objective.shared_links
         load = np.zeros(len(candidates)) if sent is None else np.minimum(sent / candidates.capacity, 2.0)
-        return Poles(candidates.mount, candidates.places[candidates.mount], _whole(load, 1 / LINK))
+        places, kept = candidates.places[candidates.mount], tuple(objective.kept.tolist())
+        return Poles(candidates.mount, places, _whole(load, 1 / LINK), kept)
 
     @property
     def apart(self) -> Int64[np.ndarray, " C"]:
@@ -156,11 +158,13 @@ class Poles(NamedTuple):
 
     def select(self, kept: Int64[np.ndarray, " k"]) -> Poles:
         """Poles of some candidates."""
-        return Poles(*(column[kept] for column in self))
+        return self._replace(mount=self.mount[kept], places=self.places[kept], load=self.load[kept])
 
     def constrain(self, model: CpModel, built: list[IntVar]) -> None:
-        """Add the constraints of places and links."""
+        """Add the constraints of places and links, and of mounts that must carry a sensor."""
         linear = cp_model().LinearExpr
+        for here in self.kept:
+            model.add_bool_or([built[c] for c in np.flatnonzero(self.mount == here).tolist()])
         for here in np.unique(self.mount):
             own = np.flatnonzero(self.mount == here).tolist()
             variables = [built[c] for c in own]

@@ -68,6 +68,7 @@ def budget_curve(
     `most` sensors. Other arguments, and errors, as in `placement_env.search.portfolio.portfolio.search`.
     """
     check_whole("budget", most, least=1)
+    objective.setting.check_budget(most)
     Limits(seconds, evaluations)
     schedule, count = Schedule.of(seconds, objective.run), len(objective.candidates)
     racing, final = judging.build_evaluators(objective, schedule, seed=seed)

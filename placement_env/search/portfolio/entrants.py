@@ -133,8 +133,9 @@ def entrants(objective: Objective, effort: Effort, *, seed: int = 0, checkpoint:
     ended: KeptState = checkpoint.load() or {}
     answers: dict[tuple[int, ...], dict[str, None]] = {}  # searches of each set in order, none of a neighbour
     considered, count = 0, len(objective.candidates)
-    report = objective.run.stage("searching", len(effort.sizes))
-    for done, size in enumerate(effort.sizes, 1):
+    sizes = [size for size in effort.sizes if size >= len(objective.kept)]
+    report = objective.run.stage("searching", len(sizes))
+    for done, size in enumerate(sizes, 1):
         own: dict[tuple[int, ...], None] = {}
         for name, run in _searches(objective, size, effort, seed, checkpoint):
             part = f"{size} {name}"

@@ -79,7 +79,8 @@ class Judging:
         setting, run = self.setting or objective.setting.with_fidelity(self.by), objective.run
         parts = enumerate((self.race_frames, self.final_frames), 1)
         runs = [run.part(number, schedule.frames(count)) for number, count in parts]
-        race, final = (build_evaluator(Preparation(setting, each), self.by, seed=seed) for each in runs)
+        prepared = (Preparation(setting, each, compares=n == 0) for n, each in enumerate(runs))
+        race, final = (build_evaluator(each, self.by, seed=seed) for each in prepared)
         return race, final
 
 
@@ -99,6 +100,7 @@ def search(
     search; checkpoint: keeps the progress of the searches. Raises ValueError where these do not fit.
     """
     check_whole("budget", budget, least=1)
+    objective.setting.check_budget(budget)
     limits, confidence = Limits(seconds, evaluations), judging.confidence
     schedule = Schedule.of(seconds, objective.run)
     racing, final = judging.build_evaluators(objective, schedule, seed=seed)
@@ -123,7 +125,7 @@ def search(
     timed = schedule.limit(racing, 1 / 2, 1)
     most = SET_FRAMES if seconds is None else math.inf
     ran = contest(objective, found.sets, timed, confidence=confidence, seed=seed, most=most)
-    if ran.figures[0] <= 0 and (objective.weights.comm or objective.weights.price):
+    if ran.figures[0] <= 0 and not len(objective.kept) and (objective.weights.comm or objective.weights.price):
         return answer([], f"by the {racing.name} none of the {len(found.sets)} entrants is worth what it costs")
     members = np.flatnonzero(found.sets[ran.ranking[0]]).tolist()
     limits.record(objective.score(members).reward)
@@ -153,6 +155,10 @@ def contest(
         found = evaluator.evaluate(rows, frames, objective.run.stage("racing", len(frames)))
         cost = weigh_costs(objective, rows, found.kbit)
         blocks = float(len(np.unique(frames[: found.frames] // BLOCK_FRAMES)))
+        if objective.watch is not None:
+            best = int((found.ap - cost).argmax())
+            ahead = tuple(np.flatnonzero(rows[best]).tolist())
+            objective.watch(ahead, float(found.ap[best] - cost[best]), len(frames[: found.frames]))
         return Resampled(found.ap - cost, found.resamples - cost[:, None], found.frames, blocks)
 
     order, first = race_order(evaluator.frames, seed=seed)[:frames], min(FIRST, evaluator.frames)

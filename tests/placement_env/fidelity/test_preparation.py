@@ -48,7 +48,7 @@ def test_one_file_of_the_folder_keeps_what_was_seen_rendered_and_detected(
     sets = [[True, True, False, False]]
     detected(np.array(sets))
     kept = len(first.run.memo)
-    assert kept == 1 + 2 + 5 + 10  # a block, two renders, an outcome and two detections of each frame
+    assert kept == 1 + 2 * 6 + 5 + 10  # a block, two renders in parts, an outcome and two detections of each frame
     assert {path.name.partition("-")[0] for path in (tmp_path / "cache").iterdir()} == {
         "cache.sqlite",
         "cache.sqlite.key",
@@ -83,7 +83,12 @@ def test_errors_change_what_the_detector_sees_and_every_key_of_it(small_traffic,
         made = prepared(small_traffic, small_candidates, tmp_path, errors=errors)
         made.fidelity("detector")(sets)
         kept.append(len(made.run.memo))
-    assert np.diff(kept).tolist() == [2 + 5 + 10, 5 + 10, 0, 0]  # whole renders once, outcomes and detections of each
+    assert np.diff(kept).tolist() == [
+        2 * 6 + 5 + 10,
+        5 + 10,
+        0,
+        0,
+    ]  # whole renders once, outcomes and detections of each
 
 
 @pytest.mark.parametrize("combine", ["worst", "mean"])

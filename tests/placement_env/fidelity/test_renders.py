@@ -122,10 +122,12 @@ def test_a_cache_is_shared_and_its_damage_repaired(renders, small_traffic, small
     first = Renders(small_traffic, small_candidates, Cache(path))
     assert np.array_equal(first.clouds(0, 1), renders.clouds(0, 1))
     with sqlite3.connect(path) as database:  # a bit of what is kept
-        ((value,),) = database.execute("SELECT value FROM entries")
-        database.execute("UPDATE entries SET value = ?", [value[:-9] + bytes([value[-9] ^ 1]) + value[-8:]])
+        for key, value in database.execute("SELECT key, value FROM entries").fetchall():
+            damaged = value[:-9] + bytes([value[-9] ^ 1]) + value[-8:]
+            database.execute("UPDATE entries SET value = ? WHERE key = ?", [damaged, key])
+    assert np.array_equal(Renders(small_traffic, small_candidates, Cache(path)).clouds(0, 1), renders.clouds(0, 1))
     assert np.array_equal(Renders(small_traffic, small_candidates, Cache(path)).clouds(3, 1), renders.clouds(3, 1))
-    assert len(Cache(path)) == 1
+    assert len(Cache(path)) == 3  # the empty site, and two parts of the frames
     monkeypatch.setattr(Renders, "_render", None)
     kept = Renders(small_traffic, small_candidates.select([1]), Cache(path), noise_seed=0)
     assert np.array_equal(kept.clouds(3, 0), renders.clouds(3, 1))
@@ -141,7 +143,7 @@ def test_a_sensor_that_was_only_turned_is_rendered_again(small_traffic, small_ca
         there = replace(small_candidates.select([1]), sensors=(each,))
         clouds.append(Renders(small_traffic, there, cache).clouds(0, 0))
         assert np.array_equal(clouds[-1], Renders(small_traffic, there).clouds(0, 0))
-    assert len(cache) == 2
+    assert len(cache) == 4
     assert not np.array_equal(*clouds)
 
 
@@ -151,7 +153,7 @@ def test_code_that_changed_is_run_again(small_traffic, small_candidates, tmp_pat
     Renders(small_traffic, small_candidates, cache).clouds(0, 0)
     monkeypatch.setattr("placement_env.fidelity.renders.code_digest", lambda *modules: "other")
     Renders(small_traffic, small_candidates, cache).clouds(0, 0)
-    assert len(cache) == 2
+    assert len(cache) == 4  # the empty site, and a part of the frames
     assert digest != Renders(small_traffic, small_candidates).digest
 
 
@@ -160,7 +162,23 @@ def test_only_so_many_stay_in_memory(renders, small_traffic, small_candidates, m
     kept = Renders(small_traffic, small_candidates, Cache())
     for c in (0, 1, 2, 0, 3):
         assert np.array_equal(kept.clouds(0, c), renders.clouds(0, c))
-    assert list(kept._packed) == [0, 3]
+    assert list(kept._packed) == [(0, 0), (3, 0)]
+
+
+def test_only_frames_of_the_part_that_is_asked_for_are_rendered(renders, small_traffic, small_candidates, monkeypatch):
+    expected = [renders.clouds(k, 0) for k in (1, 3)]
+    monkeypatch.setattr("placement_env.fidelity.renders.PARTS", 2)
+    rendered, render = [], Renderer.render
+
+    def note(renderer, snapshot):
+        rendered.append(snapshot)
+        return render(renderer, snapshot)
+
+    monkeypatch.setattr(Renderer, "render", note)
+    few = Renders(small_traffic, small_candidates, Cache())
+    for k, cloud in zip((1, 3), expected, strict=True):
+        assert np.array_equal(few.clouds(k, 0), cloud)
+    assert [small_traffic.snapshots.index(snapshot) for snapshot in rendered] == [1, 3]
 
 
 @pytest.fixture(scope="module")
@@ -203,7 +221,7 @@ def test_another_profile_costs_no_rendering(small_traffic, small_candidates, tmp
     cache = Cache(tmp_path / "cache.sqlite")
     Renders(small_traffic, small_candidates, cache).clouds(0, 0)
     Renders(small_traffic, small_candidates, cache, errors=TYPICAL).clouds(0, 0)
-    assert len(cache) == 2  # in the crop, and whole
+    assert len(cache) == 4  # in the crop, and whole, each the empty site and a part of the frames
     monkeypatch.setattr(Renders, "_render", None)
     kept = Renders(small_traffic, small_candidates, cache, errors=POOR)
     assert np.array_equal(kept.clouds(0, 0), Renders(small_traffic, small_candidates, cache, errors=POOR).clouds(0, 0))

@@ -97,11 +97,14 @@ def test_several_error_profiles_are_judged_and_said(common):
 @pytest.mark.slow
 def test_a_long_search_tells_a_first_answer_and_looks_at_fewer_frames(common, monkeypatch):
     monkeypatch.setattr("placement_env.search.order.SEARCHED", 2)
-    monkeypatch.setattr("placement_env.search.order.FIRST_LOOK", 4)
+    monkeypatch.setattr("placement_env.search.order.FIRST_LOOK", 2)
     told = []
     order = common(tell=told.append)
     found = run_search(replace(order, run=replace(order.run, frames=5)))
-    (line,) = told
-    assert line.startswith("first answer, by greedy on 2 frames: ")
+    first, *others = told
+    assert first.startswith("first answer, by greedy on 2 frames: ")
+    predicted = [float(line.rpartition(" ")[2]) for line in others if line.startswith("better: ")]
+    assert predicted == sorted(predicted)
+    assert all(line.startswith(("better: ", "ahead after ")) for line in others)
     assert found.summary["provenance"]["frames"] == 3
     assert found.summary["assessment"]["frames"] == 5

@@ -12,6 +12,7 @@ import shapely
 from placement_env.candidates.pool import paper_candidates
 from placement_env.fidelity.preparation import Preparation
 from placement_env.report.content import Judgement, Plan, Planned, PlanOption, Verdict
+from placement_env.report.pages.decision import decision_section
 from placement_env.report.planning import planning
 from placement_env.report.planning.judging import SetJudgement
 from placement_env.report.planning.planning import find_buildable, format_json, judge_finally, plan, write_plan
@@ -148,6 +149,8 @@ def test_a_sensor_may_send_exactly_what_is_allowed(street):
         ({"capacity_kbit": 5.0}, "The links exclude 6 of 6 candidates"),
         ({"max_kbit": 5.0}, "The limit of 5 kbit per sensor and frame excludes 6 of 6"),
         ({"money": 0.5}, "The sum of the price of 0.5 ordinary poles excludes 6 of 6"),
+        ({"money": 1.5, "keep": ("post00", "post01")}, "Sensors on post00 and post01, as asked, cost together"),
+        ({"capacity_kbit": 5.0, "keep": ("post01",)}, "Pole post01 must carry a sensor, but cannot: each pose sends"),
     ],
 )
 def test_none_can_and_why(asked, options, reason):
@@ -155,6 +158,15 @@ def test_none_can_and_why(asked, options, reason):
     assert (made.plan.verdict.met, made.plan.chosen, made.site.sensors) == (False, None, ())
     assert reason in " ".join(made.plan.verdict.reasons)
     assert format_json(made.plan)
+
+
+def test_poles_to_be_kept_are_built_and_said(asked, planned):
+    others = [m.name for m in planned.candidates.mounts if m.name not in planned.plan.chosen.poles]
+    made = plan(asked(keep=others[:1])).plan
+    assert others[0] in made.chosen.poles
+    assert all(others[0] in option.poles for option in made.considered)
+    assert json.loads(format_json(made))["question"]["keep"] == others[:1]
+    assert f" {others[0]} had to carry a sensor, as asked." in str(decision_section(made, SITE, None))
 
 
 def test_a_site_without_vehicles(asked, monkeypatch):

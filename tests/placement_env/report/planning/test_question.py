@@ -31,6 +31,7 @@ CATALOGUE = SensorCatalogue((PricedModel("eye", DepthCamera(width=80), 1500.0),)
         ({"failing": 3}, "failing must be 0 to 2 sensors, got 3"),
         ({"levels": 5}, "traffic has 1 to 4 levels, got 5"),
         ({"sensors": 2, "failing": 2}, "of 2 sensors nothing is left when 2 fail"),
+        ({"sensors": 1, "keep": ("a", "b")}, "2 poles must carry a sensor and a budget of 1 is allowed"),
         ({"frames": 0}, "frames must be a whole number of at least 1, got 0"),
         ({"seed": -1}, "seed must be a whole number of at least 0"),
         ({"candidates": "paper", "catalogue": CATALOGUE}, "the site's own sensors have their models"),
