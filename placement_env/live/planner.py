@@ -69,13 +69,14 @@ class LivePlanner:
         setting = site if isinstance(site, Setting) else Setting(site)
         stock, place = setting.candidates, setting.place
         hang = place.sensors if sensors is None else tuple(sensors)
-        keep_out, currency = (stock.keep_out, stock.currency) if isinstance(stock, Stock) else ((), "")
-        self.yard = Yard.of(place, _offer(setting), hang, keep_out)
+        sold = stock if isinstance(stock, Stock) else Stock()
+        self.asked, self.catalogue, self.currency = setting, sold.catalogue, sold.currency
+        self.yard = Yard.of(place, _offer(setting), hang, sold.keep_out)
         self.setting = replace(setting, candidates=self.yard.stock).with_fidelity("surrogate")
         made = Preparation(self.setting, run or Run(frames=frames, seed=seed))
         made.check()
         self.preparation = made.plain
-        self._meter, self._lock, self._views = Meter(self.preparation, currency), RLock(), dict[object, Row]()
+        self._meter, self._lock, self._views = Meter(self.preparation, self.currency), RLock(), dict[object, Row]()
         self._stock = StockViews(self.preparation)
         start = self.yard.place(hang)
         self.variants: dict[str, Variant] = {"A": start}
@@ -85,7 +86,7 @@ class LivePlanner:
         self._answers: dict[Variant, LiveAnswer] = {}
         self._before: LiveAnswer | None = None
         self._dragging: str | None = None
-        self.tell: Callable[[], None] = lambda: None  # called after every change, before its answer
+        self.tell: Callable[[bool], None] = lambda dragging: None  # called after every change, before its answer
 
     @property
     def variant(self) -> Variant:
@@ -224,7 +225,7 @@ class LivePlanner:
             if copy:
                 self.variants[name] = self.variant
             self.current, self._dragging, self._before = name, None, before
-            self.tell()
+            self.tell(False)
             return self.answer(f"variant {name}")
 
     def answer(self, what: str = "") -> LiveAnswer:
@@ -415,7 +416,7 @@ class LivePlanner:
         if variant != self.variant:
             self._future.clear()
         self.variants[self.current], self._dragging = variant, None
-        self.tell()
+        self.tell(again)
         return self.answer(what)
 
     def _step(self, source: list[tuple[str, Variant]], target: list[tuple[str, Variant]], what: str) -> LiveAnswer:
@@ -426,7 +427,7 @@ class LivePlanner:
             name, variant = source.pop()
             target.append((name, self.variants.get(name, variant)))
             self.variants[name], self.current, self._dragging = variant, name, None
-            self.tell()
+            self.tell(False)
             return self.answer(what)
 
     def _free(self, name: str) -> LiveSensor:
