@@ -27,6 +27,7 @@ GROUPS: dict[str, dict[str, tuple[str, str]]] = {  # commands, their modules in 
     "Placement": {
         "search": ("placement.search", "search for the best set of sensors"),
         "plan": ("placement.plan", "plan what to build, with a report"),
+        "live": ("placement.live", "move sensors by hand in the browser, and see what it does"),
         "what-if": ("placement.live", "say what moving, adding or dropping sensors of a plan does"),
         "table": ("placement.table", "score every set of a recording's sensors"),
         "surrogate": ("placement.surrogate", "fit a fast surrogate of a detector"),

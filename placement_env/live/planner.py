@@ -8,6 +8,7 @@ height; `refine` makes what is missing, a panorama or so at a time, then the vie
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from threading import RLock
@@ -32,7 +33,7 @@ from toolkit.sites.site import Site
 
 LIVE_FRAMES, LIVE_SEED = 60, 3
 KEPT_STEPS = 2000  # that can be undone
-KEPT_VIEWS = 512  # views of single sensors in memory
+KEPT_VIEWS, KEPT_ANSWERS = 512, 256  # views of single sensors and figures of variants in memory
 Row = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]  # points, distance, sent, far of one sensor
 Where = str | tuple[float, float]  # of a sensor: name of a pole, or x and y (m)
 TRIED = ((0.2, 0.0), (-0.2, 0.0), (0.0, 0.09), (0.0, -0.09))  # rad of heading and tilt that a suggestion is turned by
@@ -97,6 +98,11 @@ class LivePlanner:
     def sensors(self) -> tuple[LiveSensor, ...]:
         """Sensors of the variant."""
         return self.variant.sensors
+
+    @property
+    def unseen(self) -> Visibility:
+        """The road users that count, in all frames."""
+        return self._meter.unseen
 
     @property
     def frames(self) -> int:
@@ -178,6 +184,11 @@ class LivePlanner:
             after = self.yard.check(replace(variant, sensors=(*variant.sensors, made)))
             return self._become(after, f"{name} added")
 
+    def end_drag(self) -> None:
+        """Let the next move be a step of its own, and save."""
+        self._dragging = None
+        self.tell(False)
+
     def remove(self, name: str) -> LiveAnswer:
         """Take a sensor away. Raises ValueError for an unknown or locked one."""
         with self._lock:
@@ -232,21 +243,22 @@ class LivePlanner:
         """Figures of the variant that is shown, and what changed since those before."""
         with self._lock:
             variant, before = self.variant, self._before
-        found = self._answers.get(variant)
-        if found is None or found.coarse:
-            found = self.estimate(variant)
-            with self._lock:
-                if len(self._answers) > KEPT_VIEWS:
-                    self._answers.clear()
-                self._answers[variant] = found
-        return found.since(before, what)
+        return self.estimate(variant).since(before, what)
 
     def estimate(self, variant: Variant) -> LiveAnswer:
         """Figures of any variant."""
+        found = self._answers.get(variant)
+        if found is not None and not found.coarse:
+            return found
         candidates = self.yard.candidates(variant)
         seen, coarse = self.look(variant)
         standing = np.array([not sensor.failed for sensor in variant.sensors], np.bool_)
-        return replace(self._meter.measure(candidates, seen, standing), coarse=coarse)
+        found = replace(self._meter.measure(candidates, seen, standing), coarse=coarse)
+        with self._lock:
+            if len(self._answers) > KEPT_ANSWERS:
+                self._answers.clear()
+            self._answers[variant] = found
+        return found
 
     def look(self, variant: Variant) -> tuple[Visibility, bool]:
         """View of the sensors of a variant; True where one is from the nearest half metre of height alone."""
@@ -314,9 +326,13 @@ class LivePlanner:
         """Share of the stock's poses whose views are known."""
         return self._stock.share
 
-    def suggest(self, kind: str = "add", name: str | None = None, count: int = 3) -> tuple[Suggestion, ...]:
+    def suggest(
+        self, kind: str = "add", name: str | None = None, count: int = 3, *, patience: float = math.inf
+    ) -> tuple[Suggestion, ...]:
         """Changes that raise the AP most: kind add for the best next sensor, move for the best place of sensor `name`,
         remove for the sensors that are missed least. Fewer where nothing helps.
+
+        patience: seconds to look from poles that nobody has looked from; without limit from one height of each.
 
         Raises ValueError for an unknown kind or sensor, and where the stock has no place left.
         """
@@ -332,7 +348,7 @@ class LivePlanner:
         rest = tuple(each for each in variant.sensors if each is not taken)
         base = replace(variant, sensors=rest)
         standing = np.array([not each.failed for each in rest], np.bool_)
-        self._stock.at_least_coarse()
+        self._stock.at_least_coarse(patience)
         ranked = self._stock.rank(self.yard.candidates(base), self.look(base)[0], standing, self._meter.objective)
         found, poles = [], set[int]()
         for candidate in ranked:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
@@ -58,10 +59,11 @@ class StockViews:
             self.known += len(group)
         return True
 
-    def at_least_coarse(self) -> None:
-        """View of the poses at one height of every pole."""
-        while len(self._waiting) > self._coarse and self.look_further():
-            pass
+    def at_least_coarse(self, patience: float) -> None:
+        """View of the poses at one height of every pole, as far as that takes no more than `patience` seconds."""
+        end = time.monotonic() + patience
+        while len(self._waiting) > self._coarse and time.monotonic() < end and self.look_further():
+            time.sleep(0.001)  # for those who wait to cast rays
 
     def rank(
         self,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -81,6 +82,62 @@ def what_if(
     changes.apply(planner)
     after = planner.finish().since(before, "before and after")
     print_result({"before": before.as_dict(), "after": after.as_dict()}, _describe(before, after), as_json=writing.json)
+    return OK
+
+
+def live(
+    site: Positional[str],
+    /,
+    *,
+    stock: StockOptions = USUAL_STOCK,
+    classes: ClassOptions = USUAL_CLASSES,
+    cases: Cases = USUAL_CASES,
+    run: Run = LIVE_RUN,
+    project: Path | None = None,
+    last_good: bool = False,
+    out: Path = Path("out/live"),
+    port: int = 8090,
+    browser: bool = True,
+    writing: Writing = Writing(),
+) -> int:
+    """Move sensors by hand in the browser, and see at once what it does.
+
+    Sensors are dragged by their handles; AP, intervals, approaches, data, price and the worst failure follow. Every
+    change is kept in the project file, from which the next start goes on. Served to this machine alone until Ctrl-C.
+
+    Example: coview live tjunction
+
+    Example: coview live out/plan --project out/live/main-street.json
+
+    Args:
+        site: A site with or without sensors, or the folder of a plan.
+        project: File that keeps the work; SITE.json in --out when left out.
+        last_good: Go on from the state before the last save, where the project file is damaged.
+        out: Folder for the project, exports and reports.
+        port: Port of the address in the browser; the next free one where it is taken.
+        browser: Open the browser.
+    """
+    import webbrowser
+
+    from coview.live_page import LiveSession
+    from placement_env.live.project import ProjectFile
+    from toolkit.viewing.scene import check_viser
+
+    check_viser()
+    planner = open_planner(site, stock, classes, cases, run)
+    path = project or out / f"{Path(site).stem or 'site'}.live.json"
+    kept = ProjectFile(path, planner, last_good=last_good)
+    session = LiveSession(planner, port=port, project=kept, folder=out)
+    try:
+        said = f"{session.url} (this machine alone; Ctrl-C ends it; kept in {path})"
+        print_result({"url": session.url, "project": str(path)}, said, as_json=writing.json)
+        sys.stdout.flush()
+        if browser:
+            webbrowser.open(session.url)
+        session.wait()
+    finally:
+        session.close()
+        kept.close()
     return OK
 
 

@@ -47,7 +47,7 @@ class LiveView:
         self._unseen = Visibility.unseen(traffic, (), labels)
         self._scored = ScoredItems.of(traffic, traffic.snapshots, labels)
         self._kept: OrderedDict[Place, Surround] = OrderedDict()  # longest made or renewed first
-        self._making = Lock()  # one thread casts rays, others may look at what is there
+        self.casting = Lock()  # held while rays are cast: others may look at what is there
 
     def see(self, candidates: Candidates, *, reach: Reach = "mount") -> Visibility:
         """View of candidates. The first from a mount makes panoramas of all its heights.
@@ -87,7 +87,7 @@ class LiveView:
         found = {place: self._kept[place] for place in asked if place in self._kept}  # held, whatever is dropped
         if len(found) == len(asked) and all(models <= each.stills.keys() for each in found.values()):
             return found
-        with self._making:
+        with self.casting:
             return found | self._make(wanted, models, whole=whole)
 
     def _make(
