@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 # isort: off
 if TYPE_CHECKING:
     import gymnasium
+    import coview.live_page
 
     from coview.detectors import load_detector as load_detector
     from placement_env import (
@@ -73,7 +74,7 @@ else:
         return getattr(import_module(_HOMES[name]), name)
 
     def __dir__() -> list[str]:
-        return ["__version__", "make", "search", *sorted(_HOMES)]
+        return ["__version__", "live", "make", "search", *sorted(_HOMES)]
 
 
 def search(
@@ -109,3 +110,14 @@ def make(name: str = "SensorSelect", **settings: Any) -> "gymnasium.Env[Any, Any
         raise ImportError("the environments need Gymnasium: pip install coview[rl]") from None
 
     return gymnasium.make(f"placement_env:coview/{name}-v0", **settings)
+
+
+def live(site: "Setting | str", *, frames: int = 60, seed: int = 3, port: int = 8090) -> "coview.live_page.LiveSession":
+    """Serve a page where sensors of a site or setting are moved by hand; in Jupyter it shows in the cell.
+
+    Raises ValueError where no surrogate scores the setting, ImportError without viser.
+    """
+    from coview.live_page import LiveSession
+    from placement_env.live.planner import LivePlanner
+
+    return LiveSession(LivePlanner(site, frames, seed), port=port)

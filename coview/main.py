@@ -27,6 +27,8 @@ GROUPS: dict[str, dict[str, tuple[str, str]]] = {  # commands, their modules in 
     "Placement": {
         "search": ("placement.search", "search for the best set of sensors"),
         "plan": ("placement.plan", "plan what to build, with a report"),
+        "live": ("placement.live", "move sensors by hand in the browser, and see what it does"),
+        "what-if": ("placement.live", "say what moving, adding or dropping sensors of a plan does"),
         "table": ("placement.table", "score every set of a recording's sensors"),
         "surrogate": ("placement.surrogate", "fit a fast surrogate of a detector"),
     },
@@ -164,7 +166,7 @@ def command(name: str) -> Callable[..., int]:
     """Load the function of a command."""
     from importlib import import_module
 
-    return getattr(import_module(f"coview.commands.{COMMANDS[name]}"), name)
+    return getattr(import_module(f"coview.commands.{COMMANDS[name]}"), name.replace("-", "_"))
 
 
 def refuse_hidden_packages() -> None:

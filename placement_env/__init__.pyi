@@ -15,6 +15,8 @@ from .envs.select import SensorSelectEnv as SensorSelectEnv
 from .fidelity.traffic import simulate_traffic as simulate_traffic
 from .fidelity.seeing import see as see
 from .fidelity.visibility import Visibility as Visibility
+from .live.figures import LiveAnswer as LiveAnswer
+from .live.planner import LivePlanner as LivePlanner
 from .objective import Objective as Objective, Score as Score
 from .protocol import Estimate as Estimate, Fidelity as Fidelity
 from .report.content import Plan as Plan

@@ -12,7 +12,7 @@ ROOT = Path(__file__).parents[1]
 FLOORS = ("toolkit", "models", "placement_env", "coview")
 SOURCES = sorted(path.relative_to(ROOT) for floor in FLOORS for path in (ROOT / floor).rglob("*.py"))
 
-PROTOCOLS = {"build", "search"}  # what every built-in site and every search has: one name, one meaning
+PROTOCOLS = {"build", "live", "search"}  # of every built-in site, of page and command, and of every search
 # Words of this house that the field has other words for: see the glossary in CONTRIBUTING.md.
 HOUSE_WORDS = {
     *("board", "boards", "dear", "game", "games", "gaze", "hung", "lorries", "lorry", "sighting", "sightings", "told")

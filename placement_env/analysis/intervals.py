@@ -96,9 +96,13 @@ def count_blocks(frames: int) -> int:
 
 
 def percentiles(
-    figures: Float64[np.ndarray, " resamples"], blocks: float = math.inf, *, confidence: float = 0.95
+    figures: Float64[np.ndarray, " resamples"],
+    blocks: float = math.inf,
+    *,
+    confidence: float = 0.95,
+    fewest: int = FEWEST_BLOCKS,
 ) -> Interval:
-    """Return the middle share of the defined figures. blocks: number that each is drawn from.
+    """Return the middle share of the defined figures. blocks: number that each is drawn from, NaN below `fewest`.
 
     >>> figures = np.arange(1001.0)
     >>> percentiles(figures, 15), percentiles(figures, 9)
@@ -107,7 +111,7 @@ def percentiles(
     if not 0 < confidence < 1:
         raise ValueError(f"confidence must lie between 0 and 1, got {confidence}: 0.95 is usual")
     defined = figures[~np.isnan(figures)]
-    if not len(defined) or blocks < FEWEST_BLOCKS:
+    if not len(defined) or blocks < fewest:
         return Interval(math.nan, math.nan)
     outside = (1 - confidence) / 2
     if math.isfinite(blocks):
@@ -123,6 +127,7 @@ def figure_interval(
     blocks: float,
     objects: int = 0,
     confidence: float = 0.95,
+    fewest: int = FEWEST_BLOCKS,
 ) -> Interval:
     """Return the interval of a share such as AP, widened to hold it.
 
@@ -134,7 +139,7 @@ def figure_interval(
     >>> figure_interval(1.0, np.ones(1000), blocks=15, objects=400)
     Interval(low=0.963..., high=1.0)
     """
-    low, high = percentiles(resamples, blocks, confidence=confidence)
+    low, high = percentiles(resamples, blocks, confidence=confidence, fewest=fewest)
     if low == high and objects:
         low, high = _wilson(figure, objects / LIFE, confidence)
     return Interval(min(low, figure), max(high, figure))

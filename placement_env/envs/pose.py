@@ -203,10 +203,10 @@ class SensorPoseEnv(PlacementEnv):
     ## Arguments
     config: a `placement_env.envs.config.PoseConfig`; or its fields by name, which are those of `coview/SensorSelect-v0`
     except `actions`, `slots` and `objective`, with moves: of an episode. fidelity: surrogate, coverage or detector;
-    rendering: "full" casts every ray of a sensor that has moved, "panorama" looks its view up in panoramas from its
-    mount, made when a sensor is first there, and is some fifty times faster; "auto" takes these where at least four
-    candidates share a place, as in a pool; cache: folder that keeps panoramas. `reset` takes the options site, scheme,
-    budget (up to the environment's) and failed.
+    rendering: "auto" looks the view of a sensor that has moved up in panoramas from its mount, made when a sensor is
+    first there, and is some fifty times faster than "full", which casts every ray, as does "auto" where the range of a
+    candidate ends within the site; cache: folder that keeps panoramas. `reset` takes the options site, scheme, budget
+    (up to the environment's) and failed.
     """
 
     task_type = _PoseTask

@@ -14,7 +14,7 @@ from placement_env.protocol import ClassEstimates, Estimate
 from placement_env.subsets import MemberSums
 from toolkit.arrays import Bool, Float64
 from toolkit.detection.codec import PAPER, Codec
-from toolkit.detection.scheme import Scheme, estimate_bits
+from toolkit.detection.scheme import Scheme, estimate_bits, scheme_codec
 from toolkit.detection.schemes import find_scheme
 
 LEAST = 20.0  # points on a vehicle that make a view
@@ -32,6 +32,14 @@ class SentData:
     def kbit(self, subsets: Bool[np.ndarray, "n C"]) -> Float64[np.ndarray, " n"]:
         """kbit of each set in a frame."""
         return np.asarray(subsets @ self._bits / (1000 * self._frames))
+
+
+def sent_per_frame(visibility: Visibility, scheme: Scheme, codec: Codec) -> Float64[np.ndarray, "C F"]:
+    """kbit of each candidate in each frame. A box is sent for each object seen with `LEAST` points."""
+    seen = [np.bincount(visibility.frame[row >= LEAST], minlength=visibility.frames) for row in visibility.points]
+    boxes = np.array(seen, np.float64).reshape(len(visibility), visibility.frames) * scheme.sends_boxes
+    points = scheme.sent_points(visibility).astype(np.float64)
+    return np.asarray(scheme_codec(scheme, codec).bits(points=points, boxes=boxes) / 1000, np.float64)
 
 
 class Coverage:

@@ -28,6 +28,7 @@ import json
 import math
 from collections.abc import Collection, Iterable
 from dataclasses import asdict, dataclass, fields, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -142,7 +143,7 @@ class HitModel:
         if any(len(row) != len(NUMBERS) for row in self.resampled):
             raise ValueError(f"a resample must have {len(NUMBERS)} numbers: {', '.join(NUMBERS)}")
 
-    @property
+    @cached_property
     def resamples(self) -> tuple[HitModel, ...]:
         """The models of the resamples."""
         rows: list[dict[str, Any]] = [dict(zip(NUMBERS, row, strict=True)) for row in self.resampled]

@@ -15,7 +15,7 @@ from placement_env.classes import VEHICLES
 from placement_env.fidelity.over_cases import ProfileFidelities, over_cases
 from placement_env.fidelity.traffic import FRAMES, scored
 from placement_env.protocol import Fidelity, FidelityName
-from placement_env.setting import Setting
+from placement_env.setting import Rendering, Setting
 from toolkit.arrays import Int64
 from toolkit.detection.scheme import surrogate_name
 from toolkit.detection.schemes import SCHEMES
@@ -99,13 +99,15 @@ class Preparation:
     def live(self) -> LiveView | None:
         """View of moving sensors, from panoramas of the mounts.
 
-        None where rays must be cast: where the setting's `rendering` says so, or the range of a candidate ends within
+        None where rays must be cast: where the setting's `rendering` is "full", or the range of a candidate ends within
         the site.
         """
         from placement_env.fidelity.panorama.live import LiveView
         from placement_env.fidelity.seeing import choose_quick
 
-        if not choose_quick(self.setting.pool.sensors, self.traffic, self.setting.rendering).all():
+        asked = self.setting.rendering
+        rendering: Rendering = "panorama" if asked == "auto" else asked  # sensors that move come back
+        if not choose_quick(self.setting.pool.sensors, self.traffic, rendering).all():
             return None
         return LiveView(self.traffic, self.setting.counted.labels, self.run.memo)
 

@@ -79,6 +79,10 @@ class Surrogate:
         ap, recall = np.stack([part.expected(subsets) for part in self._parts], axis=2)
         return ClassEstimates(ap, recall, self._sent.kbit(subsets))
 
+    def hits(self, subset: Bool[np.ndarray, " C"]) -> list[Float64[np.ndarray, " _"]]:
+        """Probability that a set hits each object, by class, in the order of the class's objects."""
+        return [part.probability(part.sums(subset[None]))[0].astype(np.float64) for part in self._parts]
+
     def evidence(self) -> list[tuple[Float32[np.ndarray, "C O"], Float64[np.ndarray, " O"], HitModel, float]]:
         """Evidence n ^ norm of each candidate and object, by class.
 
@@ -140,17 +144,22 @@ class _Part:
         """AP and recall of each set, NaN without an object."""
         figures = np.full((2, len(subsets)), np.nan)
         for block, sums in self.sums.blocks(subsets if self.objects else subsets[:0]):
-            powers, raw = self.evidence.joined(sums, self.model)
-            if raw is None and not self.model.bulk:
-                powers.sort(axis=1)
-                probability = self.model.probability(powers[:, ::-1])
-            else:
-                probability = self.model.probability(powers, raw)
-                probability *= self._of_size
+            if self.model.floor > 0 or self.model.bulk:
+                probability = self.probability(sums)
                 probability.sort(axis=1)
                 probability = probability[:, ::-1]
+            else:
+                powers, _ = self.evidence.joined(sums, self.model)
+                powers.sort(axis=1)
+                probability = self.model.probability(powers[:, ::-1])
             figures[:, block] = compute_expected_ap(probability, self.model.false_alarms)
         return figures
+
+    def probability(self, sums: Float32[np.ndarray, "n w"]) -> Float32[np.ndarray, "n O"]:
+        """Hit probability of each object, from the sums of each set's rows."""
+        probability = self.model.probability(*self.evidence.joined(sums, self.model))
+        probability *= self._of_size
+        return probability
 
 
 def compute_expected_ap(
@@ -169,6 +178,24 @@ def compute_expected_ap(
     found = hits + false_alarms * (np.arange(1, objects + 1, dtype=hits.dtype) - hits)
     np.divide(hits, found, out=hits, where=found > 0)
     return np.einsum("no,no->n", probability, hits).astype(np.float64) / objects, recall
+
+
+def resample_ap(
+    probability: Float64[np.ndarray, " O"], false_alarms: float, counts: Float[np.ndarray, "n O"]
+) -> Float64[np.ndarray, " n"]:
+    """AP by the formula above where each object occurs `counts` times; NaN without any.
+
+    >>> resample_ap(np.array([0.5, 1.0]), 1.0, np.array([[1.0, 1], [0, 2], [0, 0]]))
+    array([0.6875, 1.    ,    nan])
+    """
+    order = np.argsort(-probability, kind="stable")
+    counts, some = counts[:, order], probability[order].astype(counts.dtype)
+    weighted = counts * some
+    hits, objects = np.cumsum(weighted, axis=1), np.cumsum(counts, axis=1)
+    found = hits + false_alarms * (objects - hits)
+    precision = np.divide(hits, found, out=np.zeros_like(hits), where=found > 0)
+    area, whole = np.einsum("no,no->n", weighted, precision), counts.sum(axis=1)
+    return np.divide(area, whole, out=np.full(len(area), np.nan), where=whole > 0, dtype=np.float64)
 
 
 @dataclass(frozen=True, eq=False)

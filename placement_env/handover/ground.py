@@ -80,6 +80,30 @@ def visible_ground(site: Site, sensors: Sequence[Sensor], *, cell: float = 0.5) 
     out or fall short by a quarter of a cell at most. Raises ValueError for a cell that is not positive, so large that a
     side has fewer than two, or far too small.
     """
+    x, y, targets, open_ground = lay_grid(site, cell, TARGET_HEIGHT)
+    middles = targets[..., :2]
+    still = build_scenery(site)
+    lines = SightLines(still)
+    images = Renderer(site, (), sensors, still).background
+    bare = Renderer(site, (), sensors, ground_mesh(site)).background
+    shape = (len(sensors), len(y), len(x))
+    seen, density = np.zeros(shape, bool), np.zeros(shape, np.float32)
+    for s, sensor in enumerate(sensors):
+        seen[s] = open_ground & sensor.model.in_view(transform(invert(sensor.pose), targets))
+        seen[s, seen[s]] = lines.clear(sensor.position, targets[seen[s]])
+        on_ground = np.where(np.abs(images[s] - bare[s]) < SAME, images[s], np.float32(0))
+        density[s] = np.where(open_ground, _density(sensor, on_ground, x, y), np.float32(0))
+    lanes, footways = (_covered(polygons, middles) for polygons in (site.lanes, site.footways))
+    return Ground(x, y, seen, density, open_ground, lanes, footways)
+
+
+def lay_grid(
+    site: Site, cell: float, height: float
+) -> tuple[np.ndarray, np.ndarray, Float64[np.ndarray, "ny nx 3"], Bool[np.ndarray, "ny nx"]]:
+    """Centres of columns and rows of square cells over the area, places above them, and which are open ground.
+
+    cell: side (m); height: of the places above the ground (m). Raises ValueError as `visible_ground`.
+    """
     area = site.area
     sides = area[2:] - area[:2]
     if not 0 < cell <= sides.min() / 1.5:
@@ -94,21 +118,9 @@ def visible_ground(site: Site, sensors: Sequence[Sensor], *, cell: float = 0.5) 
     middle = (area[:2] + area[2:]) / 2
     x, y = (m + (np.arange(n) - (n - 1) / 2) * cell for m, n in zip(middle, np.rint(sides / cell), strict=True))
     middles = np.stack(np.meshgrid(x, y), axis=-1)
-    targets = np.concatenate([middles, site.ground(middles)[..., None] + TARGET_HEIGHT], axis=-1)
-    open_ground = _open_ground(site, targets)
-    still = build_scenery(site)
-    lines = SightLines(still)
-    images = Renderer(site, (), sensors, still).background
-    bare = Renderer(site, (), sensors, ground_mesh(site)).background
-    shape = (len(sensors), len(y), len(x))
-    seen, density = np.zeros(shape, bool), np.zeros(shape, np.float32)
-    for s, sensor in enumerate(sensors):
-        seen[s] = open_ground & sensor.model.in_view(transform(invert(sensor.pose), targets))
-        seen[s, seen[s]] = lines.clear(sensor.position, targets[seen[s]])
-        on_ground = np.where(np.abs(images[s] - bare[s]) < SAME, images[s], np.float32(0))
-        density[s] = np.where(open_ground, _density(sensor, on_ground, x, y), np.float32(0))
-    lanes, footways = (_covered(polygons, middles) for polygons in (site.lanes, site.footways))
-    return Ground(x, y, seen, density, open_ground, lanes, footways)
+    ground = np.concatenate([middles, site.ground(middles)[..., None]], axis=-1)
+    up = np.array([0.0, 0.0, 1.0])
+    return x, y, ground + height * up, _open_ground(site, ground + TARGET_HEIGHT * up)
 
 
 def ground_shares(ground: Ground, names: Sequence[str]) -> GroundShares:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from placement_env.fidelity.coverage import LEAST
+from placement_env.fidelity.coverage import sent_per_frame
 from placement_env.fidelity.seeing import see
 from placement_env.handover.exchange import EXCHANGE_FILES, safe_cell, write_exchange
 from placement_env.handover.ground import visible_ground
@@ -99,11 +99,7 @@ def kbit_per_frame(
     else:
         known = made.visibility if objective.visibility is None else objective.visibility
         visibility = known.select(members)
-    frames = visibility.frames
-    boxes = np.array([np.bincount(visibility.frame[row >= LEAST], minlength=frames) for row in visibility.points])
-    sent = boxes if objective.scheme.sends_boxes else np.zeros_like(boxes)
-    points = objective.scheme.sent_points(visibility).astype(np.float64)
-    return np.asarray(objective.codec.bits(points=points, boxes=sent) / 1000, np.float64)
+    return sent_per_frame(visibility, objective.scheme, objective.codec)
 
 
 def curve_csv(objective: Objective, points: Sequence[CurvePoint], currency: str = "") -> str:

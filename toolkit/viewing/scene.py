@@ -84,7 +84,7 @@ def _serve_guarded(serve: Handle, token: str, *arguments: object, process_reques
     def guard(connection: Handle, request: Handle) -> Handle:
         first, _, rest = request.path.removeprefix("/").partition("/")
         if not token or not secrets.compare_digest(first.encode(), token.encode()):
-            return connection.respond(403, "open the whole address that coview view prints\n")
+            return connection.respond(403, "open the whole address that coview prints\n")
         if "Upgrade" in request.headers and not _LOCAL.fullmatch(request.headers.get("Origin", "")):
             return connection.respond(403, "open the viewer in a browser of this machine\n")
         request.path = f"/{rest}"

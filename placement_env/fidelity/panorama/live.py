@@ -10,6 +10,8 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Sequence
 from dataclasses import replace
+from threading import Lock
+from typing import Literal
 
 import numpy as np
 
@@ -23,13 +25,14 @@ from toolkit.objects import VEHICLE
 from toolkit.rendering.strips import Strips
 from toolkit.runtime.cache import Cache, make_key, recall
 from toolkit.runtime.code_digest import code_digest
-from toolkit.sensors.sensor import SensorModel
+from toolkit.sensors.sensor import Sensor, SensorModel
 from toolkit.sites.site import Mount
 
 HEIGHT_STEP = 0.5  # m between the panoramas of a mount
 MOST_STRIPS = 20_000_000  # strips kept in memory over all places, about 60 bytes each
 
 Place = tuple[float, float, float]
+Reach = Literal["mount", "own", "nearest"]
 
 
 class LiveView:
@@ -43,33 +46,60 @@ class LiveView:
         self.traffic, self._cache = traffic, cache
         self._unseen = Visibility.unseen(traffic, (), labels)
         self._scored = ScoredItems.of(traffic, traffic.snapshots, labels)
-        self._kept: OrderedDict[Place, Surround] = OrderedDict()  # least recently used first
+        self._kept: OrderedDict[Place, Surround] = OrderedDict()  # longest made or renewed first
+        self.casting = Lock()  # held while rays are cast: others may look at what is there
 
-    def see(self, candidates: Candidates) -> Visibility:
-        """View of candidates; the first from a mount makes panoramas."""
+    def see(self, candidates: Candidates, *, reach: Reach = "mount") -> Visibility:
+        """View of candidates. The first from a mount makes panoramas of all its heights.
+
+        reach: "own" makes those below and above a sensor alone, "nearest" one, the nearer, where these are missing.
+        """
         sensors = candidates.sensors
         mounts = [candidates.mounts[index] for index in candidates.mount.tolist()]
         shares = [_between(sensor.position, mount) for sensor, mount in zip(sensors, mounts, strict=True)]
+        if reach == "nearest":
+            known = [self._knows(each, sensor.model) for each, sensor in zip(shares, sensors, strict=True)]
+            shares = [each if fine else [_nearest(each)] for each, fine in zip(shares, known, strict=True)]
         wanted = [(place, mount) for each, mount in zip(shares, mounts, strict=True) for place, _ in each]
-        self._prepare(wanted, {sensor.model for sensor in sensors})
+        surrounds = self._prepare(wanted, {sensor.model for sensor in sensors}, whole=reach == "mount")
         points = np.zeros((len(sensors), self._scored.items))
         sent, far = np.zeros((2, len(sensors), self._scored.frames))
         for s, sensor in enumerate(sensors):
             lookup = Lookup.of(sensor)
             for place, share in shares[s]:
-                for total, figures in zip((points, sent, far), self._kept[place].seen(lookup), strict=True):
+                for total, figures in zip((points, sent, far), surrounds[place].seen(lookup), strict=True):
                     total[s] += share * figures
         seen = {"points": points.astype(np.float32), "sent": sent.astype(np.float32), "far": far.astype(np.float32)}
         return replace(self._unseen, distance=distances(sensors, self._unseen.boxes), **seen)
 
-    def _prepare(self, wanted: list[tuple[Place, Mount]], models: set[SensorModel]) -> None:
+    def knows(self, sensor: Sensor, mount: Mount) -> bool:
+        """True where the view of a sensor needs no more panoramas."""
+        return self._knows(_between(sensor.position, mount), sensor.model)
+
+    def _knows(self, shares: list[tuple[Place, float]], model: SensorModel) -> bool:
+        return all(place in self._kept and model in self._kept[place].stills for place, _ in shares)
+
+    def _prepare(
+        self, wanted: list[tuple[Place, Mount]], models: set[SensorModel], *, whole: bool
+    ) -> dict[Place, Surround]:
+        """Views from places, made where they lack."""
+        asked = dict.fromkeys(place for place, _ in wanted)
+        found = {place: self._kept[place] for place in asked if place in self._kept}  # held, whatever is dropped
+        if len(found) == len(asked) and all(models <= each.stills.keys() for each in found.values()):
+            return found
+        with self.casting:
+            return found | self._make(wanted, models, whole=whole)
+
+    def _make(
+        self, wanted: list[tuple[Place, Mount]], models: set[SensorModel], *, whole: bool
+    ) -> dict[Place, Surround]:
 
         def lacks(place: Place) -> bool:
             return place not in self._kept or not models <= self._kept[place].stills.keys()
 
         asked, renderer = dict.fromkeys(place for place, _ in wanted), build_renderer(self.traffic)
-        whole = {each for place, mount in wanted if lacks(place) for each in (place, *_places(place, mount))}
-        places = sorted(filter(lacks, whole))
+        more = {each for place, mount in wanted if whole and lacks(place) for each in _places(place, mount)}
+        places = sorted(filter(lacks, {*asked, *more}))
         for place, strips in zip(places, self._panoramas(places), strict=True):
             stills = dict(self._kept[place].stills) if place in self._kept else {}
             for model in models - stills.keys():
@@ -79,6 +109,7 @@ class LiveView:
             self._kept.move_to_end(place)
         while len(self._kept) > len(asked) and sum(len(each.item) for each in self._kept.values()) > MOST_STRIPS:
             self._kept.popitem(last=False)
+        return {place: self._kept[place] for place in asked}
 
     def _panoramas(self, places: list[Place]) -> list[Strips]:
 
@@ -99,6 +130,10 @@ def _between(position: Float64[np.ndarray, "3"], mount: Mount) -> list[tuple[Pla
     share = steps - below
     each = [(below, 1 - share), (below + 1, share)]
     return [(_place(x, y, foot + step * HEIGHT_STEP), part) for step, part in each if part > 0]
+
+
+def _nearest(shares: list[tuple[Place, float]]) -> tuple[Place, float]:
+    return max(shares, key=lambda each: each[1])[0], 1.0
 
 
 def _places(place: Place, mount: Mount) -> list[Place]:

@@ -120,7 +120,7 @@ def find_place_strips(
     parts, first = [], 0
     for k in frames:
         fine = has_centre_inside(traffic.snapshots[k].objects.boxes, traffic.site.area)
-        strips = successive.of(_build_moment(traffic, k), fine)
+        strips = successive.of(build_moment(traffic, k), fine)
         parts.append(strips._replace(item=strips.item + np.int32(first)))
         first += len(fine)
     whole = concatenate_strips(parts)
@@ -130,7 +130,8 @@ def find_place_strips(
 
 
 @lru_cache(maxsize=MOST_MOMENTS)
-def _build_moment(traffic: Traffic, k: int) -> Moment:
+def build_moment(traffic: Traffic, k: int) -> Moment:
+    """Scene of what moves in a frame, made once for the latest ones."""
     return build_renderer(traffic).moment(traffic.snapshots[k])
 
 

@@ -69,7 +69,7 @@ def build_scene(plan: Plan, site: Site, ground: Ground | None, moments: Sequence
     """Build the scene of a plan: site, sensors, visible ground, and the frames of `moments`."""
     with scene.viser_server() as server:
         api = server.scene
-        _add_site(api, site, {sensor.pole for sensor in plan.sensors})
+        add_site(api, site, {sensor.pole for sensor in plan.sensors})
         layers = [
             _add_sensor(api, site, sensor, index, seen=None if ground is None else seen_cells(site, ground, index))
             for index, sensor in enumerate(plan.sensors)
@@ -88,7 +88,8 @@ def build_scene(plan: Plan, site: Site, ground: Ground | None, moments: Sequence
     return Scene(html, (*layers, *BOXES), frames)
 
 
-def _add_site(api: SceneApi, site: Site, used: set[str]) -> None:
+def add_site(api: SceneApi, site: Site, used: set[str]) -> None:
+    """Add ground, streets, solids and poles. used: names of poles drawn thicker."""
     scene.add_mesh(api, "/site/ground", ground_mesh(site), _BARE_GROUND)
     for layer, lift, colour in (("lanes", 0.03, _LANE), ("footways", 0.04, GROUND["footways"])):
         polygons = [shapely.Polygon(polygon) for polygon in getattr(site, layer)]

@@ -32,7 +32,7 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
         for name, (env, given) in CHOOSING.items()
     },
     **{
-        f"pose_{f}": ("coview/SensorPose-v0", {"budget": 2, "moves": 4, "fidelity": f})
+        f"pose_{f}": ("coview/SensorPose-v0", {"budget": 2, "moves": 4, "fidelity": f, "rendering": "full"})
         for f in ("coverage", "surrogate")
     },
     "sites": ("coview/SensorSelect-v0", {"budget": 2, "fidelity": "table", "site": ["tjunction", "roundabout"]}),

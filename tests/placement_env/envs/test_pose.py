@@ -14,7 +14,6 @@ from stable_baselines3.common.env_checker import check_env as check_env_sb3
 from placement_env.candidates.pool import paper_candidates
 from placement_env.envs.pose import TILT_LIMITS, Rig
 from placement_env.envs.registration import register
-from placement_env.fidelity.seeing import see
 from toolkit import load_site
 from toolkit.runtime.cache import Cache
 
@@ -66,7 +65,7 @@ def test_rewards_add_up_and_rest_is_as_if_rendered_again(env: gym.Env[Any, Any])
     task = env.unwrapped.task  # type: ignore[attr-defined]
     objective, members = task.state.placement(0)
     now = task._now[0]
-    again = see(now.preparation.traffic, now.rig.to_candidates())
+    again = now.preparation.live.see(now.rig.to_candidates())
     assert members == [0, 1]
     for column in ("points", "distance", "sent", "far"):
         assert np.array_equal(getattr(again, column), getattr(objective.visibility, column))
@@ -113,7 +112,7 @@ def test_what_does_not_fit(env: gym.Env[Any, Any]) -> None:
 
 def test_in_panoramas_a_step_sees_what_full_rendering_sees(tmp_path: Path) -> None:
     settings = {**FEW, "fidelity": "surrogate", "moves": 4}
-    ways: list[dict[str, Any]] = [{"rendering": "panorama", "cache": tmp_path}, {"rendering": "full"}]
+    ways: list[dict[str, Any]] = [{"cache": tmp_path}, {"rendering": "full"}]  # the first by default
     both = [gym.make(NAME, **way, **settings).unwrapped for way in ways]
     tasks: list[Any] = [env.task for env in both]  # type: ignore[attr-defined]
     both[0].action_space.seed(1)

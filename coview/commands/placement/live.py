@@ -1,0 +1,215 @@
+"""`coview live` and `coview what-if`: move sensors by hand, in the browser or on the command line."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+import tyro
+from tyro.conf import Positional, UseAppendAction
+
+from coview.arguments import check_schemes
+from coview.commands.placement.plan import USUAL_CLASSES, StockOptions
+from coview.options import ClassOptions, load_own_detector
+from coview.outputs import OK, Writing, check_writable, print_result
+from placement_env.cases import USUAL_CASES, Cases
+from toolkit.runtime.files import read_json
+from toolkit.runtime.run import Run
+
+if TYPE_CHECKING:
+    from placement_env.live.figures import LiveAnswer
+    from placement_env.live.planner import LivePlanner
+
+USUAL_STOCK = StockOptions()
+LIVE_RUN = Run(frames=60, seed=3, cache=Path("out/cache"))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Changes:
+    """Changes, made in this order."""
+
+    drop: UseAppendAction[tuple[str, ...]] = ()
+    """Sensor to take away; may be repeated."""
+    move: UseAppendAction[tuple[tuple[str, float, float], ...]] = ()
+    """Sensor, its new heading (degrees counter-clockwise from +x) and tilt below the horizon; may be repeated."""
+    carry: UseAppendAction[tuple[tuple[str, str], ...]] = ()
+    """Sensor and the pole to carry it to; may be repeated."""
+    add: UseAppendAction[tuple[tuple[str, float, float], ...]] = ()
+    """Pole of one more sensor, its heading and tilt (degrees); may be repeated."""
+    fail: UseAppendAction[tuple[str, ...]] = ()
+    """Sensor that fails; may be repeated."""
+
+    def apply(self, planner: LivePlanner) -> None:
+        """Make the changes. Raises ValueError for an unknown sensor or pole, and for a pole without room."""
+        for name in self.drop:
+            planner.remove(name)
+        for name, heading, tilt in self.move:
+            planner.move(name, np.deg2rad(heading), np.deg2rad(tilt))
+        for name, pole in self.carry:
+            planner.move(name, position=pole)
+        for pole, heading, tilt in self.add:
+            planner.add(pole, np.deg2rad(heading), np.deg2rad(tilt))
+        for name in self.fail:
+            planner.fail(name)
+
+
+def what_if(
+    plan: Positional[str],
+    /,
+    *,
+    changes: Annotated[Changes, tyro.conf.arg(name="")] = Changes(),
+    stock: StockOptions = USUAL_STOCK,
+    classes: ClassOptions = USUAL_CLASSES,
+    run: Run = LIVE_RUN,
+    writing: Writing = Writing(),
+) -> int:
+    """Say what moving, adding, dropping or failing sensors does to a plan, before and after, in seconds.
+
+    Figures are predicted by the surrogate on the frames that the plan's searches saw, or --frames of --seed at a site.
+
+    Example: coview what-if out/plan --move pole03_6.0m_h90_t15_camera 80 12
+
+    Example: coview what-if tjunction --drop d2 --carry d0 pole05 --add pole07 200 15 --json
+
+    Args:
+        plan: Folder of a plan, or a site with sensors.
+    """
+    planner = open_planner(plan, stock, classes, USUAL_CASES, run)
+    before = planner.finish()
+    changes.apply(planner)
+    after = planner.finish().since(before, "before and after")
+    print_result({"before": before.as_dict(), "after": after.as_dict()}, _describe(before, after), as_json=writing.json)
+    return OK
+
+
+def live(
+    site: Positional[str],
+    /,
+    *,
+    stock: StockOptions = USUAL_STOCK,
+    classes: ClassOptions = USUAL_CLASSES,
+    cases: Cases = USUAL_CASES,
+    run: Run = LIVE_RUN,
+    project: Path | None = None,
+    last_good: bool = False,
+    out: Path = Path("out/live"),
+    port: int = 8090,
+    browser: bool = True,
+    writing: Writing = Writing(),
+) -> int:
+    """Move sensors by hand in the browser, and see at once what it does.
+
+    Sensors are dragged by their handles; AP, intervals, approaches, data, price and the worst failure follow. Every
+    change is kept in the project file, from which the next start goes on. Served to this machine alone until Ctrl-C.
+
+    Example: coview live tjunction
+
+    Example: coview live out/plan --project out/live/main-street.json
+
+    Args:
+        site: A site with or without sensors, or the folder of a plan.
+        project: File that keeps the work; SITE.json in --out when left out.
+        last_good: Go on from the state before the last save, where the project file is damaged.
+        out: Folder for the project, exports and reports.
+        port: Port of the address in the browser; the next free one where it is taken.
+        browser: Open the browser.
+    """
+    import webbrowser
+
+    from coview.live_page import LiveSession
+    from placement_env.live.project import ProjectFile
+    from toolkit.viewing.scene import check_viser
+
+    check_viser()
+    planner = open_planner(site, stock, classes, cases, run)
+    path = project or out / f"{Path(site).stem or 'site'}.live.json"
+    kept = ProjectFile(path, planner, last_good=last_good)
+    session = LiveSession(planner, port=port, project=kept, folder=out)
+    try:
+        said = f"{session.url} (this machine alone; Ctrl-C ends it; kept in {path})"
+        print_result({"url": session.url, "project": str(path)}, said, as_json=writing.json)
+        sys.stdout.flush()
+        if browser:
+            webbrowser.open(session.url)
+        session.wait()
+    finally:
+        session.close()
+        kept.close()
+    return OK
+
+
+def open_planner(where: str, stock: StockOptions, classes: ClassOptions, cases: Cases, run: Run) -> LivePlanner:
+    """Open a planner at a site, or with the sensors of a plan's folder.
+
+    That brings classes, poles and frames of its own where the options are left out. Raises ValueError and OSError for
+    what cannot be read.
+    """
+    from placement_env.handover.exchange import MAP, SITE
+    from placement_env.live.planner import LivePlanner
+    from placement_env.setting import Setting
+    from toolkit.detection.link.range_images import find_codec
+    from toolkit.sites.files import load_site
+
+    folder = Path(where)
+    if folder.is_dir():
+        if not (folder / SITE).is_file() or not (folder / "plan.json").is_file():
+            raise FileNotFoundError(
+                f"{where} is no folder of a plan: it needs plan.json and {SITE}, as coview plan writes"
+            )
+        asked = read_json(folder / "plan.json")["question"]
+        where = str(folder / SITE)
+        named = asked["candidates"] in ("pool", "paper")
+        if stock == USUAL_STOCK:
+            poles = "pool" if named else str(folder / MAP)
+            stock = replace(stock, candidates=poles, scheme=asked["scheme"], capacity=asked["capacity_kbit"])
+        if classes == USUAL_CLASSES:
+            weights = tuple(asked["class_weights"])
+            classes = replace(classes, classes=tuple(asked["classes"]), class_weights=weights, combine=asked["combine"])
+        if (run.frames, run.seed) == (LIVE_RUN.frames, LIVE_RUN.seed):
+            run = replace(run, frames=asked["frames"][0], seed=asked["seed"])
+    check_schemes([stock.scheme])
+    if run.cache is not None:
+        check_writable(run.cache.resolve(), run.cache)
+    place = load_site(where)
+    setting = Setting(
+        place,
+        candidates=stock.build(place),
+        scheme=stock.scheme,
+        codec=find_codec(stock.codec),
+        classes=classes.build(),
+        cases=cases,
+        detector=load_own_detector(stock.detector, place, run),
+    )
+    return LivePlanner(setting, run=run)
+
+
+def _describe(before: LiveAnswer, after: LiveAnswer) -> str:
+    from placement_env.analysis.intervals import describe_interval
+    from toolkit.runtime.text_tables import align_columns
+
+    rows = [["", "before", "after", "change"]]
+    rows += [
+        [name, f"{old:{form}}", f"{new:{form}}", f"{new - old:+{form}}"]
+        for name, form, old, new in (
+            ("AP", ".3f", before.ap, after.ap),
+            *(
+                (f"AP of {one.name}", ".3f", one.ap or 0.0, two.ap or 0.0)
+                for one, two in zip(before.classes, after.classes, strict=True)
+                if len(before.classes) > 1
+            ),
+            ("share found", ".3f", before.recall, after.recall),
+            *(
+                (f"found {one.name}", ".3f", one.recall, two.recall)
+                for one, two in zip(before.approaches, after.approaches, strict=True)
+            ),
+            ("AP after the worst failure", ".3f", before.worst, after.worst),
+            ("kbit per frame", ".1f", before.kbit, after.kbit),
+            (f"price{' in ' + after.currency if after.currency else ''}", "g", before.price, after.price),
+        )
+    ]
+    said = f"change of AP {after.change:+.3f} ({describe_interval(after.change_low, after.change_high)})"
+    known = f"predicted by the surrogate, N = {after.objects} road users in {after.frames} frames"
+    return "\n".join([align_columns(rows, texts=1), f"{said}, {known}", *after.problems])

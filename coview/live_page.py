@@ -1,0 +1,551 @@
+"""The live planner in the browser: a scene of viser with handles on every sensor, and a panel with the figures.
+
+viser shows the scene, drags and controls, the same in every browser that has the address; tables are HTML of ours.
+Whatever a handle or control asks for is done by one thread, the latest position of a drag first. A second thread
+refines what is coarse while nobody moves anything, a third does what takes long: suggestions, searches, the detector,
+reports.
+"""
+
+from __future__ import annotations
+
+import secrets
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from contextlib import ExitStack, suppress
+from dataclasses import replace
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from coview.live_tables import HINT, MAP_KEY, figures_html, note_html, variants_html
+from placement_env.live.planner import LivePlanner, Suggestion
+from placement_env.live.project import ProjectFile, export_variant, report_variant
+from placement_env.live.seen_map import MAP_HEIGHTS, SeenMaps
+from placement_env.live.variant import LiveSensor
+from placement_env.report.pages.scene import add_site
+from toolkit.arrays import Float64
+from toolkit.plots.palette import FAINT, OUTCOME, sensor_colour
+from toolkit.sensors.sensor import Sensor
+from toolkit.viewing import scene
+from toolkit.viewing.scene import Handle, viser_server
+
+if TYPE_CHECKING:
+    from viser import ViserServer
+
+    from placement_env.live.figures import LiveAnswer
+LIVE_PORT = 8090  # unless it is taken
+FOUND = 0.5  # hit probability from which a road user is drawn as found
+REACH = 20.0  # m: a handle is where the sensor looks at the ground, but no farther
+PATIENCE = 1.0  # s that a suggestion waits for more poles to be looked at
+QUIET = 0.4  # s without a change after which views are refined
+CATCH = 3.0  # m from the pointer within which a pole catches a sensor that is carried
+AWAY = 1.25  # times as far from the area as the report's view, since the panel narrows the scene
+GHOST = "#4463f6"
+Spot = Float64[np.ndarray, "3"]
+
+
+class LivePage:
+    """Scene and panel of a planner on a server. folder: for exports and reports."""
+
+    _chosen: Handle  # controls of the panel
+    _heading: Handle
+    _tilt: Handle
+    _height: Handle
+    _lock: Handle
+    _fail: Handle
+    _wanted: Handle
+    _frame: Handle
+
+    def __init__(self, server: ViserServer, planner: LivePlanner, project: ProjectFile | None, folder: Path) -> None:
+        self.server, self.planner, self.project, self.folder = server, planner, project, folder
+        self._jobs: deque[Callable[[], None]] = deque()
+        self._long: deque[Callable[[], None]] = deque()
+        self._wake, self._closed, self._touched = threading.Condition(), False, 0.0
+        self._drag: Callable[[], None] | None = None
+        self._nodes: dict[str, list[Handle]] = {}
+        self._ghosts: list[Suggestion] = []
+        self._busy, self._note, self._measured = "", "", ""
+        self._answer: LiveAnswer | None = None
+        self._maps: dict[float, SeenMaps] = {}
+        self._image: Handle = None
+        self._traffic: list[Handle] = []
+        self._filling = False
+        site = planner.yard.site
+        add_site(server.scene, site, set())
+        eye, middle = (np.array(each) for each in scene.overview(tuple(site.area.tolist())))
+        scene.set_view(server, tuple(middle + AWAY * (eye - middle)), tuple(middle))
+        self._add_panel()
+        self._threads = [threading.Thread(target=t, daemon=True) for t in (self._work, self._refine, self._work_long)]
+        for thread in self._threads:
+            thread.start()
+        self.do(lambda: self._show(planner.answer()))
+
+    def do(self, job: Callable[[], None]) -> None:
+        """Do something in the page's thread, after what was asked before."""
+        with self._wake:
+            self._jobs.append(job)
+            self._wake.notify_all()
+
+    def close(self) -> None:
+        """End the threads, and keep what was done last."""
+        with self._wake:
+            self._closed = True
+            self._wake.notify_all()
+        for thread in self._threads[:2]:
+            thread.join(timeout=5)
+        if self.project is not None:
+            self.project.save()
+
+    # threads
+
+    def _work(self) -> None:
+        played = time.monotonic()
+        while not self._closed:
+            with self._wake:
+                if not self._jobs and self._drag is None:
+                    self._wake.wait(0.3)
+                job = self._jobs.popleft() if self._jobs else self._drag
+                if job is self._drag:
+                    self._drag = None
+            if job is not None:
+                self._touched = time.monotonic()
+                self._try(job)
+            elif self._play.value and time.monotonic() - played > 0.25:
+                played = time.monotonic()
+                self._frame.value = (int(self._frame.value) + 1) % self.planner.frames
+
+    def _refine(self) -> None:
+        more = True
+        while not self._closed:
+            if time.monotonic() - self._touched < QUIET or not more:
+                time.sleep(0.1)
+                more = more or self._touched > time.monotonic() - 1
+                continue
+            more = self.planner.refine()
+            time.sleep(0.01)  # for those who wait to cast rays
+            answer = self._answer
+            if answer is not None and answer.coarse and not self.planner.look(self.planner.variant)[1]:
+                self.do(self._show_refined)
+
+    def _show_refined(self) -> None:
+        if self._answer is not None:
+            self._answer = self.planner.answer(self._answer.what)
+            self._draw()
+
+    def _work_long(self) -> None:
+        while not self._closed:
+            with self._wake:
+                if not self._long:
+                    self._wake.wait(0.3)
+                job = self._long.popleft() if self._long else None
+            if job is not None:
+                self._try(job)
+                self._busy = ""
+                self.do(self._show_note)
+
+    def _try(self, job: Callable[[], None]) -> None:
+        try:
+            job()
+        except (ValueError, OSError, ImportError) as error:
+            self._note = str(error)
+            self.do(self._draw)
+
+    def _later(self, what: str, job: Callable[[], None]) -> None:
+        with self._wake:
+            self._busy = what
+            self._long.append(job)
+            self._wake.notify_all()
+        self.do(self._show_note)
+
+    # panel
+
+    def _add_panel(self) -> None:
+        gui, planner = self.server.gui, self.planner
+        gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(68, 99, 246))
+        gui.main_panel.dock_right()
+        gui.set_panel_label(f"coview live: {planner.yard.site.name}")
+        gui.add_html(HINT)
+        self._figures, self._said = gui.add_html(""), gui.add_html("")
+        steps = gui.add_button_group("Changes", ("Undo", "Redo"))
+        steps.on_click(lambda _: self._change(planner.undo if steps.value == "Undo" else planner.redo))
+        self._add_command("Undo", "Z", lambda: self._change(planner.undo))
+        self._add_command("Redo", "Y", lambda: self._change(planner.redo))
+        tabs = gui.add_tab_group()
+        with tabs.add_tab("Sensor"):
+            self._add_sensor_tab()
+        with tabs.add_tab("Ask"):
+            ask = gui.add_button_group("Best to", ("add", "move", "remove"))
+            ask.on_click(lambda _: self._suggest(ask.value))
+            gui.add_button("Accept the best").on_click(lambda _: self._change(self._accept_best))
+            gui.add_button("Search from here").on_click(lambda _: self._later("searching", self._search))
+            gui.add_button("Measure with the detector").on_click(lambda _: self._later("measuring", self._measure))
+        with tabs.add_tab("Variants"):
+            self._table = gui.add_html("")
+            self._wanted = gui.add_dropdown("Shown", ("A",))
+            self._wanted.on_update(lambda _: self._typed(lambda: self._change(planner.show, self._wanted.value)))
+            name = gui.add_text("New name", "B")
+            gui.add_button("Keep as a new variant").on_click(
+                lambda _: self._change(lambda: planner.show(name.value, copy=True))
+            )
+        with tabs.add_tab("View"):
+            self._map = gui.add_dropdown("Seen how often", ("off", *MAP_HEIGHTS))
+            self._map.on_update(lambda _: self.do(self._draw_map))
+            gui.add_html(MAP_KEY)
+            busiest = int(np.bincount(planner.unseen.frame, minlength=1).argmax())
+            self._frame = gui.add_slider("Frame", 0, max(planner.frames - 1, 1), 1, busiest)
+            self._frame.on_update(lambda _: self.do(self._draw_traffic))
+            self._play = gui.add_checkbox("Play the traffic", False)
+            gui.add_button("From above").on_click(lambda event: self._look_down(event.client))
+        with tabs.add_tab("Files"):
+            gui.add_button("Export site, map and schedule").on_click(lambda _: self._later("exporting", self._export))
+            gui.add_button("Judge and write the report").on_click(lambda _: self._later("judging", self._report))
+
+    def _add_command(self, label: str, key: Any, then: Callable[[], None]) -> None:
+        self.server.gui.add_command(label, hotkey=key, modifier="cmd/ctrl").on_trigger(lambda _: then())
+
+    def _add_sensor_tab(self) -> None:
+        gui, planner = self.server.gui, self.planner
+        self._chosen = gui.add_dropdown("Sensor", ("none",))
+        self._heading = gui.add_number("Heading (deg)", 0.0, step=1.0, hint="counter-clockwise from east, +x")
+        self._tilt = gui.add_number("Tilt (deg)", 0.0, step=1.0, hint="below the horizon")
+        self._height = gui.add_number("Height (m)", 0.0, step=0.1, hint="above the foot of the pole")
+        self._lock, self._fail = gui.add_checkbox("Locked", False), gui.add_checkbox("Failed", False)
+        act = gui.add_button_group("This one", ("Duplicate", "Remove"))
+        self._model = gui.add_dropdown("New model", tuple(planner.yard.models))
+        self._pole = gui.add_dropdown("On pole", tuple(planner.yard.mounts))
+        gui.add_button("Add a sensor").on_click(lambda _: self._change(self._add))
+        self._chosen.on_update(lambda _: self._typed(lambda: self.do(self._fill)))
+        for field in (self._heading, self._tilt, self._height):
+            field.on_update(lambda _: self._typed(self._move_typed))
+        self._lock.on_update(lambda _: self._typed(lambda: self._change(planner.lock, self._name, self._lock.value)))
+        self._fail.on_update(lambda _: self._typed(lambda: self._change(planner.fail, self._name, self._fail.value)))
+        act.on_click(
+            lambda _: self._change(planner.duplicate if act.value == "Duplicate" else planner.remove, self._name)
+        )
+
+    @property
+    def _name(self) -> str:
+        return str(self._chosen.value)
+
+    def _typed(self, then: Callable[[], None]) -> None:
+        """Follow what a person typed or chose, not what the page itself fills in."""
+        if not self._filling:
+            then()
+
+    def _change(self, change: Callable[..., LiveAnswer], *arguments: Any) -> None:
+        self.do(lambda: self._show(change(*arguments)))
+
+    def _move_typed(self) -> None:
+        name, aim = self._name, np.deg2rad([self._heading.value, self._tilt.value]).tolist()
+        self._change(self.planner.move, name, *aim, self._height.value)
+
+    def _add(self) -> LiveAnswer:
+        site, pole = self.planner.yard.site, self.planner.yard.mounts[self._pole.value]
+        x, y = (site.area[:2] + site.area[2:]) / 2 - pole.position[:2]
+        return self.planner.add(pole.name, float(np.arctan2(y, x)), model=self._model.value)
+
+    def _suggest(self, kind: str) -> None:
+        name = self._name if kind == "move" else None
+
+        def job() -> None:
+            found = self._ghosts = list(self.planner.suggest(kind, name, patience=PATIENCE))
+            said = "; ".join(f"{each.sensor.name} on {each.sensor.mount}: AP {each.answer.ap:.3f}" for each in found)
+            title = {"add": "next sensor", "move": "best place", "remove": "missed least"}[kind]
+            known = f" (of {found[0].considered} poses so far)" if found and kind != "remove" else ""
+            self._note = f"{title}: {said or 'none'}{known}"
+            self.do(self._draw)
+
+        self._later("comparing poses", job)
+
+    def _accept_best(self) -> LiveAnswer:
+        if not self._ghosts:
+            raise ValueError("nothing is suggested: ask for a suggestion first")
+        best, self._ghosts = self._ghosts[0], []
+        return self.planner.accept(best)
+
+    def _search(self) -> None:
+        before, count = self.planner.answer().ap, 0
+        for answer in self.planner.search(lambda: self._closed):
+            count += 1
+            self._note = f"search: AP {answer.ap:.3f} after {count} changes"
+            self.do(lambda answer=answer: self._show(answer))  # type: ignore[misc]
+        self._note = (
+            f"search: AP {before:.3f} to {self.planner.answer().ap:.3f} by {count} changes; undo takes them back"
+        )
+
+    def _measure(self) -> None:
+        asked, predicted = replace(self.planner.asked, site=self.planner.yard.site), self.planner.finish()
+        found = self.planner.measure(setting=asked)
+        interval = f" ({found.low:.3f} to {found.high:.3f})" if np.isfinite(found.low) else ""
+        self._measured = f"measured AP {found.ap:.3f}{interval}, predicted {predicted.ap:.3f}, N = {found.objects}"
+        self._note = f"by the detector: {self._measured}"
+
+    def _export(self) -> None:
+        written = export_variant(self.planner, self.folder)
+        self._note = f"written to {self.folder}: {', '.join(path.name for path in written)}"
+
+    def _report(self) -> None:
+        written = report_variant(self.planner, self.folder / "report")
+        self._note = f"written to {self.folder / 'report'}: {', '.join(path.name for path in written)}"
+
+    # drawing
+
+    def _show(self, answer: LiveAnswer) -> None:
+        self._answer, self._note = answer, ""
+        if answer.what:
+            self._ghosts, self._measured = [], ""
+        self._draw()
+
+    def _draw(self) -> None:
+        answer = self._answer
+        if answer is None:
+            return
+        self._figures.content = figures_html(answer)
+        with self.server.atomic():
+            self._draw_sensors()
+            self._draw_ghosts()
+        self._show_note()
+        self._draw_traffic()
+        self._draw_map()
+        self._table.content = variants_html(
+            {name: self.planner.estimate(each) for name, each in self.planner.variants.items()}, self.planner.current
+        )
+        self._fill()
+
+    def _show_note(self) -> None:
+        self._said.content = note_html(self._busy, self._note or self._measured)
+
+    def _fill(self) -> None:
+        """Put the state into the controls."""
+        self._filling = True
+        try:
+            names = tuple(sensor.name for sensor in self.planner.sensors) or ("none",)
+            if self._chosen.options != names:
+                self._chosen.options = names
+            if tuple(self._wanted.options) != tuple(self.planner.variants):
+                self._wanted.options = tuple(self.planner.variants)
+            self._wanted.value = self.planner.current
+            with suppress(ValueError):
+                sensor = self.planner.variant.find(self._name)
+                self._heading.value = round(float(np.rad2deg(sensor.heading)), 1)
+                self._tilt.value, self._height.value = round(float(np.rad2deg(sensor.tilt)), 1), round(sensor.height, 2)
+                self._lock.value, self._fail.value = sensor.locked, sensor.failed
+        finally:
+            self._filling = False
+
+    def _draw_sensors(self) -> None:
+        variant = self.planner.variant
+        for name in [name for name in self._nodes if name not in {sensor.name for sensor in variant.sensors}]:
+            for handle in self._nodes.pop(name):
+                handle.remove()
+        for index, live in enumerate(variant.sensors):
+            sensor = self.planner.yard.build_sensor(variant, live)
+            colour = scene.rgb(FAINT if live.failed else sensor_colour(index))
+            if live.name not in self._nodes:
+                self._nodes[live.name] = self._add_sensor(live, sensor, colour)
+            housing, handle, way, label = self._nodes[live.name]
+            target = self._find_target(sensor)
+            housing.position, handle.position = sensor.position, target
+            housing.color = handle.color = colour
+            way.points, way.colors = self._view_lines(sensor, target), np.array(colour, np.uint8)
+            label.position = sensor.position + np.array([0.0, 0.0, 1.1])
+            label.text = f"{live.name}{' (failed)' if live.failed else ''}{' (locked)' if live.locked else ''}"
+
+    def _add_sensor(self, live: LiveSensor, sensor: Sensor, colour: tuple[int, int, int]) -> list[Handle]:
+        api, node = self.server.scene, f"/planned/{secrets.token_hex(4)}"
+        housing = api.add_box(f"{node}/housing", colour, (1.2, 1.2, 0.9))
+        handle = api.add_icosphere(f"{node}/handle", 0.8, colour, subdivisions=2)
+        lines = self._view_lines(sensor, self._find_target(sensor))
+        way = api.add_line_segments(f"{node}/view", lines, colour, thickness=2.5, thickness_units="screen")
+        label = api.add_label(f"{node}/label", live.name, font_screen_scale=1.2, anchor="bottom-center")
+        name = live.name
+
+        @handle.on_drag("left")
+        async def _(event: Handle) -> None:
+            self._take(name, event, lambda spot, last: self._turn(name, spot, last=last), handle)
+
+        @housing.on_drag("left")
+        async def _(event: Handle) -> None:
+            self._take(name, event, lambda spot, last: self._carry(name, spot, last=last), housing)
+
+        @housing.on_drag("left", modifier="shift")
+        async def _(event: Handle) -> None:
+            up = float(event.end_position[2])
+            self._drag_now(lambda: self._lift(name, up, last=event.phase == "end"), last=event.phase == "end")
+
+        for part in (housing, handle):
+            part.on_click(lambda _: self._choose(name))
+        return [housing, handle, way, label]
+
+    def _choose(self, name: str) -> None:
+        self._chosen.value = name
+        self.do(self._fill)
+
+    def _take(self, name: str, event: Handle, then: Callable[[Spot, bool], None], node: Handle) -> None:
+        """Follow a drag: where the pointer meets the level of what is dragged."""
+        eye, through = np.array(event.client.camera.position), np.array(event.end_position)
+        level, way, last = float(node.position[2]), through - eye, event.phase == "end"
+        if way[2] < -1e-6:
+            spot = eye + way * (level - eye[2]) / way[2]
+            self._drag_now(lambda: then(spot, last), last=last)
+
+    def _drag_now(self, job: Callable[[], None], *, last: bool) -> None:
+        with self._wake:
+            if last:
+                self._drag = None
+                self._jobs.append(job)
+            else:
+                self._drag = job
+            self._wake.notify_all()
+
+    def _turn(self, name: str, spot: Spot, *, last: bool) -> None:
+        sensor = self.planner.yard.build_sensor(self.planner.variant, self.planner.variant.find(name))
+        x, y, z = (spot - sensor.position).tolist()
+        heading, tilt = float(np.arctan2(y, x)), float(np.arctan2(-z, np.hypot(x, y)))
+        self._show(self.planner.move(name, heading, tilt, dragging=True))
+        self._end_drag(name, last)
+
+    def _carry(self, name: str, spot: Spot, *, last: bool) -> None:
+        mounts = [*self.planner.yard.stock.mounts, *self.planner.variant.poles]
+        away = np.array([np.hypot(*(mount.position[:2] - spot[:2])) for mount in mounts])
+        if away.min() <= CATCH:
+            pole = mounts[int(away.argmin())].name
+            if pole != self.planner.variant.find(name).mount:
+                self._show(self.planner.move(name, position=pole, dragging=True))
+        elif last:
+            self._show(self.planner.move(name, position=(float(spot[0]), float(spot[1])), dragging=True))
+        else:
+            self._nodes[name][0].position = spot
+        self._end_drag(name, last)
+
+    def _lift(self, name: str, up: float, *, last: bool) -> None:
+        sensor = self.planner.variant.find(name)
+        foot = float(self.planner.yard.find_mount(self.planner.variant, sensor.mount).position[2])
+        self._show(self.planner.move(name, height=up - foot, dragging=True))
+        self._end_drag(name, last)
+
+    def _end_drag(self, name: str, last: bool) -> None:
+        if last:
+            self.planner.end_drag()
+            self._choose(name)
+            self._draw_sensors()
+
+    def _find_target(self, sensor: Sensor) -> Spot:
+        """Place of a sensor's handle: where it looks at the ground, no farther than `REACH`."""
+        ahead = sensor.world_SE3_body[:3, 0]
+        ground = float(self.planner.yard.site.ground(sensor.position[:2]))
+        level = max(float(np.hypot(*ahead[:2])), 1e-6)
+        down = (sensor.position[2] - ground - 0.3) / max(-float(ahead[2]), 1e-9)
+        return np.asarray(sensor.position + ahead * min(down, REACH / level))
+
+    def _view_lines(self, sensor: Sensor, target: Spot) -> np.ndarray:
+        """Lines from a sensor to its handle, and along both sides of its field of view."""
+        half = min(sensor.model.horizontal_fov / 2, np.pi)
+        ahead, ends = target - sensor.position, [target]
+        for turn in (-half, half) if half < np.pi - 1e-6 else ():
+            cos, sin = np.cos(turn), np.sin(turn)
+            side = np.array([cos * ahead[0] - sin * ahead[1], sin * ahead[0] + cos * ahead[1], ahead[2]])
+            ends.append(sensor.position + side)
+        foot = np.array([*sensor.position[:2], self.planner.yard.site.ground(sensor.position[:2])])
+        pairs = [(sensor.position, end) for end in (*ends, foot)] + [(ends[0], end) for end in ends[1:]]
+        return np.array(pairs, np.float32)
+
+    def _draw_ghosts(self) -> None:
+        for handle in self._nodes.pop("", []):
+            handle.remove()
+        made: list[Handle] = []
+        for k, each in enumerate(self._ghosts):
+            sensor = self.planner.yard.build_sensor(self.planner.variant, each.sensor)
+            node, target = f"/ghosts/{k}", self._find_target(sensor)
+            api, colour = self.server.scene, scene.rgb(GHOST)
+            made.append(api.add_box(f"{node}/housing", colour, (1.1, 1.1, 0.9), opacity=0.4, position=sensor.position))
+            made.append(api.add_line_segments(f"{node}/view", self._view_lines(sensor, target), colour))
+            text = f"{'without ' * (each.kind == 'remove')}AP {each.answer.ap:.3f}"
+            place = sensor.position + np.array([0.0, 0.0, 2.2])
+            made.append(api.add_label(f"{node}/label", text, position=place, anchor="bottom-center"))
+        self._nodes[""] = made
+
+    def _draw_traffic(self) -> None:
+        answer, seen = self._answer, self.planner.unseen
+        if answer is None:
+            return
+        here = np.flatnonzero(seen.frame == int(self._frame.value))
+        found = answer.probability[here] >= FOUND
+        for handle in self._traffic:
+            handle.remove()
+        boxes, missed = seen.boxes[here[found]], seen.boxes[here[~found]]
+        crossed = np.concatenate([scene.box_edges(missed), scene.roof_crosses(missed)])
+        colours = OUTCOME["hit"].colour, OUTCOME["missed"].colour
+        drawn = zip(("found", "missed"), (scene.box_edges(boxes), crossed), colours, strict=True)
+        made = [
+            scene.add_lines(self.server.scene, f"/traffic/{name}", lines, colour, width=2.5, visible=True)
+            for name, lines, colour in drawn
+        ]
+        self._traffic = [handle for handle in made if handle is not None]
+
+    def _draw_map(self) -> None:
+        if self._image is not None:
+            self._image.remove()
+            self._image = None
+        if self._map.value not in MAP_HEIGHTS:
+            return
+        from matplotlib import colormaps
+
+        height = MAP_HEIGHTS[self._map.value]
+        if height not in self._maps:
+            self._maps[height] = SeenMaps(self.planner.preparation, height)
+        standing = [each for each in self.planner.sensors if not each.failed]
+        variant = self.planner.variant
+        found = self._maps[height].draw(self.planner.yard.build_sensor(variant, each) for each in standing)
+        colours = (255 * np.asarray(colormaps["viridis_r"](np.nan_to_num(found.share)))).astype(np.uint8)
+        colours[..., 3] = np.where(np.isnan(found.share), 0, 190)
+        cell = float(found.x[1] - found.x[0])
+        middle = np.array([found.x.mean(), found.y.mean()])
+        place = (*middle.tolist(), float(self.planner.yard.site.ground(middle)) + 0.1)
+        self._image = self.server.scene.add_image(
+            "/seen", colours, len(found.x) * cell, len(found.y) * cell, position=place, cast_shadow=False
+        )
+
+    def _look_down(self, client: Handle) -> None:
+        if client is not None:
+            xmin, ymin, xmax, ymax = self.planner.yard.site.area.tolist()
+            x, y = (xmin + xmax) / 2, (ymin + ymax) / 2
+            client.camera.position = (x, y - 1.0, 1.15 * max(xmax - xmin, ymax - ymin))
+            client.camera.look_at = (x, y, 0.0)
+
+
+class LiveSession:
+    """A live planner that is served. In Jupyter it shows itself in the cell. url: for browsers of this machine."""
+
+    def __init__(
+        self,
+        planner: LivePlanner,
+        *,
+        port: int = LIVE_PORT,
+        project: ProjectFile | None = None,
+        folder: Path | None = None,
+    ) -> None:
+        if not 1 <= port < 2**16:
+            raise ValueError(f"port must lie in 1..65535, got {port}: leave it out for {LIVE_PORT}")
+        token = secrets.token_urlsafe(16)
+        self.planner, self._open = planner, ExitStack()
+        self._server = self._open.enter_context(viser_server(port, token))
+        self.page = LivePage(self._server, planner, project, folder or Path("out/live"))
+        self._open.callback(self.page.close)
+        self.url = f"http://127.0.0.1:{self._server.get_port()}/{token}/"
+
+    def wait(self) -> None:
+        """Serve until the process is interrupted."""
+        with suppress(KeyboardInterrupt):
+            self._server.sleep_forever()
+
+    def close(self) -> None:
+        """End the server."""
+        self._open.close()
+
+    def _repr_html_(self) -> str:
+        return f'<iframe src="{escape(self.url)}" width="100%" height="640" style="border:1px solid #ccc"></iframe>'

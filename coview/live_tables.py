@@ -1,0 +1,108 @@
+"""HTML of the live planner's panel: the hint, figures, notes and the table of variants. Names are escaped."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from html import escape
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from toolkit.plots.palette import BAR, FAINT, INK, OUTCOME
+
+if TYPE_CHECKING:
+    from placement_env.live.figures import FoundShare, LiveAnswer
+
+_BOX = f"font:12px/1.35 system-ui,sans-serif;color:{INK};padding:.2em .9em"
+_SMALL = f"color:{FAINT};font-size:12px"
+HINT = (
+    f'<div style="{_BOX};background:#eef2fe;border-radius:6px;margin:.3em .6em">'
+    "<b>1</b> Drag a ball to turn a sensor, its box to another pole (Shift: up, down). <b>2</b> Read what it does. "
+    "<b>3</b> Ask what is best, and accept it.</div>"
+)
+MAP_KEY = (
+    f'<div style="{_BOX}"><div style="height:8px;background:linear-gradient(90deg,#fde725,#21918c,#440154)"></div>'
+    '<div style="display:flex;justify-content:space-between"><span>never seen</span><span>always</span></div></div>'
+)
+
+
+def figures_html(answer: LiveAnswer) -> str:
+    """Figures of an answer, each with unit, interval and number."""
+    change = ""
+    if answer.change:
+        colour = OUTCOME["hit"].colour if answer.change > 0 else OUTCOME["missed"].colour
+        ends = f" ({_ends(answer.change_low, answer.change_high, '+.3f')})" if np.isfinite(answer.change_low) else ""
+        change = (
+            f'<div style="color:{colour}"><b class="live-change">{answer.change:+.3f}</b>{ends} '
+            f"{escape(answer.what)}</div>"
+        )
+    money = f" {escape(answer.currency)}" if answer.currency else " poles"
+    worst = f"{answer.worst:.3f} without {escape(answer.worst_sensor)}" if answer.worst_sensor else "no sensor is left"
+    facts = (
+        ("Worst failure leaves AP", f'<span class="live-worst">{worst}</span>'),
+        ("Data", f'<span class="live-kbit">{answer.kbit:,.0f}</span> kbit per frame'),
+        ("Price", f'<span class="live-price">{answer.price:,.10g}</span>{money}, {answer.sensors} sensors'),
+        ("Seen by no sensor", f"{answer.unseen} of {answer.objects} road users"),
+        ("Fullest link", _fullest(answer)),
+    )
+    rows = "".join(f'<tr><td style="{_SMALL}">{name}</td><td align="right">{text}</td></tr>' for name, text in facts)
+    problems = "".join(
+        f'<div style="color:{OUTCOME["missed"].colour}">&#9888; {escape(each)}</div>' for each in answer.problems
+    )
+    several = _bars("Found, by class (95 %), N", answer.classes) if len(answer.classes) > 1 else ""
+    return (
+        f'<div style="{_BOX}"><span class="live-ap" style="font-size:28px;font-weight:700">{answer.ap:.3f}</span> '
+        f"AP, predicted{' (refining)' if answer.coarse else ''}"
+        f'<div style="{_SMALL}">95 %: {_ends(answer.low, answer.high, ".3f")}; N = {answer.objects} road users, '
+        f"{answer.frames} frames; surrogate &#177; {answer.spread:.3f}</div>{change}{problems}"
+        f'<table style="width:100%">{rows}</table>{several}'
+        f"{_bars('Found, by approach (95 %), N', answer.approaches)}</div>"
+    )
+
+
+def _fullest(answer: LiveAnswer) -> str:
+    if not answer.links:
+        return "none"
+    link = max(answer.links, key=lambda each: each.share)
+    return f"{link.share:.0%} of {link.capacity_mbit_s:g} Mbit/s, {escape(link.pole)}"
+
+
+def _bars(title: str, rows: Iterable[FoundShare]) -> str:
+    lines = []
+    for row in rows:
+        width = 0.0 if np.isnan(row.recall) else 100 * row.recall
+        bar = f'<div style="background:{BAR};height:8px;width:{width:.0f}%"></div>'
+        said = "none there" if np.isnan(row.recall) else f"{row.recall:.0%}"
+        ends = f" ({row.low:.0%} to {row.high:.0%})" if np.isfinite(row.low) and row.ap is None else ""
+        ap = "" if row.ap is None or np.isnan(row.ap) else f", AP {row.ap:.3f} ({_ends(row.low, row.high, '.3f')})"
+        lines.append(
+            f'<tr><td style="white-space:nowrap">{escape(row.name)}</td>'
+            f'<td style="width:20%"><div style="background:#e3e3e6">{bar}</div></td>'
+            f'<td align="right" style="{_SMALL};white-space:nowrap">{said}{ends}{ap}, {row.objects}</td></tr>'
+        )
+    return f'<div style="{_SMALL};margin-top:.4em">{title}</div><table style="width:100%">{"".join(lines)}</table>'
+
+
+def note_html(busy: str, note: str) -> str:
+    """Line on work in progress, and on a refusal or finding."""
+    said = [f"<i>{escape(busy)} &#8230;</i>"] if busy else []
+    said += [f'<span class="live-note">{escape(note)}</span>'] if note else []
+    return f'<div style="{_BOX};min-height:1.4em">{"<br>".join(said)}</div>'
+
+
+def variants_html(answers: Mapping[str, LiveAnswer], current: str) -> str:
+    """Table of the variants side by side."""
+    rows = []
+    for name, each in answers.items():
+        weight = "700" if name == current else "400"
+        ends = _ends(each.low, each.high, ".3f")
+        cells = (f"{each.ap:.3f}<br><span style='{_SMALL}'>{ends}</span>", f"{each.worst:.3f}", f"{each.kbit:,.0f}")
+        figures = "".join(f'<td align="right">{cell}</td>' for cell in (*cells, f"{each.price:,.10g}"))
+        rows.append(f'<tr class="live-variant" style="font-weight:{weight}"><td>{escape(name)}</td>{figures}</tr>')
+    head = "".join(f'<td align="right">{name}</td>' for name in ("AP", "worst", "kbit", "price"))
+    table = f'<table style="width:100%"><tr style="{_SMALL}"><td></td>{head}</tr>{"".join(rows)}</table>'
+    return f'<div style="{_BOX}">{table}</div>'
+
+
+def _ends(low: float, high: float, form: str) -> str:
+    return f"{low:{form}} to {high:{form}}" if np.isfinite(low) and np.isfinite(high) else "no interval from few frames"

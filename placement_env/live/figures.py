@@ -1,0 +1,215 @@
+"""`LiveAnswer`: figures of a variant on the planner's frames, by the surrogate, each with its interval.
+
+The intervals are of `placement_env.analysis.intervals`, over the same draws for every variant, so that what a move
+changed has an interval of its own. They are given down to `LEAST_BLOCKS` blocks of frames, fewer than a judged set
+needs: see `docs/how-to/live.md` for how often they hold.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field, replace
+from functools import cached_property
+from typing import cast
+
+import numpy as np
+
+from placement_env.analysis.approaches import find_approaches
+from placement_env.analysis.intervals import Interval, block_draws, count_blocks, figure_interval, percentiles
+from placement_env.candidates.candidates import Candidates
+from placement_env.fidelity.coverage import sent_per_frame
+from placement_env.fidelity.preparation import Preparation
+from placement_env.fidelity.surrogate import Surrogate, resample_ap
+from placement_env.fidelity.visibility import Visibility
+from placement_env.handover.mounted import MBIT, RATE, LinkLoad
+from placement_env.objective import Objective
+from toolkit.arrays import Bool, Float32, Float64
+
+LEAST_BLOCKS = 5  # blocks of frames that have an interval here
+SURE = 0.5  # hit probability from which a road user counts as found in the scene
+
+
+@dataclass(frozen=True)
+class FoundShare:
+    """AP (None for a group without its own) and share found of a class or approach, N objects. low, high: of the AP,
+    else of the share."""
+
+    name: str
+    ap: float | None
+    recall: float
+    low: float
+    high: float
+    objects: int
+
+
+@dataclass(frozen=True)
+class LiveAnswer:
+    """Figures of a variant.
+
+    ap, low, high: predicted AP and its 95 % interval over frames; spread: standard deviation of the prediction by the
+    surrogate's fit; kbit: of all sensors per frame; price: in `currency`, "" for ordinary poles; worst: AP left after
+    the worst single failure, of `worst_sensor`; change, change_low, change_high: AP since the answer before, on the
+    same frames; unseen: road users without a point on them; problems: sentences on what cannot be built so; coarse: a
+    view was taken from the nearest half metre of height.
+    """
+
+    what: str
+    sensors: int
+    ap: float
+    low: float
+    high: float
+    recall: float
+    kbit: float
+    price: float
+    worst: float
+    worst_sensor: str
+    spread: float
+    change: float
+    change_low: float
+    change_high: float
+    classes: tuple[FoundShare, ...]
+    approaches: tuple[FoundShare, ...]
+    links: tuple[LinkLoad, ...]
+    objects: int
+    frames: int
+    unseen: int
+    currency: str = ""
+    problems: tuple[str, ...] = ()
+    coarse: bool = False
+    resamples: Float64[np.ndarray, " resamples"] = field(default_factory=lambda: np.zeros(0), repr=False, compare=False)
+    probability: Float64[np.ndarray, " O"] = field(default_factory=lambda: np.zeros(0), repr=False, compare=False)
+
+    def as_dict(self) -> dict[str, object]:
+        """Return the figures for JSON."""
+        return {name: value for name, value in asdict(self).items() if name not in ("resamples", "probability")}
+
+    def since(self, before: LiveAnswer | None, what: str) -> LiveAnswer:
+        """The answer with the change of AP since another, on the same frames, and what made it."""
+        if before is None:
+            return replace(self, what=what, change=0.0, change_low=0.0, change_high=0.0)
+        change = self.ap - before.ap
+        ends = percentiles(self.resamples - before.resamples, count_blocks(self.frames), fewest=LEAST_BLOCKS)
+        low, high = min(ends.low, change), max(ends.high, change)
+        return replace(self, what=what, change=change, change_low=low, change_high=high)
+
+
+class Meter:
+    """Figures of variants in the traffic of a preparation."""
+
+    def __init__(self, preparation: Preparation, currency: str) -> None:
+        self.preparation, self._currency = preparation, currency
+        self.draws = block_draws(preparation.frames)
+        self.blocks = count_blocks(preparation.frames)
+
+    def objective(self, candidates: Candidates, visibility: Visibility) -> Objective:
+        """Objective of sensors whose view is known."""
+        made = self.preparation
+        return Objective.of_moved(made, candidates, visibility, made.setting.weights)
+
+    def measure(self, candidates: Candidates, seen: Visibility, standing: Bool[np.ndarray, " C"]) -> LiveAnswer:
+        """Figures of all sensors, of which some have failed. Its change is 0."""
+        objective = self.objective(candidates, seen)
+        whole, members = standing[None], np.flatnonzero(standing)
+        left = np.repeat(whole, len(members), axis=0)
+        left[np.arange(len(members)), members] = False
+        scores = objective.scores(np.concatenate([whole, left]))
+        lost = int(scores.ap[1:].argmin()) if len(members) else -1
+        surrogate = cast(Surrogate, objective.scored_by)
+        classes, resamples, probability = self._by_class(surrogate, standing, seen)
+        ap, objects = float(scores.ap[0]), len(probability)
+        ends = figure_interval(ap, resamples, blocks=self.blocks, objects=objects, fewest=LEAST_BLOCKS)
+        spread = float(surrogate.spread(whole)[0]) if len(members) else 0.0
+        return LiveAnswer(
+            what="",
+            sensors=len(standing),
+            ap=ap,
+            low=ends.low,
+            high=min(ends.high, 1.0),
+            recall=float(scores.recall[0]),
+            kbit=float(scores.kbit[0]),
+            price=float(objective.price(np.ones_like(whole))[0]),
+            worst=float(scores.ap[1:][lost]) if len(members) else 0.0,
+            worst_sensor=objective.names[members[lost]] if len(members) else "",
+            spread=spread,
+            change=0.0,
+            change_low=0.0,
+            change_high=0.0,
+            classes=classes,
+            approaches=self._by_approach(seen, probability),
+            links=self._loads(candidates, seen, standing),
+            objects=objects,
+            frames=seen.frames,
+            unseen=int((seen.points[standing].sum(axis=0) == 0).sum()),
+            currency=self._currency,
+            problems=_list_problems(objective),
+            resamples=resamples,
+            probability=probability,
+        )
+
+    @cached_property
+    def _counts(self) -> Float32[np.ndarray, "resamples O"]:
+        return self.draws.astype(np.float32)[:, self.unseen.frame]
+
+    @cached_property
+    def unseen(self) -> Visibility:
+        """The road users that count, seen by no sensor."""
+        return Visibility.unseen(self.preparation.traffic, (), self.preparation.setting.counted.labels)
+
+    def _by_class(
+        self, surrogate: Surrogate, standing: Bool[np.ndarray, " C"], seen: Visibility
+    ) -> tuple[tuple[FoundShare, ...], Float64[np.ndarray, " resamples"], Float64[np.ndarray, " O"]]:
+        """Each class, resampled AP of all, and the hit probability of each object."""
+        names, labels = surrogate.classes.names, surrogate.classes.labels
+        probability, drawn, rows = np.zeros(len(seen.boxes)), [], []
+        aps = surrogate.by_class(standing[None]).ap[0]
+        for name, label, model, hits, ap in zip(
+            names, labels, surrogate.models, surrogate.hits(standing), aps.tolist(), strict=True
+        ):
+            own = seen.labels == label
+            probability[own] = hits
+            drawn.append(resample_ap(hits, model.false_alarms, self._counts[:, own]))
+            ends = Interval(np.nan, np.nan)
+            if len(hits):
+                ends = figure_interval(ap, drawn[-1], blocks=self.blocks, objects=len(hits), fewest=LEAST_BLOCKS)
+            recall = float(hits.mean()) if len(hits) else np.nan
+            rows.append(FoundShare(name, ap, recall, *ends, len(hits)))
+        return tuple(rows), surrogate.classes.combined(np.stack(drawn, axis=1)), probability
+
+    def _by_approach(self, seen: Visibility, probability: Float64[np.ndarray, " O"]) -> tuple[FoundShare, ...]:
+        names, place = self._approaches
+        rows = []
+        for k in np.unique(place).tolist():
+            own = place == k
+            counts = self._counts[:, own]
+            whole = counts.sum(axis=1)
+            shares = np.divide(counts @ probability[own], whole, out=np.full(len(whole), np.nan), where=whole > 0)
+            recall = float(probability[own].mean())
+            ends = figure_interval(recall, shares, blocks=self.blocks, objects=int(own.sum()), fewest=LEAST_BLOCKS)
+            rows.append(FoundShare(names[k], None, recall, *ends, int(own.sum())))
+        return tuple(rows)
+
+    @cached_property
+    def _approaches(self) -> tuple[tuple[str, ...], np.ndarray]:
+        found = find_approaches(self.preparation.setting.place)
+        return found.names, found.locate(self.unseen.boxes)
+
+    def _loads(self, candidates: Candidates, seen: Visibility, standing: np.ndarray) -> tuple[LinkLoad, ...]:
+        setting, loads = self.preparation.setting, []
+        kbit = sent_per_frame(seen, setting.fusion, setting.codec) * standing[:, None] * RATE / MBIT
+        for mount in np.unique(candidates.mount).tolist():
+            frames, pole = kbit[candidates.mount == mount].sum(axis=0), candidates.mounts[mount]
+            most, capacity = float(frames.max(initial=0)), pole.capacity * RATE / MBIT
+            fits = most <= capacity or not setting.fusion.sends_points
+            loads.append(LinkLoad(pole.name, float(frames.mean()), most, capacity, most / capacity, fits))
+        return tuple(loads)
+
+
+def _list_problems(objective: Objective) -> tuple[str, ...]:
+    """Sentences on what keeps all candidates from being built together."""
+    candidates, every = objective.candidates, np.ones((1, len(objective.candidates)), np.bool_)
+    said = [f"{name} sends more than its link carries" for name in np.array(objective.names)[~objective.linked]]
+    per_mount, price = candidates.per_mount(every)[0], float(objective.price(every)[0])
+    crowded = [m.name for m, count in zip(candidates.mounts, per_mount, strict=True) if count > m.max_sensors]
+    said += [f"{name} carries more sensors than it may" for name in crowded]
+    if not objective.affordable(np.array([price]))[0]:
+        said.append(f"it costs {price:g}, more than {objective.most_price:g}")
+    return tuple(said)

@@ -1,0 +1,511 @@
+"""`LivePlanner`: sensors moved by hand, each move answered by figures within a tenth of a second.
+
+A sensor is seen in panoramas from its pole (`placement_env.fidelity.panorama.live`), a set scored by the surrogate, as
+in `coview/SensorPose-v0`. On a pole that was never used the first answer is coarse, from the nearest half metre of
+height; `refine` makes what is missing, a panorama or so at a time, then the views of the whole stock, of which
+`suggest` chooses. One thread may refine while another moves.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from threading import RLock
+
+import numpy as np
+
+from placement_env.candidates.candidates import Candidates, aim_sensor
+from placement_env.candidates.pool import NoCandidates, paper_candidates, pool
+from placement_env.fidelity.panorama.live import HEIGHT_STEP
+from placement_env.fidelity.preparation import Preparation
+from placement_env.fidelity.seeing import look_in_full, see
+from placement_env.fidelity.visibility import Visibility
+from placement_env.live.figures import LiveAnswer, Meter
+from placement_env.live.stock_views import StockViews, join_views
+from placement_env.live.variant import TILT_SPAN, LiveSensor, Variant, Yard, check_name, free_name
+from placement_env.objective import Score
+from placement_env.report.planning.question import Stock
+from placement_env.setting import Rendering, Setting
+from toolkit.runtime.run import Run
+from toolkit.sensors.sensor import Sensor
+from toolkit.sites.site import Site
+
+LIVE_FRAMES, LIVE_SEED = 60, 3
+KEPT_STEPS = 2000  # that can be undone
+KEPT_VIEWS, KEPT_ANSWERS = 512, 256  # views of single sensors and figures of variants in memory
+Row = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]  # points, distance, sent, far of one sensor
+Where = str | tuple[float, float]  # of a sensor: name of a pole, or x and y (m)
+TRIED = ((0.2, 0.0), (-0.2, 0.0), (0.0, 0.09), (0.0, -0.09))  # rad of heading and tilt that a suggestion is turned by
+
+
+@dataclass(frozen=True)
+class Suggestion:
+    """A change that pays: `kind` is add, move or remove; sensor: as it would hang, or hangs; answer: figures then;
+    considered: number of poses of the stock that were compared."""
+
+    kind: str
+    sensor: LiveSensor
+    answer: LiveAnswer
+    considered: int
+
+
+class LivePlanner:
+    """Plan by hand.
+
+    site: a site, its name or file, or a setting: its fidelity must be the surrogate, its candidates are the stock (the
+    site's pool without any); frames, seed: of the traffic; sensors: those that hang at first, the site's own if None;
+    run: cache and more, in place of frames and seed. Raises ValueError where the setting has no surrogate.
+    """
+
+    def __init__(
+        self,
+        site: Setting | Site | str,
+        frames: int = LIVE_FRAMES,
+        seed: int = LIVE_SEED,
+        *,
+        sensors: Sequence[Sensor] | None = None,
+        run: Run | None = None,
+    ) -> None:
+        setting = site if isinstance(site, Setting) else Setting(site)
+        stock, place = setting.candidates, setting.place
+        hang = place.sensors if sensors is None else tuple(sensors)
+        sold = stock if isinstance(stock, Stock) else Stock()
+        self.asked, self.catalogue, self.currency = setting, sold.catalogue, sold.currency
+        self.yard = Yard.of(place, _offer(setting), hang, sold.keep_out)
+        self.setting = replace(setting, candidates=self.yard.stock).with_fidelity("surrogate")
+        made = Preparation(self.setting, run or Run(frames=frames, seed=seed))
+        made.check()
+        self.preparation = made.plain
+        self._meter, self._lock, self._views = Meter(self.preparation, self.currency), RLock(), dict[object, Row]()
+        self._stock = StockViews(self.preparation)
+        start = self.yard.place(hang)
+        self.variants: dict[str, Variant] = {"A": start}
+        self.current = "A"
+        self._past: list[tuple[str, Variant]] = []
+        self._future: list[tuple[str, Variant]] = []
+        self._answers: dict[Variant, LiveAnswer] = {}
+        self._before: LiveAnswer | None = None
+        self._dragging: str | None = None
+        self.tell: Callable[[bool], None] = lambda dragging: None  # called after every change, before its answer
+
+    @property
+    def variant(self) -> Variant:
+        """The variant that is shown."""
+        return self.variants[self.current]
+
+    @property
+    def sensors(self) -> tuple[LiveSensor, ...]:
+        """Sensors of the variant."""
+        return self.variant.sensors
+
+    @property
+    def unseen(self) -> Visibility:
+        """The road users that count, in all frames."""
+        return self._meter.unseen
+
+    @property
+    def frames(self) -> int:
+        """Number of frames of traffic."""
+        return self.preparation.frames
+
+    def move(
+        self,
+        name: str,
+        heading: float | None = None,
+        tilt: float | None = None,
+        height: float | None = None,
+        position: Where | None = None,
+        *,
+        dragging: bool = False,
+    ) -> LiveAnswer:
+        """Turn (rad), tilt (rad below the horizon), raise (m above the foot) or carry a sensor to a pole or place.
+
+        Heights and tilts stay within those of the pole and `TILT_SPAN`. dragging: moves of one sensor in a row are
+        undone as one. Raises ValueError for an unknown or locked sensor, and for a place where no pole can stand.
+        """
+        with self._lock:
+            variant, sensor = self.variant, self._free(name)
+            if position is not None:
+                if isinstance(position, str):
+                    mount = self.yard.find_mount(variant, position)
+                else:
+                    mount, variant = self.yard.stand(variant, (float(position[0]), float(position[1])))
+                if mount.name != sensor.mount:
+                    self._check_room(variant, mount.name)
+                    x, y, _ = mount.position.tolist()
+                    sensor = replace(sensor, mount=mount.name, x=x, y=y)
+            mount = self.yard.find_mount(variant, sensor.mount)
+            up = sensor.height if height is None else _finite("height", height)
+            around = sensor.heading if heading is None else _finite("heading", heading)
+            down = sensor.tilt if tilt is None else _finite("tilt", tilt)
+            low, high = min(mount.min_height, sensor.height), max(mount.max_height, sensor.height)
+            if position is not None:
+                low, high = mount.min_height, mount.max_height
+            moved = replace(
+                sensor,
+                height=float(np.clip(up, low, high)),
+                heading=float(np.arctan2(np.sin(around), np.cos(around))),
+                tilt=float(np.clip(down, *TILT_SPAN)),
+            )
+            again = dragging and self._dragging == name
+            after = _without_idle_poles(variant.with_sensor(moved))
+            answer = self._become(after, f"{name} moved", again=again)
+            self._dragging = name if dragging else None
+            return answer
+
+    def add(
+        self,
+        mount: Where,
+        heading: float = 0.0,
+        tilt: float = 0.26,
+        height: float | None = None,
+        *,
+        model: str | None = None,
+        name: str | None = None,
+    ) -> LiveAnswer:
+        """Mount a sensor on a pole or place. height: None for the highest; model: name in the stock, None for its
+        first; name: None for a free one. Raises ValueError as `move`."""
+        with self._lock:
+            model = model or next(iter(self.yard.models))
+            if name is not None and name in {sensor.name for sensor in self.sensors}:
+                raise ValueError(f"there is a sensor {name!r} already: give another name")
+            name = check_name(name) if name else free_name(self.variant, f"{model} {1 + len(self.sensors)}")
+            variant = self.variant
+            if isinstance(mount, str):
+                pole = self.yard.find_mount(variant, mount)
+            else:
+                pole, variant = self.yard.stand(variant, (float(mount[0]), float(mount[1])))
+            self._check_room(variant, pole.name)
+            up = pole.max_height if height is None else float(np.clip(height, pole.min_height, pole.max_height))
+            x, y, _ = pole.position.tolist()
+            down = float(np.clip(_finite("tilt", tilt), *TILT_SPAN))
+            made = LiveSensor(name, model, pole.name, x, y, up, _finite("heading", heading), down)
+            after = self.yard.check(replace(variant, sensors=(*variant.sensors, made)))
+            return self._become(after, f"{name} added")
+
+    def end_drag(self) -> None:
+        """Let the next move be a step of its own, and save."""
+        self._dragging = None
+        self.tell(False)
+
+    def remove(self, name: str) -> LiveAnswer:
+        """Take a sensor away. Raises ValueError for an unknown or locked one."""
+        with self._lock:
+            self._free(name)
+            left = tuple(each for each in self.sensors if each.name != name)
+            return self._become(_without_idle_poles(replace(self.variant, sensors=left)), f"{name} removed")
+
+    def duplicate(self, name: str) -> LiveAnswer:
+        """Mount a copy of a sensor on the nearest pole with room. Raises ValueError where none has."""
+        with self._lock:
+            sensor = self.variant.find(name)
+            free = [m for m in (*self.yard.stock.mounts, *self.variant.poles) if self._room(self.variant, m.name)]
+            if not free:
+                raise ValueError("no pole has room for another sensor: remove one, or give a place of its own")
+            nearest = min(free, key=lambda mount: float(np.hypot(*(mount.position[:2] - (sensor.x, sensor.y)))))
+            return self.add(nearest.name, sensor.heading, sensor.tilt, sensor.height, model=sensor.model)
+
+    def lock(self, name: str, locked: bool = True) -> LiveAnswer:
+        """Keep a sensor from being moved, or let it be moved again."""
+        with self._lock:
+            sensor = replace(self.variant.find(name), locked=locked)
+            return self._become(self.variant.with_sensor(sensor), f"{name} {'' if locked else 'un'}locked")
+
+    def fail(self, name: str, failed: bool = True) -> LiveAnswer:
+        """Let a sensor fail, or work again."""
+        with self._lock:
+            sensor = replace(self.variant.find(name), failed=failed)
+            return self._become(self.variant.with_sensor(sensor), f"{name} {'failed' if failed else 'works again'}")
+
+    def undo(self) -> LiveAnswer:
+        """Take the last change back. Raises ValueError where there is none."""
+        return self._step(self._past, self._future, "undo")
+
+    def redo(self) -> LiveAnswer:
+        """Do the last change again that was taken back. Raises ValueError where there is none."""
+        return self._step(self._future, self._past, "redo")
+
+    def show(self, name: str, *, copy: bool = False) -> LiveAnswer:
+        """Show a variant. copy: a new one, like the present. Raises ValueError for an unknown name, or a taken one."""
+        with self._lock:
+            if copy == (check_name(name) in self.variants):
+                known = ", ".join(self.variants)
+                raise ValueError(f"{name!r} is {'taken' if copy else 'unknown'}: the variants are {known}")
+            before = self.answer()
+            if copy:
+                self.variants[name] = self.variant
+            self.current, self._dragging, self._before = name, None, before
+            self.tell(False)
+            return self.answer(f"variant {name}")
+
+    def answer(self, what: str = "") -> LiveAnswer:
+        """Figures of the variant that is shown, and what changed since those before."""
+        with self._lock:
+            variant, before = self.variant, self._before
+        return self.estimate(variant).since(before, what)
+
+    def estimate(self, variant: Variant) -> LiveAnswer:
+        """Figures of any variant."""
+        found = self._answers.get(variant)
+        if found is not None and not found.coarse:
+            return found
+        candidates = self.yard.candidates(variant)
+        seen, coarse = self.look(variant)
+        standing = np.array([not sensor.failed for sensor in variant.sensors], np.bool_)
+        found = replace(self._meter.measure(candidates, seen, standing), coarse=coarse)
+        with self._lock:
+            if len(self._answers) > KEPT_ANSWERS:
+                self._answers.clear()
+            self._answers[variant] = found
+        return found
+
+    def look(self, variant: Variant) -> tuple[Visibility, bool]:
+        """View of the sensors of a variant; True where one is from the nearest half metre of height alone."""
+        every, live, coarse = self.yard.candidates(variant), self.preparation.live, False
+        rows: list[Row] = []
+        for k, sensor in enumerate(every.sensors):
+            key = (sensor.model, sensor.pose.tobytes())
+            if key not in self._views:
+                mount = every.mounts[every.mount[k]]
+                seen = self._look_in_full(sensor) if live is None else live.see(every.select([k]), reach="nearest")
+                row = (seen.points[0], seen.distance[0], seen.sent[0], seen.far[0])
+                if live is not None and not live.knows(sensor, mount):
+                    rows.append(row)
+                    coarse = True
+                    continue
+                while len(self._views) >= KEPT_VIEWS:
+                    self._views.pop(next(iter(self._views)), None)
+                self._views[key] = row
+            rows.append(self._views[key])
+        return join_views(self._meter.unseen, rows), coarse
+
+    def score(self) -> Score:
+        """The objective's own score of the sensors that work, on the same frames, in panoramas from where they hang.
+
+        With the setting's rendering "full" every ray is cast.
+        """
+        working = replace(self.variant, sensors=tuple(each for each in self.sensors if not each.failed))
+        candidates = self.yard.candidates(working)
+        labels, rendering = self.setting.counted.labels, self.setting.rendering
+        how: Rendering = "panorama" if rendering == "auto" else rendering
+        seen = see(self.preparation.traffic, candidates, labels=labels, rendering=how)
+        return self._meter.objective(candidates, seen).score(range(len(candidates)))
+
+    def refine(self) -> bool:
+        """Make one of the views that are missing: first of the sensors shown, then of the stock. True while some are.
+
+        May run in a thread of its own.
+        """
+        live = self.preparation.live
+        if live is None:
+            return False
+        every = self.yard.candidates(self.variant)
+        mounts = [every.mounts[index] for index in every.mount.tolist()]
+        for k, (sensor, mount) in enumerate(zip(every.sensors, mounts, strict=True)):
+            if not live.knows(sensor, mount):
+                live.see(every.select([k]), reach="own")
+                return True
+        for k, (sensor, mount) in enumerate(zip(every.sensors, mounts, strict=True)):
+            for height in np.arange(mount.min_height, mount.max_height + HEIGHT_STEP, HEIGHT_STEP).tolist():
+                up = np.array([0.0, 0.0, mount.position[2] + min(height, mount.max_height) - sensor.position[2]])
+                other = aim_sensor(sensor, sensor.position + up, 0.0, 0.0)
+                if not live.knows(other, mount):
+                    live.see(replace(every.select([k]), sensors=(other,)), reach="own")
+                    return True
+        return self._stock.look_further()
+
+    def finish(self) -> LiveAnswer:
+        """Figures of the variant that is shown, without anything coarse."""
+        while (answer := self.answer()).coarse:
+            self.refine()
+        return answer
+
+    @property
+    def ready(self) -> float:
+        """Share of the stock's poses whose views are known."""
+        return self._stock.share
+
+    def suggest(
+        self, kind: str = "add", name: str | None = None, count: int = 3, *, patience: float = math.inf
+    ) -> tuple[Suggestion, ...]:
+        """Changes that raise the AP most: kind add for the best next sensor, move for the best place of sensor `name`,
+        remove for the sensors that are missed least. Fewer where nothing helps.
+
+        patience: seconds to look from poles that nobody has looked from; without limit from one height of each.
+
+        Raises ValueError for an unknown kind or sensor, and where the stock has no place left.
+        """
+        variant = self.variant
+        if kind == "remove":
+            free = [each for each in variant.sensors if not each.locked]
+            fewer = [replace(variant, sensors=tuple(s for s in variant.sensors if s is not each)) for each in free]
+            found = [Suggestion(kind, each, self.estimate(v), 0) for each, v in zip(free, fewer, strict=True)]
+            return tuple(sorted(found, key=lambda each: -each.answer.ap)[:count])
+        if kind not in ("add", "move") or (kind == "move" and name is None):
+            raise ValueError(f"kind must be add, remove, or move with the name of a sensor, got {kind!r} and {name!r}")
+        taken = None if name is None or kind == "add" else self._free(name)
+        rest = tuple(each for each in variant.sensors if each is not taken)
+        base = replace(variant, sensors=rest)
+        standing = np.array([not each.failed for each in rest], np.bool_)
+        self._stock.at_least_coarse(patience)
+        ranked = self._stock.rank(self.yard.candidates(base), self.look(base)[0], standing, self._meter.objective)
+        found, poles = [], set[int]()
+        for candidate in ranked:
+            mount = int(self.yard.stock.mount[candidate])
+            if mount in poles:
+                continue
+            poles.add(mount)
+            found.append(self._improve(kind, base, self._hang(base, candidate, taken)))
+            if len(found) == count:
+                break
+        return tuple(sorted(found, key=lambda each: -each.answer.ap))
+
+    def accept(self, suggestion: Suggestion) -> LiveAnswer:
+        """Make a suggested change."""
+        with self._lock:
+            sensor, variant = suggestion.sensor, self.variant
+            if suggestion.kind == "remove":
+                return self.remove(sensor.name)
+            if suggestion.kind == "move":
+                self._free(sensor.name)
+                self._check_room(_without(variant, sensor.name), sensor.mount)
+                return self._become(_without_idle_poles(variant.with_sensor(sensor)), f"{sensor.name} moved")
+            self._check_room(variant, sensor.mount)
+            made = replace(sensor, name=free_name(variant, sensor.name))
+            return self._become(replace(variant, sensors=(*variant.sensors, made)), f"{made.name} added")
+
+    def search(self, stop: Callable[[], bool] = lambda: False) -> Iterator[LiveAnswer]:
+        """Improve the variant from where it is: the best place for one unlocked sensor after another, until none helps.
+
+        Yields an answer for each improvement, which is shown and can be undone.
+        """
+        waiting = [each.name for each in self.sensors if not each.locked and not each.failed]
+        while waiting and not stop():
+            name = waiting.pop(0)
+            if name not in {each.name for each in self.sensors}:
+                continue
+            before = self.finish()
+            best = next(iter(self.suggest("move", name, count=1)), None)
+            if best is not None and best.answer.ap > before.ap + 1e-4 and not stop():
+                yield self.accept(best)
+                waiting = [each.name for each in self.sensors if not each.locked and not each.failed]
+                waiting.remove(name)
+
+    def measure(self, *, setting: Setting | None = None) -> LiveAnswer:
+        """Figures by the detector in place of the surrogate's, on the same frames, with the setting's errors."""
+        from placement_env.report.planning.judging import Judge
+
+        working = replace(self.variant, sensors=tuple(each for each in self.sensors if not each.failed))
+        asked = replace(setting or self.setting, candidates=self.yard.candidates(working), fidelity="detector")
+        made = Preparation(asked, self.preparation.run)
+        judged = Judge.of(made, self.preparation.run.seed).judge(np.ones((1, len(working.sensors)), np.bool_))[0]
+        own = self.answer("measured")
+        return replace(own, ap=judged.ap, low=judged.low, high=judged.high, recall=judged.recall)
+
+    def restore(self, variants: dict[str, Variant], current: str, past: Iterable[tuple[str, Variant]]) -> None:
+        """Take over variants and steps that were kept. Raises ValueError where they do not fit the site and stock."""
+        steps = list(past)
+        for variant in (*variants.values(), *(each for _, each in steps)):
+            self.yard.check(variant)
+        if current not in variants:
+            raise ValueError(f"the shown variant {current!r} must be one of {', '.join(variants)}")
+        with self._lock:
+            self.variants, self.current, self._past, self._future = dict(variants), current, steps, []
+            self._before, self._dragging = None, None
+
+    @property
+    def past(self) -> tuple[tuple[str, Variant], ...]:
+        """Steps that can be undone, the last one last."""
+        return tuple(self._past)
+
+    def _look_in_full(self, sensor: Sensor) -> Visibility:
+        labels, traffic = self.setting.counted.labels, self.preparation.traffic
+        points, sent, far = look_in_full(traffic, [sensor], labels)
+        return replace(Visibility.unseen(traffic, [sensor], labels), points=points, sent=sent, far=far)
+
+    def _become(self, variant: Variant, what: str, *, again: bool = False) -> LiveAnswer:
+        if variant != self.variant and not again:
+            self._before = self._answers.get(self.variant)
+            self._past.append((self.current, self.variant))
+            del self._past[:-KEPT_STEPS]
+        if variant != self.variant:
+            self._future.clear()
+        self.variants[self.current], self._dragging = variant, None
+        self.tell(again)
+        return self.answer(what)
+
+    def _step(self, source: list[tuple[str, Variant]], target: list[tuple[str, Variant]], what: str) -> LiveAnswer:
+        with self._lock:
+            if not source:
+                raise ValueError(f"there is nothing to {what}")
+            self._before = self._answers.get(self.variant)
+            name, variant = source.pop()
+            target.append((name, self.variants.get(name, variant)))
+            self.variants[name], self.current, self._dragging = variant, name, None
+            self.tell(False)
+            return self.answer(what)
+
+    def _free(self, name: str) -> LiveSensor:
+        sensor = self.variant.find(name)
+        if sensor.locked:
+            raise ValueError(f"{name} is locked: unlock it first")
+        return sensor
+
+    def _room(self, variant: Variant, mount: str) -> bool:
+        most = self.yard.find_mount(variant, mount).max_sensors
+        return sum(sensor.mount == mount for sensor in variant.sensors) < most
+
+    def _check_room(self, variant: Variant, mount: str) -> None:
+        if not self._room(variant, mount):
+            raise ValueError(f"{mount} carries all the sensors that it may: take another pole")
+
+    def _hang(self, base: Variant, candidate: int, taken: LiveSensor | None) -> LiveSensor:
+        """Candidate of the stock as a sensor."""
+        stock = self.yard.stock
+        (sensor,) = self.yard.place([stock.sensors[candidate]]).sensors
+        if taken is not None:
+            return replace(sensor, name=taken.name, failed=taken.failed)
+        return replace(sensor, name=free_name(base, f"{sensor.model} {1 + len(base.sensors)}"))
+
+    def _improve(self, kind: str, base: Variant, sensor: LiveSensor) -> Suggestion:
+        """Suggestion of a sensor, turned and tilted while that helps."""
+
+        def judged(each: LiveSensor) -> LiveAnswer:
+            return self.estimate(replace(base, sensors=(*base.sensors, each)))
+
+        answer, better = judged(sensor), True
+        while better:
+            better = False
+            for turn, down in TRIED:
+                other = replace(sensor, heading=sensor.heading + turn, tilt=sensor.tilt + down)
+                found = judged(other) if TILT_SPAN[0] <= other.tilt <= TILT_SPAN[1] else answer
+                if found.ap > answer.ap + 1e-4:
+                    sensor, answer, better = other, found, True
+        return Suggestion(kind, sensor, answer, self._stock.known)
+
+
+def _offer(setting: Setting) -> Candidates:
+    """Stock of a setting: its candidates, else the site's pool, else the site's own sensors."""
+    if setting.candidates is not None and setting.candidates != "paper":
+        return setting.pool
+    try:
+        return pool(setting.place)
+    except NoCandidates:
+        return paper_candidates(setting.place)
+
+
+def _finite(name: str, value: float) -> float:
+    if not np.isfinite(value):
+        raise ValueError(f"{name} must be a finite number, got {value}")
+    return float(value)
+
+
+def _without(variant: Variant, name: str) -> Variant:
+    return replace(variant, sensors=tuple(each for each in variant.sensors if each.name != name))
+
+
+def _without_idle_poles(variant: Variant) -> Variant:
+    """Variant without poles of one's own that carry nothing."""
+    used = {sensor.mount for sensor in variant.sensors}
+    return replace(variant, poles=tuple(pole for pole in variant.poles if pole.name in used))

@@ -1,0 +1,150 @@
+"""Project file of a live planner: variants and steps, saved as they are made, by one writer, whole or not at all.
+
+{"coview_live": 1, "site": NAME, "site_sha256": ..., "current": NAME, "variants": {NAME: VARIANT}, "past": [[NAME,
+VARIANT], ...]}, each variant as `Variant.as_dict` gives it. The state before the last save is kept beside it.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from dataclasses import replace
+from hashlib import sha256
+from pathlib import Path
+
+from placement_env.fidelity.coverage import sent_per_frame
+from placement_env.handover.exchange import EXCHANGE_FILES, write_exchange
+from placement_env.handover.ground import visible_ground
+from placement_env.handover.mounted import format_sensors, mounted_site, unused_mounts
+from placement_env.live.planner import LivePlanner
+from placement_env.live.variant import Variant, check_name
+from toolkit.runtime.files import name_errors, read_json, take, write_text, writing_together
+from toolkit.sites.files import format_site
+
+PROJECT_VERSION = 1
+SAVED_STEPS = 100  # that can be undone after a reload
+MOST_VARIANTS = 200
+PAUSE = 0.2  # s between two saves while a sensor is dragged
+BEFORE = ".last-good"  # ending of the state before the last save
+
+
+class ProjectFile:
+    """Keep a planner's work in a file, from where it goes on. last_good: from the state before the last save.
+
+    Raises ValueError for a damaged file, one of another site, and while another process writes it; OSError where it
+    cannot be written.
+    """
+
+    def __init__(self, path: Path, planner: LivePlanner, *, last_good: bool = False) -> None:
+        self.path, self.planner = path, planner
+        self._site = sha256(format_site(planner.yard.site).encode()).hexdigest()
+        path.parent.mkdir(parents=True, exist_ok=True)
+        held = take(path.with_name(f".{path.name}.lock"))
+        if held is None:
+            raise ValueError(f"{path} is open in another coview live: close that, or give another --project")
+        self._held: int | None = held
+        self._saved, self._when = "", 0.0
+        try:
+            source = self.before if last_good else path
+            if last_good or path.exists():
+                self._load(source)
+        except BaseException:
+            self.close()
+            raise
+        planner.tell = self.save
+        self.save()
+
+    @property
+    def before(self) -> Path:
+        """File with the state before the last save."""
+        return self.path.with_name(f"{self.path.name}{BEFORE}")
+
+    def save(self, dragging: bool = False) -> None:
+        """Write the state, unless it is written already. dragging: no more often than every `PAUSE`."""
+        if self._held is None or (dragging and time.monotonic() - self._when < PAUSE):
+            return
+        text = self._format()
+        if text == self._saved:
+            return
+        if self._saved and self.path.exists():
+            spare = self.path.with_name(f".{self.path.name}.spare")
+            spare.unlink(missing_ok=True)
+            os.link(self.path, spare)
+            spare.replace(self.before)
+        write_text(self.path, text)
+        self._saved, self._when = text, time.monotonic()
+
+    def close(self) -> None:
+        """Let others write the file."""
+        if self._held is not None:
+            os.close(self._held)
+            self._held = None
+
+    def _format(self) -> str:
+        planner = self.planner
+        past = [[name, variant.as_dict()] for name, variant in planner.past[-SAVED_STEPS:]]
+        known = {"coview_live": PROJECT_VERSION, "site": planner.yard.site.name, "site_sha256": self._site}
+        variants = {name: variant.as_dict() for name, variant in planner.variants.items()}
+        return json.dumps({**known, "current": planner.current, "variants": variants, "past": past}, allow_nan=False)
+
+    def _load(self, path: Path) -> None:
+        found = None
+        try:
+            found = read_json(path)
+            with name_errors(path):
+                self._take_over(found)
+        except FileNotFoundError:
+            raise ValueError(f"there is no {path}: start without --last-good") from None
+        except ValueError as error:
+            other = " coview live with --last-good goes on from the state before" if self.before.is_file() else ""
+            spare = other if path == self.path else ""
+            raise ValueError(f"{error};{spare or ' give another --project'}") from None
+
+    def _take_over(self, found: object) -> None:
+        if not isinstance(found, dict) or found.get("coview_live") != PROJECT_VERSION:
+            raise ValueError(f"a project needs coview_live: {PROJECT_VERSION}")
+        if found.get("site_sha256") != self._site:
+            raise ValueError(f"it is of another site, or another version of {found.get('site')!r:.60}")
+        variants, past = found.get("variants"), found.get("past")
+        if not isinstance(variants, dict) or not isinstance(past, list) or not 0 < len(variants) <= MOST_VARIANTS:
+            raise ValueError(f"it needs 1 to {MOST_VARIANTS} variants, and past steps")
+        if not all(isinstance(step, list) and len(step) == 2 and isinstance(step[0], str) for step in past):
+            raise ValueError("a past step needs a name and a variant")
+        named = {check_name(name): Variant.of_dict(each) for name, each in variants.items()}
+        steps = [(check_name(name), Variant.of_dict(each)) for name, each in past[-SAVED_STEPS:]]
+        self.planner.restore(named, str(found.get("current")), steps)
+
+
+def export_variant(planner: LivePlanner, folder: Path) -> list[Path]:
+    """Write site.json, a map and a schedule of the variant that is shown; return their paths.
+
+    Raises ValueError without a sensor, OSError where the folder cannot be written.
+    """
+    variant, site = planner.variant, planner.yard.site
+    if not variant.sensors:
+        raise ValueError("there is no sensor to export: add one")
+    candidates, members = planner.yard.candidates(variant), range(len(variant.sensors))
+    planner.finish()
+    kbit = sent_per_frame(planner.look(variant)[0], planner.setting.fusion, planner.setting.codec)
+    mounted = mounted_site(site, candidates, members)
+    sensors = format_sensors(site, candidates, members, kbit=kbit, catalogue=planner.catalogue)
+    ground, unused = visible_ground(mounted, mounted.sensors), unused_mounts(candidates, members)
+    with writing_together(folder) as unfinished:
+        write_exchange(unfinished, mounted, sensors, ground, unused=unused, currency=planner.currency)
+    return [folder / name for name in EXCHANGE_FILES]
+
+
+def report_variant(planner: LivePlanner, folder: Path) -> list[Path]:
+    """Judge the sensors of the variant that is shown on fresh traffic, and write the full report; return its paths.
+
+    It takes minutes. Raises ValueError without a sensor, OSError where the folder cannot be written.
+    """
+    from placement_env.report.planning.planning import plan, write_plan
+    from placement_env.report.planning.question import Question, Stock
+
+    candidates = planner.yard.candidates(planner.variant)
+    mounted = mounted_site(planner.yard.site, candidates, range(len(candidates)))
+    setting = replace(planner.asked, site=mounted, candidates=Stock(candidates="paper"))
+    run = replace(planner.preparation.run, frames=None)
+    return write_plan(plan(Question(setting, run, sensors=len(candidates))), folder)

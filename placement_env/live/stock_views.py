@@ -1,0 +1,96 @@
+"""`StockViews`: what the poses of the stock see, pole by pole, so that the best of them can be suggested at once."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from placement_env.candidates.candidates import Candidates
+from placement_env.fidelity.preparation import Preparation
+from placement_env.fidelity.visibility import Visibility
+from placement_env.objective import Objective
+from toolkit.arrays import Bool, Int64
+
+VIEW_COLUMNS = ("points", "distance", "sent", "far")
+
+
+def join_views(unseen: Visibility, rows: Sequence[tuple[np.ndarray, ...]]) -> Visibility:
+    """View of sensors from a row of points, distance, sent and far of each. unseen: the objects, without a sensor."""
+    if not rows:
+        return unseen
+    return replace(unseen, **dict(zip(VIEW_COLUMNS, map(np.stack, zip(*rows, strict=True)), strict=True)))
+
+
+class StockViews:
+    """Views of the poses of a stock from panoramas, at one height of every pole first. known: number of poses."""
+
+    def __init__(self, preparation: Preparation) -> None:
+        self._preparation, self._stock = preparation, preparation.setting.pool
+        self._rows: list[tuple[Int64[np.ndarray, " k"], Visibility]] = []
+        self.known = 0
+        heights = self._stock.factors[:, 1]
+        middle = len(self._stock.axes.heights) // 2
+        order = sorted(set(heights.tolist()), key=lambda height: abs(height - middle))
+        groups = [
+            np.flatnonzero((heights == height) & (self._stock.mount == mount))
+            for height in order
+            for mount in range(len(self._stock.mounts))
+        ]
+        self._waiting = [group for group in groups if len(group)]
+        self._coarse = len(self._waiting) - len({int(self._stock.mount[group[0]]) for group in self._waiting})
+
+    @property
+    def share(self) -> float:
+        """Share of the poses that are known."""
+        return self.known / max(len(self._stock), 1)
+
+    def look_further(self) -> bool:
+        """View of the poses at one more height of a pole; False where all are known."""
+        if not self._waiting or self._preparation.live is None:
+            return False
+        group = self._waiting[0]
+        seen = self._preparation.live.see(self._stock.select(group), reach="own")
+        if self._waiting and self._waiting[0] is group:
+            self._waiting.pop(0)
+            self._rows.append((group, seen))
+            self.known += len(group)
+        return True
+
+    def at_least_coarse(self, patience: float) -> None:
+        """View of the poses at one height of every pole, as far as that takes no more than `patience` seconds."""
+        end = time.monotonic() + patience
+        while len(self._waiting) > self._coarse and time.monotonic() < end and self.look_further():
+            time.sleep(0.001)  # for those who wait to cast rays
+
+    def rank(
+        self,
+        base: Candidates,
+        seen: Visibility,
+        standing: Bool[np.ndarray, " B"],
+        objective: Callable[[Candidates, Visibility], Objective],
+    ) -> list[int]:
+        """Known poses that may join a set, the best first. base, seen: of the set; standing: not failed."""
+        rows = list(self._rows)
+        if not rows:
+            return []
+        known, count = np.concatenate([group for group, _ in rows]), len(base)
+        columns = {
+            name: np.concatenate([getattr(seen, name), *(getattr(v, name) for _, v in rows)]) for name in VIEW_COLUMNS
+        }
+        stock = self._stock.select(known)
+        names = {sensor.name for sensor in base.sensors}
+        sensors = [replace(s, name=f"{s.name} of the stock") if s.name in names else s for s in stock.sensors]
+        aim = np.zeros((count + len(known), 3))
+        mount = np.concatenate([base.mount, stock.mount])
+        every = Candidates.of_poses([*base.sensors, *sensors], mount, aim, replace(self._stock, mounts=base.mounts))
+        scored = objective(every, replace(seen, **columns))
+        sets = np.zeros((len(known), len(every)), np.bool_)
+        sets[:, :count], sets[np.arange(len(known)), count + np.arange(len(known))] = True, True
+        fits = scored.feasible(sets)
+        sets[:, :count] = standing
+        reward = np.where(fits, scored.scores(sets).reward, -np.inf)
+        order = np.argsort(-reward, kind="stable")
+        return known[order[np.isfinite(reward[order])]].tolist()

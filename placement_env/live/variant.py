@@ -1,0 +1,242 @@
+"""`Variant`: sensors on poles as they are moved by hand, and the free ground where a pole may stand."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, fields, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import shapely
+
+from placement_env.candidates.candidates import Axes, Candidates, aim_sensor, aims
+from toolkit.geometry import pose
+from toolkit.sensors.models import name_in_words
+from toolkit.sensors.sensor import Sensor, SensorModel
+from toolkit.sites.site import Mount, Site
+
+TILT_SPAN = (float(np.deg2rad(-10.0)), float(np.deg2rad(89.0)))  # rad below the horizon
+SNAP = 1.5  # m from a pole within which a dragged sensor is taken to be on it
+PASSABLE = ("kerb", "island")  # solids that a pole may stand on
+KERB_GAP = 0.3  # m between a pole and a lane, wall or keep-out area
+FARTHEST = 100.0  # m between a pole and the detection area
+LONGEST_NAME = 60
+
+
+@dataclass(frozen=True)
+class LiveSensor:
+    """Sensor on a pole. model: name in the stock; x, y: m; height: above the foot (m); heading, tilt: rad.
+
+    locked: not to be moved; failed: bought and mounted, but it sees and sends nothing.
+    """
+
+    name: str
+    model: str
+    mount: str
+    x: float
+    y: float
+    height: float
+    heading: float
+    tilt: float
+    locked: bool = False
+    failed: bool = False
+
+
+@dataclass(frozen=True)
+class Variant:
+    """Sensors, and poles of one's own beside those of the stock."""
+
+    sensors: tuple[LiveSensor, ...] = ()
+    poles: tuple[Mount, ...] = ()
+
+    def find(self, name: str) -> LiveSensor:
+        """Return a sensor by name. Raises ValueError for an unknown one."""
+        for sensor in self.sensors:
+            if sensor.name == name:
+                return sensor
+        names = ", ".join(sensor.name for sensor in self.sensors) or "none"
+        raise ValueError(f"there is no sensor {name!r}: the sensors are {names}")
+
+    def with_sensor(self, sensor: LiveSensor) -> Variant:
+        """Return the variant with a sensor in place of the one of its name."""
+        return replace(self, sensors=tuple(sensor if each.name == sensor.name else each for each in self.sensors))
+
+    def as_dict(self) -> dict[str, object]:
+        """Return what JSON keeps."""
+        poles = [{**asdict(pole), "position": pole.position.tolist()} for pole in self.poles]
+        return {"sensors": [asdict(sensor) for sensor in self.sensors], "poles": poles}
+
+    @staticmethod
+    def of_dict(found: object) -> Variant:
+        """Read what `as_dict` gave. Raises ValueError where it does not fit."""
+        if not isinstance(found, Mapping) or set(found) != {"sensors", "poles"}:
+            raise ValueError(f"a variant has sensors and poles, got {found!r:.60}")
+        try:
+            sensors = tuple(LiveSensor(**_checked(LiveSensor, each)) for each in found["sensors"])
+            return Variant(sensors, tuple(Mount(**each) for each in found["poles"]))
+        except (TypeError, KeyError) as error:
+            raise ValueError(f"a variant needs whole sensors and poles, got {error}") from None
+
+
+def _checked(kind: type, row: Mapping[str, Any]) -> dict[str, Any]:
+    """Values of the types that the fields name, finite and of names that fit."""
+    known: dict[str, Any] = {"str": str, "float": (int, float), "bool": bool}
+    for field in fields(kind):
+        value = row.get(field.name, field.default)
+        if not isinstance(value, known[str(field.type)]) or (isinstance(value, float) and not np.isfinite(value)):
+            raise ValueError(f"{field.name} of a sensor must be a {field.type}, got {value!r:.60}")
+    check_name(row["name"])
+    return dict(row)
+
+
+def check_name(name: str) -> str:
+    """Return a name. Raises ValueError unless it is one line of up to `LONGEST_NAME` characters."""
+    if not 0 < len(name) <= LONGEST_NAME or not name.isprintable():
+        raise ValueError(f"a name must be one line of 1 to {LONGEST_NAME} characters, got {name!r:.70}")
+    return name
+
+
+@dataclass(frozen=True, eq=False)
+class Yard:
+    """Site, stock of candidates and keep-out areas: what variants are made of."""
+
+    site: Site
+    stock: Candidates
+    keep_out: tuple[shapely.Geometry, ...] = ()
+
+    @cached_property
+    def models(self) -> dict[str, SensorModel]:
+        """Sensor models that may be bought, by name."""
+        found: dict[str, SensorModel] = {}
+        for model in self.stock.axes.models:
+            plain = name_in_words(type(model).__name__)
+            found[plain if plain not in found else f"{plain} {1 + sum(n.startswith(plain) for n in found)}"] = model
+        return found
+
+    @cached_property
+    def mounts(self) -> dict[str, Mount]:
+        """Poles of the stock, by name."""
+        return {mount.name: mount for mount in self.stock.mounts}
+
+    def find_mount(self, variant: Variant, name: str) -> Mount:
+        """Return a pole of the stock or of one's own. Raises ValueError for an unknown one."""
+        every = self.mounts | {pole.name: pole for pole in variant.poles}
+        if name not in every:
+            raise ValueError(f"there is no pole {name!r}: {', '.join(list(every)[:8])} and others are there")
+        return every[name]
+
+    def name_model(self, model: SensorModel) -> str:
+        """Return the name of a model. Raises ValueError where the stock lacks it."""
+        for name, each in self.models.items():
+            if each == model:
+                return name
+        raise ValueError(f"the stock has no {model}: it has {', '.join(self.models)}")
+
+    @staticmethod
+    def of(site: Site, stock: Candidates, sensors: Iterable[Sensor], keep_out: Iterable[shapely.Geometry]) -> Yard:
+        """Yard of a stock, with the poles and models of sensors that hang already; these models are paid."""
+        sensors, axes = list(sensors), stock.axes
+        mounts = list(stock.mounts)
+        for mount in site.mounts:
+            carries = any(np.hypot(*(s.position[:2] - mount.position[:2])) <= SNAP for s in sensors)
+            if carries and mount.name not in {each.name for each in mounts}:
+                mounts.append(mount)
+        more = tuple(dict.fromkeys(s.model for s in sensors if s.model not in axes.models))
+        prices = (*axes.prices, *[0.0] * len(more)) if axes.prices else ()
+        axes = Axes(axes.heights, axes.headings, axes.tilts, (*axes.models, *more), prices)
+        return Yard(site, replace(stock, axes=axes, mounts=tuple(mounts)), tuple(keep_out))
+
+    def place(self, sensors: Iterable[Sensor]) -> Variant:
+        """Variant of sensors as they hang, each on the nearest pole, or one of its own."""
+        variant = Variant()
+        for sensor in sensors:
+            (x, y, z), ((heading,), (tilt,)) = sensor.position.tolist(), aims([sensor])
+            mount, variant = self._mount_near(variant, (x, y), SNAP)
+            low = z - float(mount.position[2])
+            row = (x, y, low, float(heading), float(tilt))
+            made = LiveSensor(free_name(variant, sensor.name), self.name_model(sensor.model), mount.name, *row)
+            variant = replace(variant, sensors=(*variant.sensors, made))
+        return variant
+
+    def _mount_near(self, variant: Variant, spot: tuple[float, float], within: float) -> tuple[Mount, Variant]:
+        every = [*self.stock.mounts, *variant.poles]
+        away = [float(np.hypot(*(mount.position[:2] - spot))) for mount in every]
+        nearest = every[int(np.argmin(away))]
+        if min(away) <= within:
+            return nearest, variant
+        foot = np.array([*spot, float(self.site.ground(np.array(spot)))])
+        name, number = "own pole 1", 1
+        while name in {mount.name for mount in every}:
+            name, number = f"own pole {number + 1}", number + 1
+        price = max(mount.price for mount in self.stock.mounts)
+        pole = replace(nearest, name=name, position=foot, price=price, origin="drawn")
+        return pole, replace(variant, poles=(*variant.poles, pole))
+
+    def stand(self, variant: Variant, spot: tuple[float, float]) -> tuple[Mount, Variant]:
+        """Pole at a place: the one within `SNAP`, else a new one. Raises ValueError where none may stand."""
+        mount, after = self._mount_near(variant, spot, SNAP)
+        if after is not variant and (said := self.refuse(spot)):
+            raise ValueError(f"no pole can stand at {spot[0]:.1f}, {spot[1]:.1f}: {said}")
+        return mount, after
+
+    def refuse(self, spot: tuple[float, float]) -> str:
+        """Say why no pole may stand at a place, "" where one may."""
+        point = shapely.Point(spot)
+        xmin, ymin, xmax, ymax = self.site.area.tolist()
+        if point.distance(shapely.box(xmin, ymin, xmax, ymax)) > FARTHEST:
+            return f"it is more than {FARTHEST:g} m from the detection area"
+        for said, area in self._barred.items():
+            if area.distance(point) < KERB_GAP:
+                return said
+        return ""
+
+    @cached_property
+    def _barred(self) -> dict[str, shapely.Geometry]:
+        solid = [shapely.Polygon(each.footprint) for each in self.site.solids if each.kind not in PASSABLE]
+        lanes = [shapely.Polygon(lane) for lane in self.site.lanes]
+        areas = {"it is on a lane": lanes, "something stands there": solid, "it is a keep-out area": self.keep_out}
+        found = {said: shapely.union_all(list(each)) for said, each in areas.items() if len(each)}
+        for each in found.values():
+            shapely.prepare(each)
+        return found
+
+    def candidates(self, variant: Variant) -> Candidates:
+        """Sensors of a variant as candidates."""
+        mounts = (*self.stock.mounts, *variant.poles)
+        index = {mount.name: k for k, mount in enumerate(mounts)}
+        sensors = [self.build_sensor(variant, each) for each in variant.sensors]
+        aim = np.array([(each.height, each.heading, each.tilt) for each in variant.sensors]).reshape(-1, 3)
+        rows = np.array([index[each.mount] for each in variant.sensors], np.int64)
+        return Candidates.of_poses(sensors, rows, aim, replace(self.stock, mounts=mounts))
+
+    def build_sensor(self, variant: Variant, sensor: LiveSensor) -> Sensor:
+        """Sensor as it hangs."""
+        model, foot = self.models[sensor.model], self.find_mount(variant, sensor.mount).position[2]
+        at = np.array([sensor.x, sensor.y, foot + sensor.height])
+        plain = Sensor(sensor.name, model, pose() @ model.body_SE3_sensor)
+        return aim_sensor(plain, at, sensor.heading, sensor.tilt)
+
+    def check(self, variant: Variant) -> Variant:
+        """Return a variant. Raises ValueError for an unknown model or pole, and names that are there twice."""
+        names = [sensor.name for sensor in variant.sensors]
+        if len(set(names)) < len(names):
+            raise ValueError(f"names of sensors must differ, got {', '.join(names)}")
+        for sensor in variant.sensors:
+            self.find_mount(variant, sensor.mount)
+            if sensor.model not in self.models:
+                raise ValueError(f"there is no model {sensor.model!r}: the stock has {', '.join(self.models)}")
+        return variant
+
+
+def free_name(variant: Variant, wanted: str) -> str:
+    """Name that no sensor has yet.
+
+    >>> free_name(Variant(), "camera 1")
+    'camera 1'
+    """
+    names, name, number = {sensor.name for sensor in variant.sensors}, wanted[:LONGEST_NAME], 1
+    while name in names:
+        number += 1
+        name = f"{wanted.rstrip('0123456789').rstrip() or wanted} {number}"
+    return name

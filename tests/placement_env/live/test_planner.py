@@ -1,0 +1,254 @@
+"""The live planner's engine: figures equal to the objective's, every kind of change, undo and suggestions."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from placement_env import Cases, LivePlanner
+from placement_env.analysis.intervals import block_draws
+from placement_env.fidelity.surrogate import compute_expected_ap, resample_ap
+from placement_env.live.planner import Suggestion
+from placement_env.live.variant import Variant, free_name
+from placement_env.setting import Setting
+
+FRAMES = 16
+
+
+@pytest.fixture(scope="module")
+def shared():
+    return LivePlanner("tjunction", frames=FRAMES, seed=3)
+
+
+@pytest.fixture
+def planner(shared):
+    shared.restore({"A": shared.yard.place(shared.yard.site.sensors)}, "A", [])
+    shared._future.clear()
+    return shared
+
+
+def test_figures_are_those_of_the_objective(planner) -> None:
+    """Within .005 of its score of the same set on the same frames, wherever the sensors are turned and raised."""
+    rng = np.random.default_rng(0)
+    for sensor in planner.sensors:
+        planner.move(sensor.name, rng.uniform(-3, 3), rng.uniform(0, 0.6), rng.uniform(3, 8))
+    answer, score = planner.finish(), planner.score()
+    assert answer.ap == pytest.approx(score.ap, abs=0.005)
+    assert answer.recall == pytest.approx(score.recall, abs=0.005)
+    assert answer.kbit == pytest.approx(score.kbit, rel=0.02)
+    assert answer.price == score.price == len(planner.sensors)
+    assert not answer.coarse
+    (vehicles,) = answer.classes
+    assert vehicles.ap == pytest.approx(answer.ap, abs=1e-6)
+    assert sum(row.objects for row in answer.approaches) == answer.objects == vehicles.objects
+    found = sum(row.recall * row.objects for row in answer.approaches) / answer.objects
+    assert found == pytest.approx(answer.recall, abs=1e-3)
+
+
+def test_an_interval_needs_five_blocks_and_holds_the_figure() -> None:
+    planner = LivePlanner("tjunction", frames=40, seed=3)
+    answer = planner.answer()
+    assert answer.low <= answer.ap <= answer.high <= 1
+    assert answer.high - answer.low > 0.001
+    before = planner.sensors[0].name
+    moved = planner.move(before, heading=planner.sensors[0].heading + np.pi)
+    assert moved.change == pytest.approx(moved.ap - answer.ap)
+    assert moved.change_low <= moved.change <= moved.change_high
+    few = LivePlanner("tjunction", frames=8, seed=3).answer()
+    assert np.isnan(few.low)
+
+
+def test_the_worst_failure_is_that_of_the_sensor_whose_failure_leaves_least(planner) -> None:
+    whole = planner.finish()
+    left = {}
+    for sensor in planner.sensors:
+        left[sensor.name] = planner.fail(sensor.name).ap
+        planner.undo()
+    assert whole.worst == pytest.approx(min(left.values()), abs=1e-6)
+    assert left[whole.worst_sensor] == min(left.values())
+
+
+def test_a_failed_sensor_is_paid_but_sees_and_sends_nothing(planner) -> None:
+    name, whole = planner.sensors[0].name, planner.finish()
+    failed = planner.fail(name)
+    assert failed.price == whole.price
+    assert failed.kbit < whole.kbit
+    gone = planner.remove(name)
+    assert (gone.ap, gone.kbit) == (pytest.approx(failed.ap), pytest.approx(failed.kbit))
+    assert gone.price == whole.price - 1
+
+
+def test_everything_can_be_undone_and_done_again(planner) -> None:
+    steps = [
+        lambda: planner.move("d0", heading=1.0),
+        lambda: planner.move("d1", position="pole03"),
+        lambda: planner.add("pole07", 0.5, 0.2),
+        lambda: planner.duplicate("d2"),
+        lambda: planner.fail("d3"),
+        lambda: planner.lock("d4"),
+        lambda: planner.remove("d5"),
+    ]
+    states, figures = [planner.variant], [planner.answer().ap]
+    for step in steps:
+        figures.append(step().ap)
+        states.append(planner.variant)
+    for k in reversed(range(len(steps))):
+        assert planner.undo().ap == figures[k]
+        assert planner.variant == states[k]
+    with pytest.raises(ValueError, match="nothing to undo"):
+        planner.undo()
+    for k in range(len(steps)):
+        assert planner.redo().ap == figures[k + 1]
+        assert planner.variant == states[k + 1]
+    with pytest.raises(ValueError, match="nothing to redo"):
+        planner.redo()
+
+
+def test_a_drag_is_one_step(planner) -> None:
+    before = planner.variant
+    for heading in (0.1, 0.2, 0.3):
+        planner.move("d0", heading=heading, dragging=True)
+    planner.move("d1", heading=0.3, dragging=True)
+    planner.undo()
+    planner.undo()
+    assert planner.variant == before
+
+
+def test_a_new_change_forgets_what_was_undone(planner) -> None:
+    planner.move("d0", heading=1.0)
+    planner.undo()
+    planner.move("d0", heading=2.0)
+    with pytest.raises(ValueError, match="nothing to redo"):
+        planner.redo()
+
+
+def test_locked_sensors_stay(planner) -> None:
+    planner.lock("d0")
+    for change in (lambda: planner.move("d0", heading=1.0), lambda: planner.remove("d0")):
+        with pytest.raises(ValueError, match="d0 is locked"):
+            change()
+    planner.lock("d0", locked=False)
+    planner.move("d0", heading=1.0)
+
+
+def test_a_pole_stands_on_free_ground_alone(planner) -> None:
+    site = planner.yard.site
+    lane = np.mean(site.lanes[0], axis=0)
+    spots = {"on a lane": lane, "more than 100 m": (500.0, 0.0)}
+    wall = next(solid for solid in site.solids if solid.kind == "building")
+    spots["something stands there"] = np.mean(wall.footprint, axis=0)
+    for said, spot in spots.items():
+        with pytest.raises(ValueError, match=said):
+            planner.move("d0", position=tuple(spot))
+    xmin, ymin, xmax, ymax = site.area
+    grid = ((x, y) for x in np.arange(xmin, xmax, 3.0) for y in np.arange(ymin, ymax, 3.0))
+    feet = np.array([mount.position[:2] for mount in site.mounts])
+    free = next(s for s in grid if not planner.yard.refuse(s) and np.hypot(*(feet - s).T).min() > 3)
+    planner.move("d0", position=free)
+    assert planner.sensors[0].mount == "own pole 1"
+    assert (planner.sensors[0].x, planner.sensors[0].y) == free
+    assert not planner.finish().coarse
+    planner.move("d0", position="pole05")
+    assert not planner.variant.poles
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda p: p.move("nobody", heading=0.0), "there is no sensor 'nobody'"),
+        (lambda p: p.move("d0", position="nowhere"), "there is no pole 'nowhere'"),
+        (lambda p: p.move("d0", position="post01"), "carries all the sensors"),
+        (lambda p: p.move("d0", heading=float("nan")), "heading must be a finite number"),
+        (lambda p: p.add("post00"), "carries all the sensors"),
+        (lambda p: p.add("pole01", model="telescope"), "there is no model 'telescope'"),
+        (lambda p: p.add("pole01", name="d0"), "there is a sensor 'd0' already"),
+        (lambda p: p.add("pole01", name="two\nlines"), "one line"),
+        (lambda p: p.show("B"), "'B' is unknown"),
+        (lambda p: p.show("A", copy=True), "'A' is taken"),
+        (lambda p: p.suggest("dance"), "kind must be"),
+    ],
+)
+def test_what_does_not_fit_is_refused_and_changes_nothing(planner, change, said) -> None:
+    before = planner.variant
+    with pytest.raises(ValueError, match=said):
+        change(planner)
+    assert planner.variant == before
+
+
+def test_variants_stand_side_by_side(planner) -> None:
+    first = planner.finish()
+    copied = planner.show("B", copy=True)
+    assert copied.ap == first.ap
+    planner.remove("d0")
+    assert len(planner.show("A").classes) == 1
+    assert [len(each.sensors) for each in planner.variants.values()] == [6, 5]
+    assert planner.estimate(planner.variants["B"]).sensors == 5
+
+
+def test_a_suggestion_keeps_what_it_promises(planner) -> None:
+    for name in ("d1", "d3", "d4", "d5"):
+        planner.remove(name)
+    before = planner.finish()
+    best = planner.suggest()[0]
+    assert best.answer.ap > before.ap
+    after = planner.accept(best)
+    assert planner.finish().ap == pytest.approx(best.answer.ap, abs=0.005)
+    assert after.sensors == 3
+    added = planner.sensors[-1]
+    planner.move(added.name, heading=added.heading + np.pi)
+    turned_away = planner.finish().ap
+    place = planner.suggest("move", added.name)[0]
+    assert planner.accept(place).ap >= turned_away
+    least = planner.suggest("remove")
+    assert least[0].answer.ap == max(each.answer.ap for each in least)
+    planner.accept(least[0])
+    assert len(planner.sensors) == 2
+    with pytest.raises(ValueError, match="carries all"):
+        planner.accept(Suggestion("add", replace(planner.sensors[0], name="c"), before, 0))
+
+
+def test_a_search_from_here_never_gets_worse_and_leaves_locked_sensors(planner) -> None:
+    for name in ("d2", "d3", "d4", "d5"):
+        planner.remove(name)
+    planner.lock("d0")
+    before, kept = planner.finish().ap, planner.sensors[0]
+    aps = [answer.ap for answer in planner.search()]
+    assert all(b >= a - 0.005 for a, b in zip([before, *aps], aps, strict=False))
+    assert planner.sensors[0] == kept
+
+
+def test_a_setting_brings_its_own_stock() -> None:
+    planner = LivePlanner(Setting("tjunction", candidates="pool", classes=("vehicle", "pedestrian")), frames=8)
+    answer = planner.answer()
+    assert [row.name for row in answer.classes] == ["vehicle", "pedestrian"]
+    assert answer.ap == pytest.approx(np.mean([row.ap for row in answer.classes]), abs=1e-6)
+    with pytest.raises(ValueError, match="surrogate"):
+        LivePlanner(Setting("tjunction", cases=Cases(iou=0.33)), frames=8)
+
+
+def test_short_sighted_sensors_are_cast_ray_by_ray() -> None:
+    setting = Setting("tjunction", rendering="full")
+    planner = LivePlanner(setting, frames=4)
+    answer = planner.move(planner.sensors[0].name, heading=1.0)
+    assert not answer.coarse
+    assert answer.ap == pytest.approx(planner.score().ap, abs=1e-6)
+    assert planner.suggest("add") == ()
+
+
+def test_resampled_ap_of_every_object_once_is_the_expected_ap() -> None:
+    rng = np.random.default_rng(1)
+    probability = rng.uniform(size=80)
+    ap, _ = compute_expected_ap(np.sort(probability)[None, ::-1], 0.3)
+    once = resample_ap(probability, 0.3, np.ones((1, 80)))
+    assert once == pytest.approx(ap)
+    counts = block_draws(80, resamples=300).astype(float)
+    drawn = resample_ap(probability, 0.3, counts)
+    repeated = [
+        compute_expected_ap(np.sort(np.repeat(probability, row.astype(int)))[None, ::-1], 0.3)[0] for row in counts
+    ]
+    assert drawn == pytest.approx(np.ravel(repeated), abs=0.01)
+
+
+def test_names_are_free() -> None:
+    planner = Variant()
+    assert free_name(planner, "camera 1") == "camera 1"

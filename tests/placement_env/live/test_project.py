@@ -1,0 +1,174 @@
+"""Project files: every change is saved, whatever kills the process, and a damaged file is refused."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from placement_env import LivePlanner
+from placement_env.live.project import SAVED_STEPS, ProjectFile, export_variant
+from placement_env.live.variant import Variant
+from placement_env.setting import Setting
+from toolkit.sites.files import load_site
+
+
+@pytest.fixture(scope="module")
+def made():
+    return LivePlanner("tjunction", frames=8)
+
+
+@pytest.fixture
+def planner(made):
+    made.restore({"A": made.yard.place(made.yard.site.sensors)}, "A", [])
+    made.tell = lambda dragging: None
+    return made
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "junction.json"
+
+
+def reopen(path, made, **options):
+    """Variants, the shown one and steps of a project, as another process would find them."""
+    made.tell = lambda dragging: None
+    made.restore({"other": Variant()}, "other", [])
+    project = ProjectFile(path, made, **options)
+    project.close()
+    return made.variants, made.current, made.past
+
+
+def test_everything_is_there_again(planner, path):
+    project = ProjectFile(path, planner)
+    planner.move("d0", heading=1.0)
+    planner.show("low <b>", copy=True)
+    xmin, ymin, xmax, ymax = planner.yard.site.area
+    spots = ((x, y) for x in np.arange(xmin, xmax, 3.0) for y in np.arange(ymin, ymax, 3.0))
+    feet = np.array([mount.position[:2] for mount in planner.yard.stock.mounts])
+    planner.move(
+        "d1", position=next(s for s in spots if not planner.yard.refuse(s) and np.hypot(*(feet - s).T).min() > 2)
+    )
+    planner.fail("d2")
+    planner.lock("d3")
+    kept = dict(planner.variants), planner.current, planner.past
+    project.close()
+    variants, current, past = reopen(path, planner)
+    assert json.dumps([v.as_dict() for v in variants.values()]) == json.dumps([v.as_dict() for v in kept[0].values()])
+    assert (list(variants), current, len(past)) == (list(kept[0]), kept[1], len(kept[2]))
+    planner.undo()
+    assert not planner.variant.find("d3").locked
+
+
+def test_drags_are_saved_now_and_then_and_at_their_end(planner, path):
+    project = ProjectFile(path, planner)
+    texts = set()
+    for heading in np.linspace(0, 0.5, 30):
+        planner.move("d0", heading=heading, dragging=True)
+        texts.add(path.read_text())
+    project.save()
+    assert len(texts) < 30
+    assert json.loads(path.read_text())["variants"]["A"]["sensors"][0]["heading"] == 0.5
+    project.close()
+
+
+def test_steps_are_bounded(planner, path):
+    project = ProjectFile(path, planner)
+    for k in range(SAVED_STEPS + 20):
+        planner.lock("d0", locked=k % 2 == 0)
+    assert len(json.loads(path.read_text())["past"]) == SAVED_STEPS
+    project.close()
+
+
+def test_one_writer(planner, path):
+    project = ProjectFile(path, planner)
+    with pytest.raises(ValueError, match="open in another coview live"):
+        ProjectFile(path, planner)
+    project.close()
+    ProjectFile(path, planner).close()
+
+
+@pytest.mark.parametrize(
+    ("damage", "said"),
+    [
+        (lambda text: text[: len(text) // 2], "damaged|line"),
+        (lambda text: "[]", "coview_live"),
+        (lambda text: text.replace('"coview_live": 1', '"coview_live": 99'), "coview_live"),
+        (lambda text: text.replace('"site_sha256": "', '"site_sha256": "0'), "another site"),
+        (lambda text: text.replace('"heading": 1.0', '"heading": "north"'), "heading of a sensor"),
+        (lambda text: text.replace('"heading": 1.0', '"heading": 1e999'), "finite|must be"),
+        (lambda text: text.replace('"mount": "post00"', '"mount": "moon"'), "no pole 'moon'"),
+        (lambda text: text.replace('"name": "d1"', '"name": "d0"'), "must differ"),
+        (lambda text: text.replace('"name": "d1"', '"name": "d\\u0000"'), "one line"),
+        (lambda text: text.replace('"model": "depth-camera"', '"model": "eye"'), "no model 'eye'"),
+        (lambda text: text.replace('"current": "A"', '"current": "Z"'), "shown variant"),
+        (lambda text: text.replace('"past": [[', '"past": [["A"],['), "past step"),
+    ],
+)
+def test_a_damaged_file_is_refused_and_the_last_good_state_offered(planner, path, damage, said):
+    project = ProjectFile(path, planner)
+    planner.move("d0", heading=1.0)
+    planner.move("d0", tilt=0.5)
+    project.close()
+    good, damaged = path.read_text(), damage(path.read_text())
+    assert damaged != good
+    path.write_text(damaged)
+    with pytest.raises(ValueError, match=said) as refused:
+        reopen(path, planner)
+    assert "--last-good" in str(refused.value)
+    assert path.read_text() == damaged
+    variants, _, _ = reopen(path, planner, last_good=True)
+    assert variants["A"].find("d0").heading == 1.0
+    assert variants["A"].find("d0").tilt != 0.5
+
+
+def test_no_last_good_state(planner, path):
+    with pytest.raises(ValueError, match="without --last-good"):
+        reopen(path, planner, last_good=True)
+
+
+KILLED = """
+import sys
+from pathlib import Path
+from placement_env import LivePlanner
+from placement_env.live.project import ProjectFile
+planner = LivePlanner("tjunction", frames=1)
+planner.answer = lambda what="": None
+project = ProjectFile(Path(sys.argv[1]), planner)
+for k in range(100000):
+    planner.move("d0", heading=k / 1000 % 3)
+    print(planner.sensors[0].heading, flush=True)
+"""
+
+
+def test_a_killed_process_leaves_what_it_has_said(planner, path):
+    """Whenever kill -9 comes, the file holds the last change that was answered, or the one after it."""
+    for wait in (3, 40, 111):
+        process = subprocess.Popen([sys.executable, "-c", KILLED, path], stdout=subprocess.PIPE, text=True)
+        assert process.stdout is not None
+        said = [float(process.stdout.readline()) for _ in range(wait)]
+        os.kill(process.pid, signal.SIGKILL)
+        said += [float(line) for line in process.stdout.read().splitlines()]
+        process.wait()
+        variants, _, past = reopen(path, planner)
+        assert -1e-9 <= variants["A"].find("d0").heading - said[-1] <= 0.0011
+        assert past
+        path.unlink()
+
+
+def test_an_export_is_what_search_writes_and_reads_back(planner, tmp_path):
+    planner.move("d0", heading=1.0, position="pole05")
+    answer = planner.finish()
+    site, plan, schedule = sorted(export_variant(planner, tmp_path / "out"), key=lambda each: each.suffix != ".json")
+    assert [each.name for each in (site, plan, schedule)] == ["site.json", "schedule.csv", "plan.geojson"]
+    found = load_site(site)
+    again = LivePlanner(Setting(found, candidates="pool"), frames=8)
+    assert again.finish().ap == pytest.approx(answer.ap, abs=0.005)
+    assert [sensor.mount for sensor in again.sensors] == [sensor.mount for sensor in planner.sensors]
+    planner.restore({"A": replace(planner.variant, sensors=())}, "A", [])
+    with pytest.raises(ValueError, match="no sensor to export"):
+        export_variant(planner, tmp_path / "none")
