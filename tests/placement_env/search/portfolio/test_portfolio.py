@@ -199,7 +199,7 @@ def test_sets_race_by_ap_less_costs_in_the_order_of_a_seed(street, monkeypatch):
 
 def test_race_and_judgement_have_parts_and_seeds_of_their_own(street, monkeypatch):
     made = []
-    monkeypatch.setattr(portfolio, "Preparation", lambda setting, run: (setting, run))
+    monkeypatch.setattr(portfolio, "Preparation", lambda setting, run, compares: (setting, run))
 
     def built(*given, **named):
         made.append((*given, named))
