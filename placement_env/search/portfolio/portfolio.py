@@ -239,8 +239,8 @@ def _judge_in_time(
     order = race_order(final.frames)
     frames = order[: schedule.limit(final).evaluate(sets[:1], order, report).frames]
     done = 1
-    while done < len(sets) and schedule.left > 0:
-        if schedule.limit(final).evaluate(sets[done : done + 1], frames).frames is not None:
+    for each in sets[1:]:
+        if schedule.left <= 0 or schedule.limit(final).evaluate(each[None], frames).frames is not None:
             break
         done += 1
     return final.evaluate(sets[:done], frames), frames

@@ -134,6 +134,15 @@ def test_junctions_are_counted_from_the_middle_of_the_area_outwards():
     assert near.names[0] == "from the east to junction 1"
 
 
+@pytest.mark.parametrize("bare", ['x="0"', 'y="0"', ""])
+def test_a_junction_without_a_coordinate_lies_at_nought_there(bare):
+    """In the middle of the area, so it is the first of two; at 1 m along any axis it would be the second."""
+    nodes = {"J": (0, 0), "K": (0.5, 0.5), "A": (-40, 0), "B": (40, 0), "C": (0, -40), "D": (0, 40)}
+    more = f'<junction id="J" {bare}/><junction id="K" x="0.5" y="0.5"/>'
+    places = find_approaches(network("AJ", "JB", "JC", "DK", "KB", "KC", more=more, **nodes))
+    assert places.names[:2] == ("from the north to junction 2", "from the west to junction 1")
+
+
 def test_a_vehicle_is_parked_within_a_metre_and_a_half_of_a_bay():
     lane = shapely.LineString([(0, 0), (10, 0)])
     places = Approaches(("lane", "parked"), (lane,), np.array([[5.0, 0.0, 0.3], [5.0, 40.0, 0.0]]))

@@ -6,7 +6,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from toolkit.calibration import empty_scene, poses, poses as sample_poses
+from toolkit.calibration import empty_scene, joint, poses, poses as sample_poses
 from toolkit.calibration.joint import Alignment
 from toolkit.calibration.registration import Registration, Surface, scene_points, site_surface
 from toolkit.datasets.readings import ReadRecording, Reads
@@ -355,3 +355,28 @@ def test_drifts_are_above_what_is_worth_it_and_three_deviations(turn_deg, metres
     each = found_at(moved, deviation)
     assert each.drifted is drifted
     assert each.deviation == pytest.approx((deviation * np.sqrt(3),) * 2)
+
+
+@pytest.mark.parametrize(("count", "searched"), [(9, [0, 2, 5, 8]), (6, [0, 1, 3, 5]), (5, [0, 1, 2, 4])])
+def test_road_users_are_searched_in_a_few_frames_evenly_from_the_first_to_the_last(monkeypatch, count, searched):
+    asked = []
+
+    class Known(list):
+        site = PLACE
+
+    def seen(frames, detector, site):
+        asked.append(([round(10 * frame.time) for frame in frames], detector, site))
+        return "seen"
+
+    def align(clouds, sensors, *, held, more):
+        asked.append((len(clouds), held, more.func, more.args))
+        return ()
+
+    monkeypatch.setattr(poses, "OBJECT_FRAMES", 4)
+    monkeypatch.setattr(poses, "seen_objects", seen)
+    monkeypatch.setattr(poses, "align_clouds", align)
+    frames, detector = Known(recording(TRUE, 12)), lambda points: None
+    assert poses.find_poses(frames, None, held=["b"], detector=detector, frames=count) == ()
+    assert asked == [(searched, detector, PLACE), (2, [1], joint.object_pairs, ("seen",))]
+    with pytest.raises(ValueError, match="a detector is for a recording of a known site"):
+        poses.find_poses(recording(TRUE), None, detector=detector)

@@ -237,7 +237,7 @@ class Tracks:
         """Last detections, moved to another time."""
         speed = self._state[self._rows, 2:]
         variance = np.diagonal(self._covariance, axis1=1, axis2=2)[self._rows, 2:].sum(axis=1)
-        sure = (speed**2).sum(axis=1) > SURE_SPEED**2 * variance
+        sure = np.linalg.norm(speed, axis=1) > SURE_SPEED * np.sqrt(variance)
         boxes = self._detected.boxes.copy()
         boxes[:, :2] += np.where(sure[:, None], speed, 0) * (time - self._time)
         return Detections(boxes, self._detected.scores, self._detected.labels)

@@ -199,7 +199,7 @@ def test_sets_race_by_ap_less_costs_in_the_order_of_a_seed(street, monkeypatch):
 
 def test_race_and_judgement_have_parts_and_seeds_of_their_own(street, monkeypatch):
     made = []
-    monkeypatch.setattr(portfolio, "Preparation", lambda setting, run, compares: (setting, run))
+    monkeypatch.setattr(portfolio, "Preparation", lambda setting, run, *, compares: (setting, run, compares))
 
     def built(*given, **named):
         made.append((*given, named))
@@ -211,11 +211,15 @@ def test_race_and_judgement_have_parts_and_seeds_of_their_own(street, monkeypatc
     judging = Judging(by="coverage", race_frames=33, final_frames=44, setting=setting)
     found: Any = judging.build_evaluators(objective, Schedule(60.0), seed=7)
     assert found == (1, 2)
-    assert [(run.seed, run.frames) for (_, run), *_ in made] == [(1000007, 16), (2000010, 20)]  # half, in whole blocks
-    assert [(own, *rest) for (own, _), *rest in made] == [(setting, "coverage", {"seed": 7})] * 2
+    assert [(run.seed, run.frames) for (_, run, _), *_ in made] == [
+        (1000007, 16),
+        (2000010, 20),
+    ]  # half, in whole blocks
+    assert [compares for (_, _, compares), *_ in made] == [True, False]  # the race alone
+    assert [(own, *rest) for (own, *_), *rest in made] == [(setting, "coverage", {"seed": 7})] * 2
     made.clear()
     judging.build_evaluators(objective, Schedule())
-    assert [(run.frames, named) for (_, run), _, named in made] == [(33, {"seed": 0}), (44, {"seed": 0})]
+    assert [(run.frames, named) for (_, run, _), _, named in made] == [(33, {"seed": 0}), (44, {"seed": 0})]
     assert (Judging().race_frames, Judging().final_frames) == (96, 120)
 
 

@@ -118,6 +118,11 @@ def test_the_prediction_is_that_of_loco_i():
     for value in (-1, image_coding.MOST_STEPS):
         with pytest.raises(ValueError, match="steps, got"):
             image_coding.encode_pixels(np.array([[value]]), np.ones((1, 1), bool))
+        with pytest.raises(ValueError, match=f"a measurement of {value} steps is none"):
+            image_coding._add_up(np.ones((1, 1), bool), np.array([value]))
+    assert (
+        image_coding._add_up(np.ones((1, 1), bool), np.array([image_coding.MOST_STEPS - 1])) < image_coding.MOST_STEPS
+    )
 
 
 @pytest.mark.parametrize(
@@ -137,6 +142,41 @@ def test_what_is_not_there_is_not_predicted_from(mask, guess):
     np.testing.assert_array_equal(
         image_coding.decode_pixels(image_coding.encode_pixels(steps, mask), (2, 3))[0], np.where(mask, steps, 0)
     )
+
+
+def guess_slowly(steps, mask, given):
+    """Predictions of the mask's pixels in the order of rows, by the words of LOCO-I, one after the other."""
+    there, last, guesses = mask | given, 0, []
+    for row, column in np.argwhere(mask).tolist():
+
+        def near(up, across, row=row, column=column):
+            i, j = row - up, column + across
+            inside = i >= 0 and 0 <= j < mask.shape[1]
+            return int(steps[i, j]) if inside and there[i, j] else None
+
+        left, up, upper_left, upper_right = near(0, -1), near(1, 0), near(1, -1), near(1, 1)
+        if left is not None and up is not None:
+            plane = (left + up) / 2 if upper_left is None else np.median([left, up, left + up - upper_left])
+            guesses.append(int(np.floor(plane)))
+        else:
+            guesses.append(next(each for each in (up, left, upper_right, upper_left, last) if each is not None))
+        last = int(steps[row, column])
+    return guesses
+
+
+@settings(deadline=None, max_examples=150)
+@given(st.integers(0, 2**32))
+def test_predictions_are_those_of_one_pixel_after_the_other(seed):
+    """Small steps, nought among them, beside pixels of another image that are known and others that are not."""
+    rng = np.random.default_rng(seed)
+    shape = tuple(rng.integers(1, 7, 2).tolist())
+    kinds, steps = rng.choice(3, shape, p=rng.dirichlet([1.0, 1.0, 1.0])), rng.integers(0, 4, shape)
+    mask, known = kinds == 0, kinds == 1
+    for given_pixels in (np.zeros(shape, bool), known):
+        predicted = image_coding._predict(steps, mask, given_pixels if given_pixels.any() else None)
+        assert predicted.tolist() == guess_slowly(steps, mask, given_pixels)
+        again = image_coding._add_up(mask, steps[mask] - predicted, (steps, given_pixels))
+        assert again.tolist() == np.where(mask, steps, 0).tolist()
 
 
 def test_what_no_encoder_writes_is_refused():

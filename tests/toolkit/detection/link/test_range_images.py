@@ -91,6 +91,27 @@ def test_scores_bound_boxes_and_encoders_bound_images():
         decode_boxes(bytes(score))
 
 
+@pytest.mark.parametrize(
+    ("x", "length", "said"),
+    [
+        *((2000.0, 100.0, None), (2000.02, 0.3, "got 2000 m away and 0 m"), (0.3, 100.02, "got 0 m away and 100 m")),
+        *((0.3, 150.0, "got 0 m away and 150 m"), (-2500.0, 0.3, "got 2500 m away and 0 m")),
+    ],
+)
+def test_boxes_are_sent_up_to_just_how_far_and_how_long_they_may_be(x, length, said):
+    small = Detections(np.array([[x, 0.2, 0.1, length, 0.2, 0.1, 0.0]]), np.array([0.5]))
+    if said is None:
+        np.testing.assert_allclose(decode_boxes(encode_boxes(small)).boxes, small.boxes, atol=1e-9)
+    else:
+        with pytest.raises(ValueError, match=said):
+            encode_boxes(small)
+
+
+def test_a_box_thinner_than_a_step_is_sent_a_step_thick():
+    thin = Detections(np.array([[1.0, 2.0, 3.0, 0.004, 0.004, 0.004, 0.0]]), np.array([0.5]))
+    assert decode_boxes(encode_boxes(thin)).boxes[0, 3:6] == pytest.approx([0.02] * 3)
+
+
 MODELS = [
     *(DepthCamera(width=40, height=30, max_range=80.0), SpinningLidar(channels=12)),
     SolidStateLidar(rows=9, columns=14),
@@ -167,4 +188,5 @@ def test_codecs_of_images_refuse_points_alone_and_go_by_name():
     with pytest.raises(ValueError, match="step must be"):
         range_images.RangeImages(0.0)
     assert codec.bits(boxes=1) == codec.bits(boxes=1, messages=1) == 272 + 75
+    assert (codec.bits(points=1), codec.bits(), codec.bits(messages=0)) == (272 + 5, 272, 0)
     assert codec.bits(points=np.array([0, 100]), boxes=2, messages=3).tolist() == [816 + 150, 816 + 650]
