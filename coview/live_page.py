@@ -14,7 +14,6 @@ import time
 from collections import deque
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
-from dataclasses import replace
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -278,8 +277,7 @@ class LivePage:
         )
 
     def _measure(self) -> None:
-        asked, predicted = replace(self.planner.asked, site=self.planner.yard.site), self.planner.finish()
-        found = self.planner.measure(setting=asked)
+        predicted, found = self.planner.finish(), self.planner.measure()
         interval = f" ({found.low:.3f} to {found.high:.3f})" if np.isfinite(found.low) else ""
         self._measured = f"measured AP {found.ap:.3f}{interval}, predicted {predicted.ap:.3f}, N = {found.objects}"
         self._note = f"by the detector: {self._measured}"
