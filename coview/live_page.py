@@ -255,7 +255,8 @@ class LivePage:
             said = "; ".join(f"{each.sensor.name} on {each.sensor.mount}: AP {each.answer.ap:.3f}" for each in found)
             title = {"add": "next sensor", "move": "best place", "remove": "missed least"}[kind]
             known = f" (of {found[0].considered} poses so far)" if found and kind != "remove" else ""
-            self._note = f"{title}: {said or 'none'}{known}"
+            none = "none" if kind == "remove" else "none among the poles looked at so far; ask again"
+            self._note = f"{title}: {said or none}{known}"
             self.do(self._draw)
 
         self._later("comparing poses", job)

@@ -7,7 +7,7 @@ python tests/benchmarks/placement_env/bench_live.py [MOVES]   (200)
 """
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from time import perf_counter, process_time
 
@@ -24,7 +24,7 @@ def measure(job: Callable[[], object]) -> tuple[float, float]:
     return perf_counter() - start[0], process_time() - start[1]
 
 
-def say(what: str, jobs: list[Callable[[], object]]) -> None:
+def say(what: str, jobs: Sequence[Callable[[], object]]) -> None:
     clock, processor = 1000 * np.percentile([measure(job) for job in jobs], [50, 95, 100], axis=0).T
     for name, (p50, p95, worst) in (("clock", clock), ("processor", processor)):
         print(f"{what}, {name}: p50 {p50:.0f}, p95 {p95:.0f}, worst {worst:.0f} ms, of {len(jobs)}", flush=True)
