@@ -14,7 +14,6 @@ import time
 from collections import deque
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
-from dataclasses import replace
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -256,7 +255,8 @@ class LivePage:
             said = "; ".join(f"{each.sensor.name} on {each.sensor.mount}: AP {each.answer.ap:.3f}" for each in found)
             title = {"add": "next sensor", "move": "best place", "remove": "missed least"}[kind]
             known = f" (of {found[0].considered} poses so far)" if found and kind != "remove" else ""
-            self._note = f"{title}: {said or 'none'}{known}"
+            none = "none" if kind == "remove" else "none among the poles looked at so far; ask again"
+            self._note = f"{title}: {said or none}{known}"
             self.do(self._draw)
 
         self._later("comparing poses", job)
@@ -278,8 +278,7 @@ class LivePage:
         )
 
     def _measure(self) -> None:
-        asked, predicted = replace(self.planner.asked, site=self.planner.yard.site), self.planner.finish()
-        found = self.planner.measure(setting=asked)
+        predicted, found = self.planner.finish(), self.planner.measure()
         interval = f" ({found.low:.3f} to {found.high:.3f})" if np.isfinite(found.low) else ""
         self._measured = f"measured AP {found.ap:.3f}{interval}, predicted {predicted.ap:.3f}, N = {found.objects}"
         self._note = f"by the detector: {self._measured}"

@@ -49,7 +49,7 @@ class LiveAnswer:
     surrogate's fit; kbit: of all sensors per frame; price: in `currency`, "" for ordinary poles; worst: AP left after
     the worst single failure, of `worst_sensor`; change, change_low, change_high: AP since the answer before, on the
     same frames; unseen: road users without a point on them; problems: sentences on what cannot be built so; coarse: a
-    view was taken from the nearest half metre of height.
+    view was taken from half metres of height.
     """
 
     what: str

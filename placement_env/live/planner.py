@@ -1,9 +1,9 @@
 """`LivePlanner`: sensors moved by hand, each move answered by figures within a tenth of a second.
 
 A sensor is seen in panoramas from its pole (`placement_env.fidelity.panorama.live`), a set scored by the surrogate, as
-in `coview/SensorPose-v0`. On a pole that was never used the first answer is coarse, from the nearest half metre of
-height; `refine` makes what is missing, a panorama or so at a time, then the views of the whole stock, of which
-`suggest` chooses. One thread may refine while another moves.
+in `coview/SensorPose-v0`. At a height that was never used the first answer is coarse, between the half metres below and
+above or from the nearer one; `refine` makes what is missing, a panorama at a time, then the views of the whole stock,
+of which `suggest` chooses. One thread may refine while another moves.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from placement_env.candidates.candidates import Candidates, aim_sensor
 from placement_env.candidates.pool import NoCandidates, paper_candidates, pool
 from placement_env.fidelity.panorama.live import HEIGHT_STEP
 from placement_env.fidelity.preparation import Preparation
-from placement_env.fidelity.seeing import look_in_full, see
+from placement_env.fidelity.seeing import see
 from placement_env.fidelity.visibility import Visibility
 from placement_env.live.figures import LiveAnswer, Meter
 from placement_env.live.stock_views import StockViews, join_views
-from placement_env.live.variant import TILT_SPAN, LiveSensor, Variant, Yard, check_name, free_name
+from placement_env.live.variant import TILT_SPAN, LiveSensor, Variant, Where, Yard, check_name, free_name
 from placement_env.objective import Score
 from placement_env.report.planning.question import Stock
 from placement_env.setting import Rendering, Setting
@@ -35,7 +35,6 @@ LIVE_FRAMES, LIVE_SEED = 60, 3
 KEPT_STEPS = 2000  # that can be undone
 KEPT_VIEWS, KEPT_ANSWERS = 512, 256  # views of single sensors and figures of variants in memory
 Row = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]  # points, distance, sent, far of one sensor
-Where = str | tuple[float, float]  # of a sensor: name of a pole, or x and y (m)
 TRIED = ((0.2, 0.0), (-0.2, 0.0), (0.0, 0.09), (0.0, -0.09))  # rad of heading and tilt that a suggestion is turned by
 
 
@@ -127,10 +126,7 @@ class LivePlanner:
         with self._lock:
             variant, sensor = self.variant, self._free(name)
             if position is not None:
-                if isinstance(position, str):
-                    mount = self.yard.find_mount(variant, position)
-                else:
-                    mount, variant = self.yard.stand(variant, (float(position[0]), float(position[1])))
+                mount, variant = self.yard.stand(variant, position)
                 if mount.name != sensor.mount:
                     self._check_room(variant, mount.name)
                     x, y, _ = mount.position.tolist()
@@ -149,8 +145,7 @@ class LivePlanner:
                 tilt=float(np.clip(down, *TILT_SPAN)),
             )
             again = dragging and self._dragging == name
-            after = _without_idle_poles(variant.with_sensor(moved))
-            answer = self._become(after, f"{name} moved", again=again)
+            answer = self._become(variant.with_sensor(moved), f"{name} moved", again=again)
             self._dragging = name if dragging else None
             return answer
 
@@ -171,11 +166,7 @@ class LivePlanner:
             if name is not None and name in {sensor.name for sensor in self.sensors}:
                 raise ValueError(f"there is a sensor {name!r} already: give another name")
             name = check_name(name) if name else free_name(self.variant, f"{model} {1 + len(self.sensors)}")
-            variant = self.variant
-            if isinstance(mount, str):
-                pole = self.yard.find_mount(variant, mount)
-            else:
-                pole, variant = self.yard.stand(variant, (float(mount[0]), float(mount[1])))
+            pole, variant = self.yard.stand(self.variant, mount)
             self._check_room(variant, pole.name)
             up = pole.max_height if height is None else float(np.clip(height, pole.min_height, pole.max_height))
             x, y, _ = pole.position.tolist()
@@ -193,8 +184,7 @@ class LivePlanner:
         """Take a sensor away. Raises ValueError for an unknown or locked one."""
         with self._lock:
             self._free(name)
-            left = tuple(each for each in self.sensors if each.name != name)
-            return self._become(_without_idle_poles(replace(self.variant, sensors=left)), f"{name} removed")
+            return self._become(_without(self.variant, name), f"{name} removed")
 
     def duplicate(self, name: str) -> LiveAnswer:
         """Mount a copy of a sensor on the nearest pole with room. Raises ValueError where none has."""
@@ -261,16 +251,20 @@ class LivePlanner:
         return found
 
     def look(self, variant: Variant) -> tuple[Visibility, bool]:
-        """View of the sensors of a variant; True where one is from the nearest half metre of height alone."""
+        """View of the sensors of a variant; True where one is not from its very height."""
         every, live, coarse = self.yard.candidates(variant), self.preparation.live, False
         rows: list[Row] = []
         for k, sensor in enumerate(every.sensors):
             key = (sensor.model, sensor.pose.tobytes())
             if key not in self._views:
-                mount = every.mounts[every.mount[k]]
-                seen = self._look_in_full(sensor) if live is None else live.see(every.select([k]), reach="nearest")
+                fine = live is None or live.knows(sensor)  # asked before, as another thread may refine
+                alone, labels = every.select([k]), self.setting.counted.labels
+                if live is None:
+                    seen = see(self.preparation.traffic, alone, labels=labels, rendering="full")
+                else:
+                    seen = live.see(alone, reach="nearest")
                 row = (seen.points[0], seen.distance[0], seen.sent[0], seen.far[0])
-                if live is not None and not live.knows(sensor, mount):
+                if not fine:
                     rows.append(row)
                     coarse = True
                     continue
@@ -300,19 +294,16 @@ class LivePlanner:
         live = self.preparation.live
         if live is None:
             return False
-        every = self.yard.candidates(self.variant)
-        mounts = [every.mounts[index] for index in every.mount.tolist()]
-        for k, (sensor, mount) in enumerate(zip(every.sensors, mounts, strict=True)):
-            if not live.knows(sensor, mount):
-                live.see(every.select([k]), reach="own")
-                return True
-        for k, (sensor, mount) in enumerate(zip(every.sensors, mounts, strict=True)):
+        every, others = self.yard.candidates(self.variant), []
+        for k, sensor in enumerate(every.sensors):
+            mount = every.mounts[every.mount[k]]
             for height in np.arange(mount.min_height, mount.max_height + HEIGHT_STEP, HEIGHT_STEP).tolist():
                 up = np.array([0.0, 0.0, mount.position[2] + min(height, mount.max_height) - sensor.position[2]])
-                other = aim_sensor(sensor, sensor.position + up, 0.0, 0.0)
-                if not live.knows(other, mount):
-                    live.see(replace(every.select([k]), sensors=(other,)), reach="own")
-                    return True
+                others.append((k, aim_sensor(sensor, sensor.position + up, 0.0, 0.0)))
+        for k, sensor in [*enumerate(every.sensors), *others]:
+            if not live.knows(sensor):
+                live.see(replace(every.select([k]), sensors=(sensor,)), reach="own")
+                return True
         return self._stock.look_further()
 
     def finish(self) -> LiveAnswer:
@@ -320,11 +311,6 @@ class LivePlanner:
         while (answer := self.answer()).coarse:
             self.refine()
         return answer
-
-    @property
-    def ready(self) -> float:
-        """Share of the stock's poses whose views are known."""
-        return self._stock.share
 
     def suggest(
         self, kind: str = "add", name: str | None = None, count: int = 3, *, patience: float = math.inf
@@ -370,7 +356,7 @@ class LivePlanner:
             if suggestion.kind == "move":
                 self._free(sensor.name)
                 self._check_room(_without(variant, sensor.name), sensor.mount)
-                return self._become(_without_idle_poles(variant.with_sensor(sensor)), f"{sensor.name} moved")
+                return self._become(variant.with_sensor(sensor), f"{sensor.name} moved")
             self._check_room(variant, sensor.mount)
             made = replace(sensor, name=free_name(variant, sensor.name))
             return self._become(replace(variant, sensors=(*variant.sensors, made)), f"{made.name} added")
@@ -392,12 +378,13 @@ class LivePlanner:
                 waiting = [each.name for each in self.sensors if not each.locked and not each.failed]
                 waiting.remove(name)
 
-    def measure(self, *, setting: Setting | None = None) -> LiveAnswer:
+    def measure(self) -> LiveAnswer:
         """Figures by the detector in place of the surrogate's, on the same frames, with the setting's errors."""
         from placement_env.report.planning.judging import Judge
 
         working = replace(self.variant, sensors=tuple(each for each in self.sensors if not each.failed))
-        asked = replace(setting or self.setting, candidates=self.yard.candidates(working), fidelity="detector")
+        stock = self.yard.candidates(working)
+        asked = replace(self.asked, site=self.yard.site, candidates=stock, fidelity="detector")
         made = Preparation(asked, self.preparation.run)
         judged = Judge.of(made, self.preparation.run.seed).judge(np.ones((1, len(working.sensors)), np.bool_))[0]
         own = self.answer("measured")
@@ -419,12 +406,9 @@ class LivePlanner:
         """Steps that can be undone, the last one last."""
         return tuple(self._past)
 
-    def _look_in_full(self, sensor: Sensor) -> Visibility:
-        labels, traffic = self.setting.counted.labels, self.preparation.traffic
-        points, sent, far = look_in_full(traffic, [sensor], labels)
-        return replace(Visibility.unseen(traffic, [sensor], labels), points=points, sent=sent, far=far)
-
     def _become(self, variant: Variant, what: str, *, again: bool = False) -> LiveAnswer:
+        used = {sensor.mount for sensor in variant.sensors}
+        variant = replace(variant, poles=tuple(pole for pole in variant.poles if pole.name in used))
         if variant != self.variant and not again:
             self._before = self._answers.get(self.variant)
             self._past.append((self.current, self.variant))
@@ -503,9 +487,3 @@ def _finite(name: str, value: float) -> float:
 
 def _without(variant: Variant, name: str) -> Variant:
     return replace(variant, sensors=tuple(each for each in variant.sensors if each.name != name))
-
-
-def _without_idle_poles(variant: Variant) -> Variant:
-    """Variant without poles of one's own that carry nothing."""
-    used = {sensor.mount for sensor in variant.sensors}
-    return replace(variant, poles=tuple(pole for pole in variant.poles if pole.name in used))

@@ -42,11 +42,6 @@ class StockViews:
         self._waiting = [group for group in groups if len(group)]
         self._coarse = len(self._waiting) - len({int(self._stock.mount[group[0]]) for group in self._waiting})
 
-    @property
-    def share(self) -> float:
-        """Share of the poses that are known."""
-        return self.known / max(len(self._stock), 1)
-
     def look_further(self) -> bool:
         """View of the poses at one more height of a pole; False where all are known."""
         if not self._waiting or self._preparation.live is None:

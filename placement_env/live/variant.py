@@ -22,6 +22,7 @@ PASSABLE = ("kerb", "island")  # solids that a pole may stand on
 KERB_GAP = 0.3  # m between a pole and a lane, wall or keep-out area
 FARTHEST = 100.0  # m between a pole and the detection area
 LONGEST_NAME = 60
+Where = str | tuple[float, float]  # of a sensor: name of a pole, or x and y (m)
 
 
 @dataclass(frozen=True)
@@ -173,8 +174,11 @@ class Yard:
         pole = replace(nearest, name=name, position=foot, price=price, origin="drawn")
         return pole, replace(variant, poles=(*variant.poles, pole))
 
-    def stand(self, variant: Variant, spot: tuple[float, float]) -> tuple[Mount, Variant]:
-        """Pole at a place: the one within `SNAP`, else a new one. Raises ValueError where none may stand."""
+    def stand(self, variant: Variant, where: Where) -> tuple[Mount, Variant]:
+        """Pole of a name, or near a place (`SNAP`), else a new one there. Raises ValueError where none may stand."""
+        if isinstance(where, str):
+            return self.find_mount(variant, where), variant
+        spot = float(where[0]), float(where[1])
         mount, after = self._mount_near(variant, spot, SNAP)
         if after is not variant and (said := self.refuse(spot)):
             raise ValueError(f"no pole can stand at {spot[0]:.1f}, {spot[1]:.1f}: {said}")

@@ -56,6 +56,28 @@ class Changes:
             planner.fail(name)
 
 
+@dataclass(frozen=True, kw_only=True)
+class Keeping:
+    """What is kept, and where."""
+
+    out: Path = Path("out/live")
+    """Folder for the project, exports and reports."""
+    project: Path | None = None
+    """File that keeps the work; SITE.live.json in --out when left out."""
+    last_good: bool = False
+    """Go on from the state before the last save, where the project file is damaged."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Serving:
+    """How the page is served."""
+
+    port: int = 8090
+    """Port of the address in the browser; the next free one where it is taken."""
+    browser: bool = True
+    """Open the browser."""
+
+
 def what_if(
     plan: Positional[str],
     /,
@@ -93,11 +115,8 @@ def live(
     classes: ClassOptions = USUAL_CLASSES,
     cases: Cases = USUAL_CASES,
     run: Run = LIVE_RUN,
-    project: Path | None = None,
-    last_good: bool = False,
-    out: Path = Path("out/live"),
-    port: int = 8090,
-    browser: bool = True,
+    keeping: Annotated[Keeping, tyro.conf.arg(name="")] = Keeping(),
+    serving: Annotated[Serving, tyro.conf.arg(name="")] = Serving(),
     writing: Writing = Writing(),
 ) -> int:
     """Move sensors by hand in the browser, and see at once what it does.
@@ -111,11 +130,6 @@ def live(
 
     Args:
         site: A site with or without sensors, or the folder of a plan.
-        project: File that keeps the work; SITE.json in --out when left out.
-        last_good: Go on from the state before the last save, where the project file is damaged.
-        out: Folder for the project, exports and reports.
-        port: Port of the address in the browser; the next free one where it is taken.
-        browser: Open the browser.
     """
     import webbrowser
 
@@ -125,14 +139,14 @@ def live(
 
     check_viser()
     planner = open_planner(site, stock, classes, cases, run)
-    path = project or out / f"{Path(site).stem or 'site'}.live.json"
-    kept = ProjectFile(path, planner, last_good=last_good)
-    session = LiveSession(planner, port=port, project=kept, folder=out)
+    path = keeping.project or keeping.out / f"{Path(site).stem or 'site'}.live.json"
+    kept = ProjectFile(path, planner, last_good=keeping.last_good)
+    session = LiveSession(planner, port=serving.port, project=kept, folder=keeping.out)
     try:
         said = f"{session.url} (this machine alone; Ctrl-C ends it; kept in {path})"
         print_result({"url": session.url, "project": str(path)}, said, as_json=writing.json)
         sys.stdout.flush()
-        if browser:
+        if serving.browser:
             webbrowser.open(session.url)
         session.wait()
     finally:

@@ -52,14 +52,19 @@ class LiveView:
     def see(self, candidates: Candidates, *, reach: Reach = "mount") -> Visibility:
         """View of candidates. The first from a mount makes panoramas of all its heights.
 
-        reach: "own" makes those below and above a sensor alone, "nearest" one, the nearer, where these are missing.
+        reach: "own" makes one at each sensor's own height alone, "nearest" one at the nearest half metre, for a sensor
+        whose own height has none and that none below and above are known of.
         """
         sensors = candidates.sensors
         mounts = [candidates.mounts[index] for index in candidates.mount.tolist()]
         shares = [_between(sensor.position, mount) for sensor, mount in zip(sensors, mounts, strict=True)]
-        if reach == "nearest":
-            known = [self._knows(each, sensor.model) for each, sensor in zip(shares, sensors, strict=True)]
-            shares = [each if fine else [_nearest(each)] for each, fine in zip(shares, known, strict=True)]
+        if reach != "mount":
+            own = [[(_place(*sensor.position.tolist()), 1.0)] for sensor in sensors]
+            for s, sensor in enumerate(sensors):
+                if reach == "own" or self.knows(sensor):
+                    shares[s] = own[s]
+                elif not self._knows(shares[s], sensor.model):
+                    shares[s] = [_nearest(shares[s])]
         wanted = [(place, mount) for each, mount in zip(shares, mounts, strict=True) for place, _ in each]
         surrounds = self._prepare(wanted, {sensor.model for sensor in sensors}, whole=reach == "mount")
         points = np.zeros((len(sensors), self._scored.items))
@@ -72,9 +77,9 @@ class LiveView:
         seen = {"points": points.astype(np.float32), "sent": sent.astype(np.float32), "far": far.astype(np.float32)}
         return replace(self._unseen, distance=distances(sensors, self._unseen.boxes), **seen)
 
-    def knows(self, sensor: Sensor, mount: Mount) -> bool:
-        """True where the view of a sensor needs no more panoramas."""
-        return self._knows(_between(sensor.position, mount), sensor.model)
+    def knows(self, sensor: Sensor) -> bool:
+        """True where the view from a sensor's own height needs no panorama."""
+        return self._knows([(_place(*sensor.position.tolist()), 1.0)], sensor.model)
 
     def _knows(self, shares: list[tuple[Place, float]], model: SensorModel) -> bool:
         return all(place in self._kept and model in self._kept[place].stills for place, _ in shares)
