@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from placement_env.fidelity.visibility import Visibility
 
 Members = Iterable[int | str] | Int64[np.ndarray, " k"]  # of a set, by index or name
-Watch = Callable[[tuple[int, ...], float, int], None]  # told better sets, their reward, and frames of a race or 0
+Observer = Callable[[tuple[int, ...], float, int], None]  # of better sets, their reward, and frames of a race or 0
 ROUNDING = 1e-9  # share of a price by which a sum of prices may exceed it
 MOST_REMEMBERED = 200_000  # sets kept in memory; when there are more, the memory starts anew
 
@@ -86,7 +86,7 @@ class Objective:
     ) -> None:
         self.setting = setting if isinstance(setting, Setting) else Setting(setting)
         self.run, self.visibility, self._scored = run, visibility, 0
-        self.watch: Watch | None = None
+        self.watch: Observer | None = None
         self.preparation: Preparation | None = None
         if isinstance(self.setting.fidelity, str):
             from placement_env.fidelity.preparation import Preparation

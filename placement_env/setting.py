@@ -131,7 +131,7 @@ class Setting:
 
     def check_budget(self, budget: int) -> None:
         """Raise ValueError where fewer sensors are allowed than poles must carry one."""
-        if budget < len(self.keep):
+        if self.keep and budget < len(self.keep):
             raise ValueError(
                 f"{len(self.keep)} poles must carry a sensor and a budget of {budget} is allowed: raise the budget, or "
                 "keep fewer poles"

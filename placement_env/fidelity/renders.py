@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from placement_env.candidates.candidates import Candidates
 
 IN_MEMORY = 2048  # parts held in memory when a cache keeps them
-PARTS = 2 * LIFE  # of the frames, rendered separately: a race looks at one frame of every block of so many first
+RENDER_PARTS = 2 * LIFE  # of the frames, rendered separately: a race looks at one frame of every block of so many first
 
 
 class Renders:
@@ -140,7 +140,7 @@ class Renders:
 
     def _of_candidate(self, c: int, k: int) -> _Packed:
         """Packed part of a candidate's frames with frame k."""
-        part = c, k % PARTS
+        part = c, k % RENDER_PARTS
         packed = self._packed.pop(part, None) or self._kept(*part)
         if self._cache is not None and len(self._packed) >= IN_MEMORY:
             self._packed.pop(next(iter(self._packed)))  # least recently used
@@ -161,7 +161,7 @@ class Renders:
 
     def _key(self, c: int, part: int | str) -> bytes:
         sensor, kind = self.sensors[c], "whole render" if self._whole else "render"
-        return make_key(kind, _code([sensor]), self.traffic.digest(), sensor.digest, part, PARTS)
+        return make_key(kind, _code([sensor]), self.traffic.digest(), sensor.digest, part, RENDER_PARTS)
 
     def _render_empty(self, c: int) -> Arrays:
         """Pixels and measurements of the empty site."""
@@ -178,7 +178,7 @@ class Renders:
         """Fields of `_Packed` of a part."""
         renderer, changes = build_renderer(self.traffic).looking([self.sensors[c]]), []
         still, rig = renderer.background[0].ravel().astype(np.float32), self._rig(c)
-        for snapshot in self.traffic.snapshots[part::PARTS]:
+        for snapshot in self.traffic.snapshots[part::RENDER_PARTS]:
             images = renderer.render(snapshot).measurements
             if self._whole:
                 changes.append(_find_changes(still, images[0].ravel()))
@@ -243,7 +243,7 @@ class _Packed:
 
     def frame(self, k: int) -> tuple[Shaped[np.ndarray, " n"], Float32[np.ndarray, " n"]]:
         """Changed pixels of frame k and their measurements (m)."""
-        rows = slice(*self.ends[k // PARTS :][:2])
+        rows = slice(*self.ends[k // RENDER_PARTS :][:2])
         return self.pixels[rows], self.steps[rows].astype(np.float32) / np.float32(STEPS_PER_METRE)
 
 

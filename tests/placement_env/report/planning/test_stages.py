@@ -67,7 +67,7 @@ def staged(ask, street, monkeypatch):
         noted.searched.append((objective, effort, memo, depends_on, seed))
         return Entrants(SETS, street.objective.scores(SETS).ap, ((), (), ("greedy",)), 30)
 
-    def judged(question, objectives, run):
+    def judged(question, objectives, run, *, compares=False):
         noted.parts.append(run)
         return Prepared(question.setting, run), noted.judge
 
@@ -433,7 +433,7 @@ def test_results_of_drawings_are_part_of_the_plan(staged, monkeypatch):
 
 
 def test_judges_are_over_all_drawings_by_the_seed_of_the_question(street, monkeypatch):
-    monkeypatch.setattr(planning, "Preparation", lambda setting, run: (setting, run))
+    monkeypatch.setattr(planning, "Preparation", lambda setting, run, compares: (setting, run))
     monkeypatch.setattr(Judge, "of", staticmethod(lambda prepared, seed: replace(street.judge, seed=seed)))
     each = [SimpleNamespace(judged=lambda candidates, n=n: (n, candidates)) for n in range(2)]
     asked: Any = SimpleNamespace(at_drawings=each, run=Run(seed=5))

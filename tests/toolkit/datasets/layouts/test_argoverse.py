@@ -79,7 +79,7 @@ def test_a_log_without_calibration_is_in_the_vehicles_frame_anyway(tmp_path):
     (tmp_path / "calibration" / "egovehicle_SE3_sensor.feather").unlink()
     (sample,) = argoverse(tmp_path)
     assert sample.points().tolist() == before.points().tolist()
-    assert sample.problems == before.problems | {NO_CALIBRATION: 1}
+    assert sample.problems == {**before.problems, NO_CALIBRATION: 1}
 
 
 def test_a_log_without_labels(tmp_path):
