@@ -241,8 +241,14 @@ def _wheelchair(rng: np.random.Generator) -> Mesh:
     return merge(parts)
 
 
-TWO_WHEELERS = ("bicycle", "cargo_bicycle", "e_scooter", "motorcycle", "scooter")  # each also "_alone"
-RIDERLESS = 0.1  # of all but e-scooters
+TWO_WHEELERS = ("bicycle", "cargo_bicycle", "e_scooter", "motorcycle", "scooter")
+_APART, _SCOOTERS_APART = 0.1, 0.15  # shares of riders that are drawn apart
+
+
+def _choose_stream(rng: np.random.Generator, share: float, size: float) -> np.random.Generator:
+    """Choose the generator of a rider. A share once had none, being things now: these have one of their own, so that
+    all other bodies of a seed stay as they were."""
+    return np.random.default_rng(round(size * 1e9)) if rng.random() < share else rng
 
 
 def draw_two_wheeler(rng: np.random.Generator) -> tuple[str, Mesh]:
@@ -269,8 +275,7 @@ def _bicycle(rng: np.random.Generator) -> tuple[str, Mesh]:
         kind = "cargo_bicycle"
     elif extra < 0.3:
         parts.append(plank((0.36, float(rng.uniform(0.25, 0.42)), 0.32), -0.6 * scale, 0.0, 0.68 * scale))
-    if rng.random() < RIDERLESS:
-        return f"{kind}_alone", merge(parts)
+    rng = _choose_stream(rng, _APART, scale)
     grip: Vector = ((0.45 + 0.1 * sporty) * scale, (0.29 - 0.09 * sporty) * scale, (1.04 - 0.12 * sporty) * scale)
     parts.append(rider(height, 0.95 * scale, grip, upright=0.98 - 0.26 * sporty, stout=float(rng.uniform(0.85, 1.2))))
     return kind, merge(parts)
@@ -283,8 +288,7 @@ def _e_scooter(rng: np.random.Generator) -> tuple[str, Mesh]:
     parts += [plank((1.7 * half, 0.16, 0.06), -0.05, 0.0, radius)]
     parts += [tube([(half, 0.0, radius), (half - 0.14, 0.0, bar)], 0.03, 6)]
     parts += [tube([(half - 0.14, -0.25, bar), (half - 0.13, 0.0, bar), (half - 0.14, 0.25, bar)], 0.02, 5)]
-    if rng.random() < 0.15:
-        return "e_scooter_alone", merge(parts)
+    rng = _choose_stream(rng, _SCOOTERS_APART, half)
     height = float(np.clip(rng.normal(1.73, 0.09), 1.35, 2.0))
     hand = pair((half - 0.18 + 0.12) / height, 0.22 / height, (bar - radius - 0.06) / height)
     stout = draw_pose(rng, float(rng.uniform(0.85, 1.2))).stout
@@ -297,8 +301,7 @@ def _e_scooter(rng: np.random.Generator) -> tuple[str, Mesh]:
 def _motorcycle(rng: np.random.Generator) -> tuple[str, Mesh]:
     fairing, scale = bool(rng.random() < 0.5), float(rng.uniform(0.88, 1.12))
     bike = scale_mesh(scale_mesh(_bare_motorcycle(fairing), scale), (float(rng.uniform(0.94, 1.1)), 1, 1))
-    if rng.random() < RIDERLESS:
-        return "motorcycle_alone", bike
+    rng = _choose_stream(rng, _APART, scale)
     bent, height = float(rng.uniform(0, 1)), float(np.clip(rng.normal(1.77, 0.07), 1.58, 1.98))
     grip: Vector = ((0.52 + 0.04 * bent) * scale, 0.3 - 0.06 * bent, (1.0 - 0.07 * bent) * scale)
     on = [rider(height, 0.85 * scale, grip, upright=0.92 - 0.24 * bent, rest=(-0.05, 0.36 + 0.06 * bent))]
@@ -308,8 +311,7 @@ def _motorcycle(rng: np.random.Generator) -> tuple[str, Mesh]:
 def _scooter(rng: np.random.Generator) -> tuple[str, Mesh]:
     scale = float(rng.uniform(0.9, 1.12))
     bike = scale_mesh(scale_mesh(_bare_scooter(), scale), (float(rng.uniform(0.95, 1.08)), 1, 1))
-    if rng.random() < RIDERLESS:
-        return "scooter_alone", bike
+    rng = _choose_stream(rng, _APART, scale)
     height = float(np.clip(rng.normal(1.71, 0.09), 1.5, 1.98))
     upright, stout = float(rng.uniform(0.9, 0.98)), float(rng.uniform(0.9, 1.15))
     grip, rest = (0.42 * scale, 0.27, 0.98 * scale), (0.31 * scale, 0.32 * scale)
@@ -357,7 +359,7 @@ def possible_names() -> tuple[str, ...]:
             *(f"block_{car}" for car in cars),
             *(f"{car}_{load}" for car in cars for load in drawn_cars.CARRIED),
         ],
-        CYCLIST: [*TWO_WHEELERS, *(f"{kind}_alone" for kind in TWO_WHEELERS)],
+        CYCLIST: TWO_WHEELERS,
         PEDESTRIAN: PEOPLE,
         HEAVY: [*trucks, *BUSES, *towing],
     }

@@ -83,13 +83,11 @@ def test_people_and_two_wheelers_have_their_shares_and_heights():
     assert {drawn_bodies.draw_pose(np.random.default_rng(k), 1.1).hands[0][2] for k in range(20)} == {0.47, 0.80}
     assert drawn_bodies.draw_pose(np.random.default_rng(0), 1.1).stout == 1.1
     assert stand(box((1, 1, 1), (0, 0, 7))).vertices[:, 2].min() == 0
-    counts = Counter(kind.removesuffix("_alone") for kind, _ in DRAWN_TWO_WHEELERS)
+    counts = Counter(kind for kind, _ in DRAWN_TWO_WHEELERS)
     assert set(counts) == set(drawn_bodies.TWO_WHEELERS)
     shares = {"bicycle": 0.5, "cargo_bicycle": 0.05, "e_scooter": 0.15, "motorcycle": 0.17, "scooter": 0.13}
     for kind, share in shares.items():
         assert counts[kind] / len(DRAWN_TWO_WHEELERS) == pytest.approx(share, abs=0.06)
-    alone = np.mean([kind.endswith("_alone") for kind, _ in DRAWN_TWO_WHEELERS])
-    assert alone == pytest.approx(drawn_bodies.RIDERLESS, abs=0.04)
     for kind, mesh in DRAWN_TWO_WHEELERS:
         low = mesh.vertices[mesh.vertices[:, 2] < 0.03]
         assert mesh.vertices[:, 2].min() == pytest.approx(0, abs=1e-9)
@@ -109,7 +107,7 @@ def sizes(kind: str) -> np.ndarray:
     [
         *(("bicycle", (0.85, 0.3, 0.9), (2.1, 0.75, 2.2)), ("cargo_bicycle", (1.9, 0.4, 1.4), (2.7, 0.75, 2.2))),
         *(("e_scooter", (0.9, 0.45, 1.4), (1.4, 0.75, 2.25)), ("motorcycle", (1.7, 0.5, 1.4), (2.8, 0.85, 1.95))),
-        *(("scooter", (1.4, 0.5, 1.4), (2.2, 0.85, 2.0)), ("e_scooter_alone", (0.9, 0.45, 0.95), (1.4, 0.55, 1.3))),
+        ("scooter", (1.4, 0.5, 1.4), (2.2, 0.85, 2.0)),
     ],
 )
 def test_sizes_are_those_of_the_kind_of_two_wheelers(kind, low, high):
@@ -181,7 +179,7 @@ def test_kinds_of_every_class_follow_the_seed():
         for label in RANGES
     }
     assert {"adult", "child", "pram", "walker", "wheelchair"} == kinds[PEDESTRIAN]
-    assert {"bicycle", "bicycle_alone", "cargo_bicycle", "e_scooter", "motorcycle", "scooter"} <= kinds[CYCLIST]
+    assert {"bicycle", "cargo_bicycle", "e_scooter", "motorcycle", "scooter"} <= kinds[CYCLIST]
     assert {"minibus", "bus", "bendy_bus", "box_truck", "tank_truck", "articulated_box"} <= kinds[HEAVY]
     assert any(kind.endswith("with_caravan") for kind in kinds[HEAVY])
     assert {"kei", "van", "pickup", "block_sedan", "estate_rails"} <= kinds[VEHICLE]
