@@ -106,12 +106,12 @@ class Question:
 
     def __post_init__(self) -> None:
         failing = self.cases.failing
-        if self.sensors:
-            self.setting.check_budget(self.sensors)
         if self.sensors is None and self.money is None:
             raise ValueError("a plan needs a budget: a number of sensors, a sum of money, or both")
         if self.sensors is not None:
             check_whole("budget of sensors", self.sensors, least=0)
+            if self.sensors:
+                self.setting.check_budget(self.sensors)
             if 0 < self.sensors <= failing:
                 count = f"of {self.sensors} sensors nothing is left when {failing} fail"
                 raise ValueError(f"{count}: allow more sensors, or let fewer fail")

@@ -194,6 +194,19 @@ def test_nearer_surfaces_that_continue_a_neighbours_are_an_oracles(seed):
     assert 0 < found.sum() < found.size
 
 
+@pytest.mark.parametrize(("depth", "elsewhere", "another"), [(0.5, 0.5, False), (1.0, 0.0, True), (10.0, 0.0, True)])
+def test_surfaces_within_a_metre_and_beside_nothing_returned(depth, elsewhere, another):
+    """A plane goes on as itself however near it is; where nothing returns there is no plane to go on."""
+    far = np.full(MODEL.shape, elsewhere, np.float32)
+    far[2, 2] = depth
+    spread, none = np.full(MODEL.shape, 0.001, np.float32), np.zeros(MODEL.shape, np.float32)
+    found = empty_scene._continuation_mask(
+        empty_scene._Mode(np.full(MODEL.shape, depth, np.float32), spread, none, none, none), far
+    )
+    assert found[2, 3] == continues(empty_scene._Mode(np.full(MODEL.shape, depth), spread, none, none, none), far, 2, 3)
+    assert found[2, 3] == another
+
+
 def test_blocks_of_rows_and_pixels_are_learnt_alike(monkeypatch):
     """However few measurements are sorted at once."""
 

@@ -75,6 +75,7 @@ def test_sets_of_each_size_race_and_the_best_are_judged(street):
     assert [o.predicted for o in other.options] == (found.predicted / 2).round(6).tolist()  # not scored again
     assert picked.options[5].sensors == ("post0_eye", "post1_eye", "post2_eye")
     assert picked.options[0].searches == ("greedy",)
+    assert [picked.options[i].poles for i in (3, 5)] == [("post3",), ("post0", "post1", "post2")]
     aps = street.judge.detected.estimates(sets[[4, 5]])
     assert [o.mean_ap for o in picked.options[4:6]] == pytest.approx(np.mean([e.ap for e in aps.values()], 0))
     assert picked.options[2].mean_ap is None

@@ -479,7 +479,7 @@ def test_levels_with_few_road_users_are_named(vehicles, few):
     assert "How far" not in said
 
 
-def test_intervals_are_of_the_seed_and_where_all_is_found_wilsons(street):
+def test_intervals_are_of_the_seed_and_where_all_is_found_wilsons(street, monkeypatch):
     """Eighty frames: in half of each block of four sensor 0 is blind, so that resamples differ by the seed."""
 
     class Long(type(street.detected.renders)):  # type: ignore[misc]
@@ -494,6 +494,10 @@ def test_intervals_are_of_the_seed_and_where_all_is_found_wilsons(street):
     assert not np.array_equal(first, other)
     (found,) = Judge((detected,)).judge(np.array([[0, 1, 0, 0]], bool))  # half of four in every frame
     wilson = binomtest(40, 80).proportion_ci(0.95, method="wilson")  # 320 vehicles, each in four frames
+    assert (found.low, found.high) == pytest.approx((wilson.low, wilson.high))
+    monkeypatch.setattr(judging, "CONFIDENCE", 0.8)
+    (found,) = Judge((detected,)).judge(np.array([[0, 1, 0, 0]], bool))
+    wilson = binomtest(40, 80).proportion_ci(0.8, method="wilson")
     assert (found.low, found.high) == pytest.approx((wilson.low, wilson.high))
 
 
