@@ -218,9 +218,18 @@ def test_blocks_of_rows_and_pixels_are_learnt_alike(monkeypatch):
 
     whole = learnt()
     assert np.isfinite(whole.second).any()
-    for block in (1, 400):
+    clusters, heights = empty_scene._clusters, []
+
+    def noted(stack, model):
+        heights.append(stack.shape[1])
+        return clusters(stack, model)
+
+    monkeypatch.setattr(empty_scene, "_clusters", noted)
+    for block, wanted in ((1, [1] * 6), (400, [2] * 3), (639, [3] * 2), (640, [4, 2]), (960, [6])):
         monkeypatch.setattr(empty_scene, "_BLOCK", block)
         assert learnt().digest == whole.digest
+        assert heights == wanted  # rows of 8 columns in 20 images, as many as fit
+        heights.clear()
 
 
 class Pixel:

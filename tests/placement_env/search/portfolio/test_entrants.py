@@ -61,6 +61,16 @@ def test_every_size_has_the_best_set_for_the_money(street):
     assert (found.sets.shape, found.predicted.shape, found.searches) == ((0, 4), (0,), ())
 
 
+def test_poles_that_must_carry_a_sensor_do_so_in_sets_of_just_as_many_and_more(street):
+    setting = Setting(
+        candidates=street.candidates, fidelity=street.objective.scored_by, scheme="late", keep=("post1", "post2")
+    )
+    found = entrants(Objective(setting), Effort((1, 2, 3)))
+    assert sorted(set(found.sets.sum(axis=1).tolist())) == [2, 3]
+    assert found.sets[found.sets.sum(axis=1) == 2].astype(int).tolist() == [[0, 1, 1, 0]]
+    assert found.sets[:, [1, 2]].all()
+
+
 def test_large_pools(make):
     stages = []
     objective = Objective(make(mounts=6, poses=4).setting, Run(progress=lambda *stage: stages.append(stage)))

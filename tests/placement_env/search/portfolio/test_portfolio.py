@@ -377,3 +377,9 @@ def test_a_set_that_is_worth_just_its_price_is_not_built(street, monkeypatch):
     for weights, built in ((Weights(price=0.001), False), (Weights(comm=1e-5), False), (Weights(), True)):
         setting = Setting(candidates=street.candidates, fidelity=Deceived(), scheme="late", weights=weights)
         assert bool(portfolio.search(Objective(setting), 1, judging=judging).best.subset) is built
+
+
+@pytest.mark.parametrize("budget", [-1, 1.5])
+def test_budgets_that_are_no_number_of_sensors_are_refused(street, budget):
+    with pytest.raises(ValueError, match="budget must be a whole number"):
+        portfolio.search(street.objective, budget, judging=Judging(evaluators=(Truth(), Truth())))
