@@ -58,7 +58,7 @@ class Changes:
 
 @dataclass(frozen=True, kw_only=True)
 class Keeping:
-    """What is kept, and where."""
+    """Files that keep the work."""
 
     out: Path = Path("out/live")
     """Folder for the project, exports and reports."""
@@ -70,7 +70,7 @@ class Keeping:
 
 @dataclass(frozen=True, kw_only=True)
 class Serving:
-    """How the page is served."""
+    """Address of the page, and the browser."""
 
     port: int = 8090
     """Port of the address in the browser; the next free one where it is taken."""

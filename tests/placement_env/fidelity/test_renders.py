@@ -167,7 +167,7 @@ def test_only_so_many_stay_in_memory(renders, small_traffic, small_candidates, m
 
 def test_only_frames_of_the_part_that_is_asked_for_are_rendered(renders, small_traffic, small_candidates, monkeypatch):
     expected = [renders.clouds(k, 0) for k in (1, 3)]
-    monkeypatch.setattr("placement_env.fidelity.renders.PARTS", 2)
+    monkeypatch.setattr("placement_env.fidelity.renders.RENDER_PARTS", 2)
     rendered, render = [], Renderer.render
 
     def note(renderer, snapshot):
