@@ -280,7 +280,7 @@ def _report(objective: Objective, result: Result) -> tuple[Summary, list[str]]:
             row |= {"sensors": _names(objective, contender.subset), "curse": contender.curse}
         summary["assessment"] = said
         lines += describe_assessment(assessment)
-    lines += [f"{'' if assessment is None else 'searched by: '}{describe_score(best)}", *doubts]
+    lines += [f"{'' if assessment is None else 'estimate of the search: '}{describe_score(best)}", *doubts]
     return summary, lines + [f"front: {describe_score(score)} {score.subset}" for score in result.front]
 
 
@@ -290,7 +290,7 @@ def _report_curve(order: SearchOrder, objective: Objective, points: tuple[CurveP
     if not points:
         return Answer(objective, replace_infinite(summary), (f"no sensors: {describe_empty(objective)}",), False)
     of = "of each number of sensors" if math.isinf(objective.most_price) else "for each amount of money"
-    lines = [f"best set {of}, by the {order.judge} on traffic that neither searches nor race saw:"]
+    lines = [f"best set {of}, judged by the {order.judge} on traffic that had no part in the choice:"]
     for point in points:
         price, pays = describe_money(point.price, order.currency), "" if point.pays else ", no more than a cheaper one"
         names = ", ".join(_names(objective, point.subset))
@@ -340,17 +340,17 @@ def describe_assessment(assessment: Assessment) -> list[str]:
     fresh = "" if assessment.by == "detector" else ", not a detector: it may err alike everywhere"
     sure = "" if assessment.confidence >= assessment.asked else f", short of the {assessment.asked:.0%} asked for"
     lines = [
-        f"by the {assessment.by} on {assessment.frames} frames that neither searches nor race saw{fresh}:",
-        f"  {_judged(assessment, assessment.by)} on {assessment.objects} objects, {assessment.kbit:.1f} kbit; "
-        f"predicted {assessment.predicted:.4f}, after the race {assessment.expected:.4f}",
-        f"  {assessment.confidence:.0%} sure that none of the {assessment.entrants} entrants is better by more than "
-        f"{assessment.tolerance:g}{sure}",
+        f"judged by the {assessment.by} on {assessment.frames} frames that had no part in the choice{fresh}:",
+        f"  {_judged(assessment, assessment.by)} on {assessment.objects} objects, {assessment.kbit:.1f} kbit a frame; "
+        f"estimated {assessment.predicted:.4f} by the search, {assessment.expected:.4f} after the race",
+        f"  {assessment.confidence:.0%} sure that none of the {assessment.entrants} compared sets is better by more "
+        f"than {assessment.tolerance:g}{sure}",
     ]
     if assessment.by_errors:
         lines.append(f"  the {assessment.errors_by} over error profiles: {describe_profiles(assessment.by_errors)}")
     return lines + [
         f"  {' and '.join(each.searches)}: {_judged(each, assessment.by)}, predicted "
-        f"{each.predicted:.4f}, overrated by {each.curse:+.4f}"
+        f"{each.predicted:.4f}, {each.curse:+.4f} too much"
         for each in assessment.contenders
     ]
 

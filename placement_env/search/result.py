@@ -190,9 +190,10 @@ class Result(Displayed):
         end = "least" if known.measure == "price" else "most"
         bound = f", at {end} {known.bound:.4f} {known.measure}" if np.isfinite(known.bound) else ""
         figure = f"reward {self.best.reward:.4f}" if judged is None else f"AP {judged.ap:.4f} by the {judged.by}"
+        kind = "nothing is proven" if known.kind == "none" else known.kind
         return (
             f"{self.method}: {{{', '.join(map(str, self.best.subset))}}} {figure} after {self.evaluations} sets and "
-            f"{self.seconds:.1f} s ({known.kind}{bound})"
+            f"{self.seconds:.1f} s ({kind}{bound})"
         )
 
 

@@ -167,7 +167,10 @@ def _describe(plan: Plan) -> str:
 
     verdict = plan.verdict
     lines = [" ".join((verdict.sentence, *verdict.reasons)) if verdict.met is False else verdict.sentence]
-    lines += [f"  {s.name}: {s.pole}, {s.height:.1f} m, bearing {s.bearing_deg:.0f}" for s in plan.sensors]
+    lines += [
+        f"  {s.name}: {s.pole}, {s.height:.1f} m up, facing {s.bearing_deg:.0f} degrees from north"
+        for s in plan.sensors
+    ]
     classes = [(f"{row.label:<10}", row.judged, f" at IoU {iou_text(row.iou)}", "") for row in plan.class_ap]
     rows = (*plan.by_level, *plan.by_errors)
     cases = [(f"{r.name:<18}", r.judged, "", f" in {r.judged.frames} frames") for r in rows if r.judged is not None]
@@ -180,6 +183,6 @@ def _describe(plan: Plan) -> str:
         )
     if plan.confidence is not None:
         lines.append(
-            f"  {plan.confidence:.0%} sure that no set of as many sensors that raced is better by more than 0.01"
+            f"  {plan.confidence:.0%} sure that no other compared set of as many sensors is better by more than 0.01"
         )
     return "\n".join(lines)

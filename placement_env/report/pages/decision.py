@@ -14,6 +14,7 @@ from placement_env.report import content
 from placement_env.report.maps import plan_view
 from placement_env.report.pages.document import Bullets, Content, Drawing, Fact, Facts, Paragraph, number, say
 from placement_env.report.pages.wording import interval_text, percent, price_text
+from placement_env.search.order import describe_money
 from toolkit.display import describe_count
 from toolkit.sites.origins import describe_things
 from toolkit.sites.site import Site
@@ -63,8 +64,8 @@ def _describe_build(plan: content.Plan, chosen: content.PlanOption) -> str:
     allowed = f" Allowed were {' and '.join(limits)}." if limits else ""
     if isinstance(keep := plan.question.get("keep"), list) and keep:
         allowed += f" {join_names(keep)} had to carry a sensor, as asked."
-    unit = "" if plan.currency else ", in prices of an ordinary pole"
-    price = f"The price is {price_text(chosen.price, plan.currency)}{unit}."
+    cost = describe_money(chosen.price, plan.currency)
+    price = f"The price is {cost if plan.currency else cost.replace('the price', 'that', 1)}."
     return f"Build {things} {where}. {price}{allowed}{_compare_with_best(plan, chosen)}"
 
 
@@ -75,7 +76,7 @@ def _compare_with_best(plan: content.Plan, chosen: content.PlanOption) -> str:
         return ""
     more = price_text(best.price - chosen.price, plan.currency)
     count = describe_count(len(best.sensors), "sensor").capitalize()
-    return f" {count} for {more} more would find no more that is certain."
+    return f" {count} for {more} more would find hardly more: surely less than {AP_TOLERANCE:g} of AP."
 
 
 def _describe_requirement(plan: content.Plan) -> Fact | None:

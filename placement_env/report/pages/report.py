@@ -463,7 +463,7 @@ def _compare_schemes(plan: content.Plan, judged: Sequence[content.SchemeFigures]
     sent += "the least" if mine is least else f"{least.scheme} fusion, the least, {number(least.kbit_per_sensor, 0)}"
     if mine is best:
         return f"{mine.scheme.capitalize()} fusion, as planned, has the highest AP, {ap_figure(mine.judged)}; {sent}."
-    apart = "on the same frames they cannot be told apart" if best.as_good else "the difference is no chance"
+    apart = "on the same frames they cannot be told apart" if best.as_good else "the difference is not due to chance"
     return (
         f"{best.scheme.capitalize()} fusion has the highest AP, {number(best.judged.ap)} "
         f"({interval_text(best.judged)}), against {number(mine.judged.ap)} ({interval_text(mine.judged)}) with "

@@ -333,7 +333,7 @@ def build_plan(findings: Findings, final: judging.Judge, ground: Ground) -> cont
         iou=question.cases.threshold,
         scheme=question.setting.fusion.name,
         currency=question.currency,
-        verdict=sentences.build_verdict(question, choice.option, option, findings.excluded),
+        verdict=sentences.build_verdict(question, choice.option, option, findings.excluded, choice.rule),
         chosen=option,
         best=choice.options[choice.best],
         confidence=choice.confidence,

@@ -52,7 +52,9 @@ def describe_cases(question: Question) -> str:
     return f", {', '.join(words)}," if words else ""
 
 
-def build_verdict(question: Question, compared: PlanOption, final: PlanOption, excluded: tuple[str, ...]) -> Verdict:
+def build_verdict(
+    question: Question, compared: PlanOption, final: PlanOption, excluded: tuple[str, ...], rule: Rule = "best"
+) -> Verdict:
     """The answer in words. compared, final: the chosen set when sets were compared, and in the final traffic."""
     judged = final.counted
     if judged is None:
@@ -65,7 +67,8 @@ def build_verdict(question: Question, compared: PlanOption, final: PlanOption, e
     )
     least = question.min_ap
     if least is None:
-        return Verdict(None, f"The best set found within the budget has {result}.")
+        what = "cheapest set that cannot be told from the best" if rule == "as good" else "best set"
+        return Verdict(None, f"The {what} found within the budget has {result}.")
     if judged.ap >= least:
         unsure = "the interval reaches below it, so more traffic may say otherwise"
         sure = "the whole interval lies above it" if judged.low >= least else unsure
@@ -96,7 +99,7 @@ def explain_shortfall(
 
 RULES: dict[Rule, str] = {
     "best": "It is the best of the judged sets: of those next to the highest AP it has the greatest mean AP "
-    "over IoU 0.7, 0.8 and 0.9. No cheaper set is as good.",
+    "over IoU 0.7, 0.8 and 0.9. No cheaper set is surely within 0.01 of it.",
     "as good": "It is the cheapest of the judged sets that cannot be told from the best: on the same frames its AP is "
     "surely within 0.01 of it.",
     "cheapest": "It is the cheapest set that reaches the required AP: sets were judged by price, from the lowest on, "
@@ -113,8 +116,8 @@ def explain_choice(
     searches = " and ".join(chosen.searches) or "a neighbour of a search's answer"
     second, near, best = chosen.counted, len(plan.near_optimal), plan.best
     lines = [
-        f"{considered:,} sets were scored by the {fidelity}; {len(plan.considered)} of them raced by the detector on "
-        f"traffic that no search saw, and {judged} were judged on all of it.",
+        f"{considered:,} sets were scored by the {fidelity}, a quick estimate; {len(plan.considered)} of them were "
+        f"compared by the detector on traffic that no search saw, the {judged} best of these on all of it.",
         RULES[rule],
     ]
     if cases := describe_cases(question).strip(", "):

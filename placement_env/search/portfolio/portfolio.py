@@ -126,10 +126,11 @@ def search(
     most = SET_FRAMES if seconds is None else math.inf
     ran = contest(objective, found.sets, timed, confidence=confidence, seed=seed, most=most)
     if ran.figures[0] <= 0 and not len(objective.kept) and (objective.weights.comm or objective.weights.price):
-        return answer([], f"by the {racing.name} none of the {len(found.sets)} entrants is worth what it costs")
+        return answer([], f"by the {racing.name} none of the {len(found.sets)} compared sets is worth what it costs")
     members = np.flatnonzero(found.sets[ran.ranking[0]]).tolist()
     limits.record(objective.score(members).reward)
-    winner = answer(members, f"raced by the {racing.name}: of the {len(found.sets)} entrants, not of all sets")
+    note = f"the best of {len(found.sets)} sets compared by the {racing.name}; an estimate ruled out the others"
+    winner = answer(members, note)
     return replace(winner, assessment=_assess(objective, found, ran, (final, schedule), judging))
 
 

@@ -39,8 +39,8 @@ def test_portfolios_say_fresh_traffic_and_all_error_profiles(common):
     assert found.lines[0].startswith(
         f"portfolio: {{{', '.join(map(str, found.summary['subset']))}}} AP {said['ap']:.4f}"
     )
-    assert any("neither searches nor race saw, not a detector: it may err alike everywhere:" in x for x in found.lines)
-    assert found.lines[-1].startswith("searched by: coverage ")
+    assert any("had no part in the choice, not a detector: it may err alike everywhere:" in x for x in found.lines)
+    assert found.lines[-1].startswith("estimate of the search: coverage ")
 
     def profiles(*errors, by="worst"):
         cases = Cases(errors=errors, errors_by=by)

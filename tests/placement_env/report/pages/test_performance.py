@@ -62,7 +62,7 @@ def test_schemes_are_compared_at_the_iou_of_the_plan(example):
     section = read(report.schemes_section, replace(example.plan, schemes=mine))
     assert section.conclusion == (
         "Early fusion has the highest AP, 0.900 (0.880–0.920), against 0.800 (0.780–0.820) with late fusion as "
-        "planned, and the difference is no chance; late fusion sends 300 kbit per sensor and frame, the least."
+        "planned, and the difference is not due to chance; late fusion sends 300 kbit per sensor and frame, the least."
     )
     alike = (replace(mine[0], as_good=True), *mine[1:])
     said = read(report.schemes_section, replace(example.plan, schemes=alike)).conclusion

@@ -243,4 +243,4 @@ def test_how_sure_it_is_what_would_do_as_well_and_which_poles_survive(example):
     )
     best = replace(plan.chosen, sensors=("a", "b", "c", "d", "e"), price=8.0)
     section, _ = facts(replace(plan, best=best), example)
-    assert section.conclusion.endswith("5 sensors for 2 EUR more would find no more that is certain.")
+    assert section.conclusion.endswith("5 sensors for 2 EUR more would find hardly more: surely less than 0.01 of AP.")

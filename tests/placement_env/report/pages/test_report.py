@@ -274,9 +274,7 @@ def test_one_sensor_and_nothing_more_is_known_of_it(example):
     plan = Plan(full.question, full.site, full.detector, 0.7, "late", "", verdict, one, sensors=full.sensors[:1])
     document = build_document(plan, replace(example.site, sensors=example.site.sensors[:1]), None)
     said = {section.key: section.conclusion for section in document.sections}
-    assert said["decision"] == (
-        "Build 1 depth camera on pole post00. The price is 6 units, in prices of an ordinary pole."
-    )
+    assert said["decision"] == ("Build 1 depth camera on pole post00. The price is that of 6 ordinary poles.")
     assert said["worth"] == "The worth of the sensors was not computed."
     assert said["failures"] == "No failure leaves a working sensor."
     assert said["others"] == "No other judged set comes near the chosen one, costs less or sends less."

@@ -82,7 +82,7 @@ def test_choices_and_assumptions_follow_the_question(ask):
     schemes = (SchemeFigures("early", 0.7, FINAL, 500.0), SchemeFigures("late", 0.7, FINAL, 2.0))
     failures = (FailureCase(("a",), FINAL), FailureCase(("b",), Judgement(0.4, 0.3, 0.5, 0.4, 0.9, 812, 120)))
     said = " ".join(explain(ask(SITE), 12345, near=(OPTION,), schemes=schemes, failures=failures))
-    assert "12,345 sets were scored by the surrogate; 1 of them raced" in said
+    assert "12,345 sets were scored by the surrogate, a quick estimate; 1 of them" in said
     assert "greedy and swap" in said
     assert "1 other judged set is surely within 0.01 of the best on the same frames" in said
     assert "late 0.910 for 2.0 kbit" in said
