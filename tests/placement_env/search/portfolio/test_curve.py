@@ -17,6 +17,19 @@ from placement_env.search.portfolio.portfolio import SET_FRAMES, Judging, contes
 from placement_env.setting import Setting
 
 
+def test_searches_go_on_where_the_checkpoint_left_them(street, monkeypatch, tmp_path):
+    asked, kept = [], Checkpoint(tmp_path)
+
+    def noted(objective, effort, **named):
+        asked.append(named)
+        return keep_entrants(objective, effort)
+
+    monkeypatch.setattr(curve, "keep_entrants", noted)
+    effort = Effort((1,), neighbours=0)
+    assert len(list(curve._groups(street.objective, effort, (), 7, kept))) == 1
+    assert asked == [{"seed": 7, "checkpoint": kept}]
+
+
 def test_each_number_has_its_winner_that_pays(street):
     """Cars: sensors 0 and 1 see two each, 2 one, beside a ghost, 3 one that 0 sees too."""
     evaluator = CasesEvaluator((DetectorEvaluator(street.detected),))

@@ -24,6 +24,7 @@ from placement_env.search.portfolio.entrants import (
 from placement_env.search.progress import as_rows
 from placement_env.search.verification import neighbours
 from placement_env.setting import Setting
+from toolkit.detection.codec import PaperCodec
 from toolkit.runtime.cache import Cache
 from toolkit.runtime.run import Run
 
@@ -302,6 +303,14 @@ def test_entropy_is_of_the_same_candidates_and_what_they_see(street, seen, small
     assert entropy is not None
     assert entropy.visibility is seen
     assert (entropy.fidelity, entropy.candidates) == ("perception entropy", small_candidates)
+    rows = np.ones((1, len(small_candidates)), np.bool_)
+    paper = entropy.scores(rows).kbit
+    ranges = Setting(
+        candidates=small_candidates, fidelity=Coverage(seen), scheme="early", codec=PaperCodec(bits_per_point=1)
+    )
+    thin = module_of_entrants.entropy_objective(Objective(ranges, visibility=seen))
+    assert thin is not None
+    assert thin.scores(rows).kbit != pytest.approx(paper)
 
 
 @pytest.mark.parametrize("count", [3, 6, 7])
