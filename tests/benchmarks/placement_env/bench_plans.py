@@ -84,8 +84,9 @@ def measure(name: str, seed: int, cache: Path) -> dict[str, Any]:
     planned = process_time() - began
     candidates = setting.pool
     rows = {sensor.name.replace("/", "-"): c for c, sensor in enumerate(candidates.sensors)}
-    options = {each.sensors: each for each in (*best.considered, *cheap.considered)}
-    known = {each.sensors for each in options.values() if each.judged is not None or each.searches}
+    considered = (*best.considered, *cheap.considered)
+    options = {each.sensors: each for each in considered}
+    known = {each.sensors for each in considered if each.judged is not None or each.searches}
     for size in range(1, SENSORS + 1):
         of_size = [each for each in options.values() if len(each.sensors) == size]
         known |= {each.sensors for each in sorted(of_size, key=lambda each: -each.predicted)[:OTHERS]}
