@@ -22,7 +22,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from toolkit.arrays import Bool, Float64, Int64
+from toolkit.arrays import Bool, BoxRows, Float64, Int64
 
 Overlap = Literal["bev", "3d"]
 
@@ -35,7 +35,7 @@ _FRONT = np.array([1.0, -1.0, -1.0, 1.0])
 _LEFT = np.array([1.0, 1.0, -1.0, -1.0])
 
 
-def check_boxes(boxes: ArrayLike, name: str = "boxes") -> Float64[np.ndarray, "n 7"]:
+def check_boxes(boxes: ArrayLike, name: str = "boxes") -> BoxRows:
     """Return `boxes` as float64, or raise ValueError that names the first bad row and its fault.
 
     >>> check_boxes([]).shape

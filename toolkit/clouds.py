@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 import open3d as o3d
 
-from toolkit.arrays import Bool, Float, Int, Int32, Int64
+from toolkit.arrays import Float, Int, Int32, Int64, Mask, Points, Rng
 from toolkit.boxes import count_points
 from toolkit.frame import unproject
 from toolkit.point_files import read_pcd, read_ply
@@ -30,11 +30,7 @@ PointCloud = o3d.t.geometry.PointCloud
 
 
 def from_depth(
-    sensor: Sensor,
-    measurement: Float[np.ndarray, "rows columns"],
-    *,
-    rng: np.random.Generator | None = None,
-    sensor_id: int = 0,
+    sensor: Sensor, measurement: Float[np.ndarray, "rows columns"], *, rng: Rng | None = None, sensor_id: int = 0
 ) -> PointCloud:
     """Cloud, world frame, of one depth or lidar range image (paper equations 1 and 2). rng draws its noise first."""
     if rng is not None:
@@ -43,7 +39,7 @@ def from_depth(
     return from_points(xyz.take(np.flatnonzero(valid), axis=1).T, sensor_id)
 
 
-def from_points(points: Float[np.ndarray, "n 3"], sensor_id: int | Int[np.ndarray, " n"] = 0) -> PointCloud:
+def from_points(points: Points, sensor_id: int | Int[np.ndarray, " n"] = 0) -> PointCloud:
     """Return a cloud of points from one sensor, or each from its own. float32 and float64 positions keep their type."""
     points = np.asarray(points)
     if points.ndim != 2 or points.shape[1] != 3:
@@ -55,7 +51,7 @@ def from_points(points: Float[np.ndarray, "n 3"], sensor_id: int | Int[np.ndarra
     return cloud
 
 
-def positions(cloud: PointCloud) -> Float[np.ndarray, "n 3"]:
+def positions(cloud: PointCloud) -> Points:
     """Points of a cloud in shared memory, maybe (0, 3)."""
     return cloud.point.positions.cpu().numpy() if "positions" in cloud.point else np.zeros((0, 3), np.float32)
 
@@ -146,9 +142,7 @@ def crop(cloud: PointCloud, area: Area, height: float | None = None, *, floor: f
     return _select(cloud, Crop.of(area, height).holds(positions(cloud), floor))
 
 
-def points_per_box(
-    cloud: PointCloud | Float[np.ndarray, "n 3"], boxes: Float[np.ndarray, "m 7"]
-) -> Int64[np.ndarray, " m"]:
+def points_per_box(cloud: PointCloud | Points, boxes: Float[np.ndarray, "m 7"]) -> Int64[np.ndarray, " m"]:
     """Number of points in each box, the paper's point density."""
     return count_points(cloud if isinstance(cloud, np.ndarray) else positions(cloud), boxes)
 
@@ -214,7 +208,7 @@ def load(path: str | Path) -> PointCloud:
     return from_attributes(sound)
 
 
-def _select(cloud: PointCloud, keep: Bool[np.ndarray, " n"]) -> PointCloud:
+def _select(cloud: PointCloud, keep: Mask) -> PointCloud:
     chosen, rows = PointCloud(), np.flatnonzero(keep)
     for name in cloud.point:
         chosen.point[name] = o3d.core.Tensor.from_numpy(cloud.point[name].cpu().numpy().take(rows, axis=0))

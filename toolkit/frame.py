@@ -15,7 +15,7 @@ from typing import Any, ClassVar, Literal, Protocol, cast, runtime_checkable
 
 import numpy as np
 
-from toolkit.arrays import Bool, Float, Float32, Float64, Int64, Shaped
+from toolkit.arrays import Bool, BoxRows, Float, Float32, Float64, Int64, Mask, Pose, Shaped
 from toolkit.boxes import corners
 from toolkit.display import Card, Displayed, Table, describe_count
 from toolkit.geometry import check_pose, invert, transform
@@ -41,7 +41,7 @@ class SensorCloud:
 
     name: str
     points: Float32[np.ndarray, "n 3"]
-    world_SE3_sensor: Float64[np.ndarray, "4 4"]
+    world_SE3_sensor: Pose
     frame: Literal["sensor", "world"] = "sensor"
     time: Float64[np.ndarray, " n"] | None = None
     intensity: Float32[np.ndarray, " n"] | None = None
@@ -77,7 +77,7 @@ class Region:
 
     kind: ClassVar[str]
 
-    def covers(self, boxes: Float64[np.ndarray, "n 7"]) -> Bool[np.ndarray, " n"]:
+    def covers(self, boxes: BoxRows) -> Mask:
         """Mask of the boxes inside the region, world frame."""
         raise NotImplementedError
 
@@ -92,7 +92,7 @@ class Everywhere(Region):
 
     kind = "everywhere"
 
-    def covers(self, boxes: Float64[np.ndarray, "n 7"]) -> Bool[np.ndarray, " n"]:
+    def covers(self, boxes: BoxRows) -> Mask:
         """Mask of all boxes."""
         return np.ones(len(boxes), bool)
 
@@ -104,7 +104,7 @@ class Rectangle(Region):
     kind = "rectangle"
     area: tuple[float, float, float, float]
 
-    def covers(self, boxes: Float64[np.ndarray, "n 7"]) -> Bool[np.ndarray, " n"]:
+    def covers(self, boxes: BoxRows) -> Mask:
         """Mask of the boxes with their centre in the area."""
         return np.asarray(((boxes[:, :2] >= self.area[:2]) & (boxes[:, :2] <= self.area[2:])).all(axis=1))
 
@@ -121,7 +121,7 @@ class ImageWedge(Region):
     height: int
     ignored: tuple[tuple[float, float, float, float], ...] = ()
 
-    def covers(self, boxes: Float64[np.ndarray, "n 7"]) -> Bool[np.ndarray, " n"]:
+    def covers(self, boxes: BoxRows) -> Mask:
         """Mask of the boxes with their centre in the image. Boxes that are mostly in an ignored region do not count."""
         u, v, depth = self._pixels(boxes[:, :3])
         shown = (depth > 0) & (u >= 0) & (u < self.width) & (v >= 0) & (v < self.height)
@@ -132,7 +132,7 @@ class ImageWedge(Region):
             shown &= np.clip(overlap, 0, None).prod(axis=1) / np.where(area > 0, area, 1.0) <= IGNORED_SHARE
         return shown
 
-    def rectangles(self, boxes: Float64[np.ndarray, "n 7"]) -> Float64[np.ndarray, "n 4"]:
+    def rectangles(self, boxes: BoxRows) -> Float64[np.ndarray, "n 4"]:
         """Left, top, right, bottom of boxes, 0 behind the camera."""
         if not len(boxes):
             return np.zeros((0, 4))
@@ -177,7 +177,7 @@ def parse_region(record: object) -> Region:
 class OtherObjects:
     """Labels of classes other than ours: boxes, the dataset's names, and its own point counts if it has some."""
 
-    boxes: Float64[np.ndarray, "n 7"] = field(default_factory=lambda: np.zeros((0, 7)))
+    boxes: BoxRows = field(default_factory=lambda: np.zeros((0, 7)))
     categories: tuple[str, ...] = ()
     counts: Int64[np.ndarray, " n"] | None = None
 
@@ -211,7 +211,7 @@ class Frame(Displayed):
     counts: Int64[np.ndarray, " m"] | None = None
     others: OtherObjects = field(default_factory=OtherObjects)
     complete: Region = field(default_factory=Everywhere)
-    map_SE3_world: Float64[np.ndarray, "4 4"] = field(default_factory=lambda: np.eye(4))
+    map_SE3_world: Pose = field(default_factory=lambda: np.eye(4))
     problems: Mapping[str, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

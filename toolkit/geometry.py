@@ -7,9 +7,8 @@ from typing import SupportsFloat
 
 import numpy as np
 
-from toolkit.arrays import Float, Float64
+from toolkit.arrays import Float, Pose
 
-Pose = Float[np.ndarray, "4 4"]
 Slope = tuple[float, float]  # rise (m per m) along x and along y of a plane through the origin
 LEVEL: Slope = (0.0, 0.0)
 STEEPEST = 0.3  # slope of a street
@@ -17,7 +16,7 @@ STEEPEST = 0.3  # slope of a street
 
 def pose(
     x: float = 0.0, y: float = 0.0, z: float = 0.0, *, yaw: float = 0.0, pitch: float = 0.0, roll: float = 0.0
-) -> Float64[np.ndarray, "4 4"]:
+) -> Pose:
     """Pose of a body at x, y, z (m), turned by roll about its x, then pitch about y, then yaw about z (rad).
 
     >>> transform(pose(1.0, 2.0, yaw=np.pi / 2), np.array([[1.0, 0.0, 0.0]])).round(6)
@@ -39,7 +38,7 @@ def pose(
 BODY_SE3_CAMERA = np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 
 
-def look(position: Iterable[SupportsFloat], heading: float, tilt: float = 0.0) -> Float64[np.ndarray, "4 4"]:
+def look(position: Iterable[SupportsFloat], heading: float, tilt: float = 0.0) -> Pose:
     """Pose of a camera (x right, y down, z forward) at a position, heading (rad, counter-clockwise) and tilt down.
 
     >>> transform(look((0.0, 0.0, 5.0), heading=np.pi / 2), np.array([[0.0, 0.0, 10.0]])).round(6)
@@ -49,7 +48,7 @@ def look(position: Iterable[SupportsFloat], heading: float, tilt: float = 0.0) -
     return pose(x, y, z, yaw=heading, pitch=tilt) @ BODY_SE3_CAMERA
 
 
-def invert(world_SE3_sensor: Pose) -> Float64[np.ndarray, "4 4"]:
+def invert(world_SE3_sensor: Pose) -> Pose:
     """Return the inverse motion, world → sensor.
 
     >>> np.allclose(invert(pose(1.0, 2.0, 3.0, yaw=0.5)) @ pose(1.0, 2.0, 3.0, yaw=0.5), np.eye(4))
@@ -79,7 +78,7 @@ def check_slope(slope: Iterable[SupportsFloat], name: str) -> Slope:
     return numbers
 
 
-def level_motion(slope: Slope, about: tuple[float, float] = (0.0, 0.0)) -> Float64[np.ndarray, "4 4"]:
+def level_motion(slope: Slope, about: tuple[float, float] = (0.0, 0.0)) -> Pose:
     """Shear of the world that makes a slope level, keeping heights at `about` (x, y) and verticals vertical.
 
     >>> transform(level_motion((0.1, 0.0)), np.array([[5.0, 2.0, 1.5]]))
@@ -112,7 +111,7 @@ def tilt_rows(rows: Float[np.ndarray, "n c"], slope: Slope) -> Float[np.ndarray,
 MOST_DISTANT = 1e8  # m; coordinates of maps reach 1e7
 
 
-def check_pose(candidate: Float[np.ndarray, "..."], name: str = "pose") -> Float64[np.ndarray, "4 4"]:
+def check_pose(candidate: Float[np.ndarray, "..."], name: str = "pose") -> Pose:
     """Return a pose as float64; ValueError for no rigid motion."""
     matrix = np.asarray(candidate, np.float64)
     if matrix.shape != (4, 4):

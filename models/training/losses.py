@@ -14,13 +14,11 @@ from torch.nn import functional as F
 from models.config import AnchorKind
 from models.network.grid import decode, encode, faces_back, per_anchor
 from models.network.voxelnet import Prediction
-from toolkit.arrays import Bool, Float, Int64, Shaped
+from toolkit.arrays import Bool, BoxRows, Float, Int64, Mask, Rng, Shaped
 from toolkit.objects import label_index
 
 _Labels = Shaped[Tensor, "B H W A"]
 _Targets = Float[Tensor, "B H W A 7"]
-_Boxes = Float[np.ndarray, "n 7"]
-_Mask = Bool[np.ndarray, " n"]
 _Grid = Float[np.ndarray, "H W A 7"]
 NEGATIVE, POSITIVE, IGNORED = 0, 1, -1
 
@@ -34,7 +32,7 @@ class Assignment(NamedTuple):
 
 def assign(
     anchors: _Grid,
-    boxes: _Boxes,
+    boxes: BoxRows,
     *,
     positive: float = 0.6,
     negative: float = 0.6,
@@ -81,7 +79,7 @@ def assign(
 
 
 def assign_by_kind(
-    anchors: _Grid, kinds: Sequence[AnchorKind], boxes: _Boxes, labels: Int64[np.ndarray, " n"], asked: _Mask
+    anchors: _Grid, kinds: Sequence[AnchorKind], boxes: BoxRows, labels: Int64[np.ndarray, " n"], asked: Mask
 ) -> Assignment:
     """Match anchors to objects of their own class; owners are rows of `boxes`.
 
@@ -99,7 +97,7 @@ def assign_by_kind(
     return Assignment(*(np.concatenate(column, axis=2) for column in zip(*parts, strict=True)))
 
 
-def sample(assignment: Assignment, rng: np.random.Generator, *, size: int = 256, positives: int = 128) -> Assignment:
+def sample(assignment: Assignment, rng: Rng, *, size: int = 256, positives: int = 128) -> Assignment:
     """Keep `size` random anchors, as in the published training."""
     flat, labels = assignment.labels.ravel(), np.full(assignment.labels.size, IGNORED, assignment.labels.dtype)
     for kind, most in ((POSITIVE, positives), (NEGATIVE, size)):

@@ -27,7 +27,7 @@ from typing import SupportsFloat
 import h5py
 import numpy as np
 
-from toolkit.arrays import Bool, Float32, Shaped
+from toolkit.arrays import Float32, Mask, Rng, Shaped
 from toolkit.boxes import check_boxes
 from toolkit.geometry import LEVEL, Slope, check_slope, level_rows
 from toolkit.objects import Objects
@@ -123,9 +123,7 @@ class PackedFrames:
         slices = [slice(*self._ends[k, s : s + 2]) for s in range(len(self.rig(k).sensors))]
         return [self._pixels[each] for each in slices], [self._steps[each] for each in slices]
 
-    def points(
-        self, k: int, rng: np.random.Generator | None, sensors: Iterable[int] | None = None
-    ) -> list[Float32[np.ndarray, "_ 3"]]:
+    def points(self, k: int, rng: Rng | None, sensors: Iterable[int] | None = None) -> list[Float32[np.ndarray, "_ 3"]]:
         """Points of frame k inside the crop, of each chosen sensor (None: all), on level ground.
 
         rng: of fresh noise, None for none.
@@ -174,7 +172,7 @@ class Rig:
         return replace(rig, pixels=tuple(pixels), depth=tuple(depth))
 
     def measure(
-        self, s: int, changed: np.ndarray, measured: np.ndarray, rng: np.random.Generator | None
+        self, s: int, changed: np.ndarray, measured: np.ndarray, rng: Rng | None
     ) -> tuple[_Points, Shaped[np.ndarray, " n"], Float32[np.ndarray, " n"]]:
         """Noisy points in the crop, their pixels and measurements.
 
@@ -200,7 +198,7 @@ class Rig:
         rays += sensor.position.astype(np.float32)
         return rays
 
-    def in_crop(self, points: _Points, margin: float = 0.0) -> Bool[np.ndarray, " n"]:
+    def in_crop(self, points: _Points, margin: float = 0.0) -> Mask:
         """Mark points in the crop, widened by a margin (m)."""
         (x, y, z), (xmin, ymin, xmax, ymax) = level_rows(points, self.slope).T, self.area
         inside = (x >= xmin - margin) & (x <= xmax + margin) & (y >= ymin - margin) & (y <= ymax + margin)

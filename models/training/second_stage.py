@@ -23,14 +23,12 @@ from models.network.faces import SORTS, FaceNetworks, face_features, face_offset
 from models.network.voxelnet import VoxelNet
 from models.training.packed import Area, PackedFrames
 from models.training.samples import read_points
-from toolkit.arrays import Bool, Float, Float32, Int64
+from toolkit.arrays import BoxRows, Float, Float32, Int64, Mask, Rng
 from toolkit.boxes import count_points, iou_bev
 from toolkit.detection.metrics import TRUE_IOU, evaluate, matches
 from toolkit.objects import HEAVY, LABELS, VEHICLE, Detections, Detector, Objects, label_index
 from toolkit.points import has_centre_inside
 
-_Mask = Bool[np.ndarray, " n"]
-_Boxes = Float[np.ndarray, "n 7"]
 _Scores = Float[np.ndarray, " n"]
 _Hits = Int64[np.ndarray, " n"]
 
@@ -60,7 +58,7 @@ def detect_frames(
     device: str = "cpu",
     subsets: float = 0.0,
     errors: float = 0.0,
-) -> list[tuple[Detections, Objects, _Mask]]:
+) -> list[tuple[Detections, Objects, Mask]]:
     """Detect in the first `count` frames (None: all) by early fusion.
 
     Returns detections, truth and a mask of objects centred in the frame's area. subsets, errors: see `read_points`.
@@ -151,7 +149,7 @@ _RIDGE = 1.0  # pulls the slope to 1 and the intercept to 0
 _LEAST_SLOPE = 0.05
 
 
-def platt(scores: _Scores, hits: _Mask, rivals: Float[np.ndarray, "n L"] | None = None) -> tuple[float, ...]:
+def platt(scores: _Scores, hits: Mask, rivals: Float[np.ndarray, "n L"] | None = None) -> tuple[float, ...]:
     """Fit slope, intercept and the weights (at least 0) of rivals' scores to hits (Platt 1999).
 
     They make sigmoid(slope · logit(score) + intercept - Σ weight · rival) the likeliest share of true detections.
@@ -170,7 +168,7 @@ def platt(scores: _Scores, hits: _Mask, rivals: Float[np.ndarray, "n L"] | None 
     return tuple(float(each) for each in found.x)
 
 
-def lowest_threshold(scores: _Scores, hits: _Mask, precision: float) -> float:
+def lowest_threshold(scores: _Scores, hits: Mask, precision: float) -> float:
     """Lowest score above which a share `precision` of detections is true, 0 if that holds for all of them.
 
     If it holds for no `FEWEST` or more, the score above which that many are left; but never a score that loses more
@@ -297,7 +295,7 @@ def train_faces(
     return staged
 
 
-def off_at_random(boxes: _Boxes, rng: np.random.Generator) -> _Boxes:
+def off_at_random(boxes: BoxRows, rng: Rng) -> BoxRows:
     """Displace boxes in place, size and yaw."""
     boxes = boxes.copy()
     floor = boxes[:, 2] - boxes[:, 5] / 2

@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from toolkit.arrays import Float, Float32, Float64, Int, Int32
+from toolkit.arrays import Float, Float32, Float64, Int, Int32, Rng
 from toolkit.mesh import Mesh, merge
 
 
@@ -64,7 +64,7 @@ def include_mirrors(body: Body) -> Body:
     return make_body(body.name, body.label, body.vertices, body.triangles)
 
 
-def stretch_randomly(body: Body, rng: np.random.Generator, spread: float = 0.03) -> Body:
+def stretch_randomly(body: Body, rng: Rng, spread: float = 0.03) -> Body:
     """Stretch a body and its box along each axis by a factor N(1, spread), cut at two spreads."""
     factors = 1 + spread * np.clip(rng.standard_normal(3), -2, 2)
     length, width, height = (np.array(body.size) * factors).tolist()

@@ -8,8 +8,7 @@ from itertools import cycle, islice
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
+from toolkit.arrays import Rng
 from toolkit.bodies.body import Body, include_mirrors, make_body, make_boxed_body
 from toolkit.bodies.people import pedestrians, two_wheelers
 from toolkit.bodies.vehicles import CAR_NAMES, cars, trucks
@@ -58,7 +57,7 @@ class Fleet:
 
         return tuple(body.name for body in self.fixed) + (possible_names() if self.drawn else ())
 
-    def bodies(self, frames: int, rng: np.random.Generator) -> tuple[Body, ...]:
+    def bodies(self, frames: int, rng: Rng) -> tuple[Body, ...]:
         """Bodies for `frames` frames of traffic; drawn ones suffice for `LARGEST_DRAW`, each used once."""
         if not self.drawn:
             return self.fixed

@@ -34,7 +34,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from toolkit.arrays import Float, Float32, Float64, ImageMask, ImageRanges
+from toolkit.arrays import Float, Float32, Float64, ImageMask, ImageRanges, Pose
 from toolkit.datasets.lidar_grid import CloudImage, LidarGrid, find_grid, rasterize_cloud
 from toolkit.frame import Frame, Frames, SensorCloud
 from toolkit.runtime.files import parse_json, read_arrays, write_arrays
@@ -310,7 +310,7 @@ class _Learner:
         kept = max(16, _KEPT_PIXELS // (grid.model.shape[0] * grid.model.shape[1]))
         self.learner = SceneLearner(Sensor(name, grid.model, np.eye(4)), max(2, min(sample, kept)))
 
-    def add(self, cloud: SensorCloud, map_SE3_sensor: Float64[np.ndarray, "4 4"]) -> None:
+    def add(self, cloud: SensorCloud, map_SE3_sensor: Pose) -> None:
         """One more cloud."""
         place = map_SE3_sensor[:3, 3]
         self._place = place if self._place is None else self._place

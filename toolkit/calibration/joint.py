@@ -16,11 +16,11 @@ from itertools import combinations
 
 import numpy as np
 
-from toolkit.arrays import Bool, Float64, Int64
+from toolkit.arrays import Bool, BoxRows, Float64, Int64, Pose
 from toolkit.calibration import registration
 from toolkit.calibration.registration import LEVER, Surface, resistance
 from toolkit.frame import Frame
-from toolkit.geometry import Pose, invert, transform
+from toolkit.geometry import invert, transform
 from toolkit.objects import Detector
 from toolkit.points import detect_on_ground, frame_points
 from toolkit.sites.site import Site
@@ -247,7 +247,7 @@ class SeenBoxes:
     ahead: Float64[np.ndarray, "n 3"]
 
     @classmethod
-    def of(cls, boxes: Float64[np.ndarray, "n 7"], believed: Pose) -> SeenBoxes:
+    def of(cls, boxes: BoxRows, believed: Pose) -> SeenBoxes:
         """Return boxes of the world in the sensor's axes."""
         ahead = np.column_stack([np.cos(boxes[:, 6]), np.sin(boxes[:, 6]), np.zeros(len(boxes))])
         return cls(transform(invert(believed), boxes[:, :3]), ahead @ believed[:3, :3])

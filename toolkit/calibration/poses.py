@@ -12,17 +12,17 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from toolkit.arrays import Float64
+from toolkit.arrays import Float64, Points, Pose
 from toolkit.calibration import registration as reference_fit
 from toolkit.calibration.empty_scene import GRID_SAMPLES, SAMPLE, STANDS_STILL, learn_empty_scenes, learn_sample_scenes
 from toolkit.calibration.joint import MorePairs, align, face_sensor, object_pairs, seen_objects
-from toolkit.calibration.registration import LEVER, Points, Registration, Surface, motion_between, scene_points
+from toolkit.calibration.registration import LEVER, Registration, Surface, motion_between, scene_points
 from toolkit.datasets import published_layout as published
 from toolkit.datasets.dataset import CoopDataset, list_cameras
 from toolkit.datasets.doctor import Finding
 from toolkit.datasets.recordings import write_recording
 from toolkit.frame import Frame, Frames, Recording, RecordingView, SensorCloud, select_sensors
-from toolkit.geometry import Pose, check_pose, invert
+from toolkit.geometry import check_pose, invert
 from toolkit.objects import Detector
 from toolkit.runtime.files import parse_json, replace_infinite, write_text, writing
 from toolkit.runtime.hdf5 import hdf5_file

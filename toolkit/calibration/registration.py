@@ -22,11 +22,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from toolkit.arrays import Float, Float64, ImageMask, Int64
+from toolkit.arrays import Float, Float64, ImageMask, Int64, Points, Pose
 from toolkit.calibration.empty_scene import EmptyScene, learn_empty_scenes
 from toolkit.datasets.cloud_files import read_points
 from toolkit.datasets.dataset import CoopDataset
-from toolkit.geometry import Pose, transform
+from toolkit.geometry import transform
 from toolkit.rendering.static_scene import build_scenery
 from toolkit.sensors.error_terms import make_rotation
 from toolkit.sites.files import load_site
@@ -35,7 +35,6 @@ from toolkit.sites.site import Site
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
 
-Points = Float64[np.ndarray, "n 3"]
 Motion = Float64[np.ndarray, "6"]  # turns times `LEVER` and moves, m
 _Deviations = Float[np.ndarray, " n"]
 _Levels = Sequence[tuple[float, float, float]]
@@ -127,7 +126,7 @@ def site_surface(site: Site, *, seed: int = 0) -> Surface:
     return Surface(points, across[chosen] / size[chosen, None], np.zeros(len(points)))
 
 
-def cloud_surface(points: Float[np.ndarray, "n 3"]) -> Surface:
+def cloud_surface(points: Points) -> Surface:
     """Return the thinned surface of a cloud, without points off flat surfaces.
 
     Raises ValueError if fewer than `LEAST_FLAT` are left.
@@ -183,9 +182,7 @@ class Registration:
         return np.where(hidden, np.inf, np.sqrt(np.diag(self.covariance)))
 
 
-def register(
-    points: Float[np.ndarray, "n 3"], surface: Surface, believed: Pose, *, deviation: _Deviations | None = None
-) -> Registration:
+def register(points: Points, surface: Surface, believed: Pose, *, deviation: _Deviations | None = None) -> Registration:
     """Find the pose world_SE3_sensor near the believed one.
 
     points: measured, in the sensor's own frame; deviation: of each point (m), which lowers its weight. Raises

@@ -24,8 +24,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from toolkit.arrays import Float64
-from toolkit.geometry import MOST_DISTANT, Pose, check_pose, invert, transform
+from toolkit.arrays import Float64, Pose
+from toolkit.geometry import MOST_DISTANT, check_pose, invert, transform
 from toolkit.point_files import Attributes, missing_axes, name_attributes
 from toolkit.runtime.files import (
     MOST_CLOUD,

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from toolkit.arrays import Bool, Float, Float32, Float64
+from toolkit.arrays import Bool, Float, Float32, Float64, Pose
 from toolkit.datasets import published_layout as published
 from toolkit.geometry import invert, transform
 from toolkit.objects import HEAVY, VEHICLE
@@ -162,7 +162,7 @@ def witnesses(views: Sequence[SensorImages]) -> list[Witness]:
     return chosen
 
 
-def fit(clouds: Sequence[np.ndarray], rows: Sequence[Rows], map_SE3_site: Float[np.ndarray, "4 4"]) -> float:
+def fit(clouds: Sequence[np.ndarray], rows: Sequence[Rows], map_SE3_site: Pose) -> float:
     """Share of points on the boxes of their frame. clouds: (n, 3) in the site's frame, one for each frame."""
     on_boxes = 0
     for points, table in zip(clouds, rows, strict=True):
@@ -190,7 +190,7 @@ def collect_clouds(
 
 
 def suspect_objects(
-    chosen: Sequence[Witness], sensors: Sequence[Sensor], rows: Sequence[Rows], map_SE3_site: Float[np.ndarray, "4 4"]
+    chosen: Sequence[Witness], sensors: Sequence[Sensor], rows: Sequence[Rows], map_SE3_site: Pose
 ) -> tuple[list[Suspicion], list[Rows], float]:
     """Find the mistake, or pair of mistakes, in the objects. Returns it, the rows without it, and the fit of these."""
     clouds = collect_clouds(chosen, sensors, len(rows))
@@ -218,7 +218,7 @@ def _without(mistakes: Sequence[Mistake], rows: Rows) -> Rows:
 
 
 def suspect_sensor(
-    chosen: Sequence[Witness], sensor: Sensor, rows: Sequence[Rows], map_SE3_site: Float[np.ndarray, "4 4"]
+    chosen: Sequence[Witness], sensor: Sensor, rows: Sequence[Rows], map_SE3_site: Pose
 ) -> tuple[Suspicion | None, float]:
     """Find the pose or depth mistake of one sensor by its witnesses. Returns its fit too."""
     stored = published.extrinsic(sensor.pose, map_SE3_site)
@@ -270,10 +270,7 @@ CLEARLY = 0.2  # least gain in fit that raises suspicion of shifted frames
 
 
 def suspect_frames(
-    clouds: Sequence[Float[np.ndarray, "_ 3"]],
-    tables: Sequence[Rows],
-    frames: Sequence[int],
-    map_SE3_site: Float[np.ndarray, "4 4"],
+    clouds: Sequence[Float[np.ndarray, "_ 3"]], tables: Sequence[Rows], frames: Sequence[int], map_SE3_site: Pose
 ) -> tuple[Suspicion | None, list[Rows]]:
     """Find the number of frames by which objects are off. Returns it and the rows that belong to `frames`. clouds:
     moving points of `frames`, site frame; tables: rows of all frames of the file."""

@@ -15,7 +15,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from toolkit.arrays import Float64, Int64, Shaped
+from toolkit.arrays import Float64, Int64, Pose, Shaped
 from toolkit.datasets.cloud_files import check_extent, read_recorded
 from toolkit.datasets.published_layout import FARTHEST_OBJECT
 from toolkit.frame import DisplayedRecording, Frame, Frames, OtherObjects, RecordingView, SensorCloud
@@ -162,7 +162,7 @@ def as_list(content: Unchecked, name: str = "it") -> list[Unchecked]:
     return content
 
 
-def rigid(rotation: Unchecked, translation: Unchecked, name: str = "pose") -> Float64[np.ndarray, "4 4"]:
+def rigid(rotation: Unchecked, translation: Unchecked, name: str = "pose") -> Pose:
     """Pose of a 3×3 rotation, the nearest true one (SVD) if it is a little off, and a translation.
 
     >>> rigid([[1, 0, 0], [0, 1, 0.001], [0, 0, 1]], [["1"], ["2"], ["3"]]).round(3)[:, 3].tolist()
@@ -180,14 +180,14 @@ def rigid(rotation: Unchecked, translation: Unchecked, name: str = "pose") -> Fl
     return check_pose(pose, name)
 
 
-def rigid_matrix(values: Unchecked, name: str = "pose") -> Float64[np.ndarray, "4 4"]:
+def rigid_matrix(values: Unchecked, name: str = "pose") -> Pose:
     """Pose of 16 or 12 numbers by rows, as `rigid`."""
     flat = np.asarray(values, dtype=object).ravel()
     matrix = numbers(values, 16 if flat.size == 16 else 12, name).reshape(-1, 4)
     return rigid(matrix[:3, :3], matrix[:3, 3], name)
 
 
-def heading(target_SE3_source: Float64[np.ndarray, "4 4"], yaw: object) -> Float64[np.ndarray, "*n"]:
+def heading(target_SE3_source: Pose, yaw: object) -> Float64[np.ndarray, "*n"]:
     """Yaw (rad) in the target frame of source-frame headings: that of the turned forward direction, from above.
 
     >>> heading(np.eye(4), [0.5])
@@ -278,7 +278,7 @@ def labelled(
     )
 
 
-def move_boxes(target_SE3_source: Float64[np.ndarray, "4 4"], boxes: Shaped[np.ndarray, "n 7"]) -> np.ndarray:
+def move_boxes(target_SE3_source: Pose, boxes: Shaped[np.ndarray, "n 7"]) -> np.ndarray:
     """Boxes of the source frame in the target frame."""
     with np.errstate(all="ignore"):
         centres = transform(target_SE3_source, boxes[:, :3])
@@ -338,9 +338,7 @@ _MOST_RINGS = 1 << 16  # that are believed where they are written as floats, as 
 _TIMES = ("offset_ns", "t", "time", "timestamp", "time_stamp", "offset_time")
 
 
-def read_cloud(
-    path: str | Path, name: str, world_SE3_sensor: Float64[np.ndarray, "4 4"], problems: Problems
-) -> SensorCloud:
+def read_cloud(path: str | Path, name: str, world_SE3_sensor: Pose, problems: Problems) -> SensorCloud:
     """Read the cloud of a file. Raises FileNotFoundError, and ValueError for a file without readable points."""
     return build_cloud(read_recorded(path), name, world_SE3_sensor, problems)
 
@@ -348,7 +346,7 @@ def read_cloud(
 def build_cloud(
     attributes: Mapping[str, np.ndarray],
     name: str,
-    world_SE3_sensor: Float64[np.ndarray, "4 4"],
+    world_SE3_sensor: Pose,
     problems: Problems,
     *,
     frame: Literal["sensor", "world"] = "sensor",

@@ -15,7 +15,7 @@ from functools import cached_property
 
 import numpy as np
 
-from toolkit.arrays import Bool, Float, Float32, Float64
+from toolkit.arrays import Bool, Float, Float32, Float64, Mask, Points
 from toolkit.boxes import count_points
 from toolkit.datasets.dataset import CoopDataset
 from toolkit.detection.provenance import detector_origin
@@ -49,7 +49,7 @@ class Background:
     ground: Float64[np.ndarray, "kx ky"]
 
     @staticmethod
-    def learn(points: Float[np.ndarray, "n 3"], voxel: float = VOXEL, cell: float = 1.0) -> Background:
+    def learn(points: Points, voxel: float = VOXEL, cell: float = 1.0) -> Background:
         """Learn from points of the empty site, best several sweeps."""
         if not len(points):
             raise ValueError("the background needs at least one point of the empty site, got none: crop less?")
@@ -64,7 +64,7 @@ class Background:
             occupied |= np.roll(occupied, 1, axis) | np.roll(occupied, -1, axis)
         return Background(origin, voxel, occupied, cell, _ground(points, origin, cell))
 
-    def holds(self, points: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
+    def holds(self, points: Points) -> Mask:
         """Mark points in or beside an empty-site voxel."""
         index = np.clip((points - self.origin) / self.voxel, 0, np.array(self.occupied.shape) - 1)
         return self.occupied[tuple(index.astype(np.int64).T)]  # the outermost layer is never occupied
@@ -143,7 +143,7 @@ class KnownBackground:
         """Same detector as it compares (`quick_detector`)."""
         return replace(self, detector=quick_detector(self.detector))
 
-    def __call__(self, points: Float[np.ndarray, "n 3"], /) -> Detections:
+    def __call__(self, points: Points, /) -> Detections:
         """Detect in the finite ones of points (n, 3)."""
         found = self.detector(points)
         return self._keep(found, points, self._new(points)) if len(found) else found

@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from toolkit.arrays import Bool, Float64, Int64
+from toolkit.arrays import Bool, Float64, Int64, Mask
 from toolkit.boxes import Overlap, count_points, iou_3d, iou_bev
 from toolkit.detection.metrics import Curve, evaluate, greedy, precision_recall
 from toolkit.frame import Frame, Region
@@ -126,7 +126,7 @@ class FrameTruth:
     """
 
     objects: Objects
-    counted: Bool[np.ndarray, " n"]
+    counted: Mask
     points: Int64[np.ndarray, " n"]
     corners: Float64[np.ndarray, "4"]
     complete: Region | None = None
@@ -176,7 +176,7 @@ def select_truth(frame: Frame, corners: Float64[np.ndarray, "4"]) -> FrameTruth:
     return FrameTruth(frame.objects, counted & ~repeated(frame.objects), points, corners, frame.complete)
 
 
-def repeated(objects: Objects) -> Bool[np.ndarray, " n"]:
+def repeated(objects: Objects) -> Mask:
     """Mark labels of an object that is labelled already."""
     same = (iou_3d(objects.boxes, objects.boxes) >= TWICE) & (objects.labels[:, None] == objects.labels)
     return np.asarray(np.tril(same, -1).any(axis=1))

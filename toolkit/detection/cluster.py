@@ -25,7 +25,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 import open3d as o3d
 
-from toolkit.arrays import Float, Float64, Int64
+from toolkit.arrays import Float, Float64, Int64, Points, Rng
 from toolkit.boxes import count_points, nms
 from toolkit.calibration.empty_scene import SIGMAS, Scenes
 from toolkit.calibration.ground import level
@@ -61,7 +61,7 @@ class ClusterDetector:
     area: Corners | None = None
 
     @staticmethod
-    def learn(background_points: Float[np.ndarray, "n 3"] | Iterable[Float[np.ndarray, "_ 3"]]) -> ClusterDetector:
+    def learn(background_points: Points | Iterable[Float[np.ndarray, "_ 3"]]) -> ClusterDetector:
         """Learn from clouds (n, 3) of the empty site, cropped like the points to detect in, world frame. Several sweeps
         of the same sensors show their noise.
         """
@@ -79,7 +79,7 @@ class ClusterDetector:
         settings = repr((self.cell, self.reach, self.fewest)).encode()
         return self.background.digest_settings(settings) + ("" if self.area is None else f" {self.area}")
 
-    def __call__(self, points: Float[np.ndarray, "n 3"]) -> Detections:
+    def __call__(self, points: Points) -> Detections:
         """Detect in points (n, 3), world frame, that are finite."""
         points = points if self.area is None else crop_points(points, self.area)
         points = points[np.isfinite(points).all(axis=1)]
@@ -174,7 +174,7 @@ def _fit(xy: Float64[np.ndarray, "n 2"]) -> _Rectangle:
     return rectangle if rectangle.size[0] >= rectangle.size[1] else rectangle.turn()
 
 
-def _complete(cars: list[_Rectangle], background: Float[np.ndarray, "n 3"]) -> list[_Rectangle]:
+def _complete(cars: list[_Rectangle], background: Points) -> list[_Rectangle]:
     """Complete cars to the usual size where that covers least background; sides with many points rarely grow."""
     ways, doubts, first = list[_Rectangle](), list[float](), [0]
     for seen in cars:
@@ -256,7 +256,7 @@ def learn_cluster_detector(scenes: Scenes, frame: Frame, place: Place = Place())
     return replace(ClusterDetector.learn([crop_points(stand.lift(sweep), area) for sweep in sweeps]), area=area)
 
 
-def _sweep(scenes: Scenes, name: str, rng: np.random.Generator) -> Float64[np.ndarray, "n 3"]:
+def _sweep(scenes: Scenes, name: str, rng: Rng) -> Float64[np.ndarray, "n 3"]:
     """Draw a sweep of a sensor in its empty scene, in the sensor's own frame. Each pixel takes one of its two
     measurements, as often as it was met, with its spread.
     """

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from toolkit.arrays import Float, Float64, Int64
+from toolkit.arrays import BoxRows, Float, Float64, Int64, Points, Pose
 from toolkit.boxes import count_points
 from toolkit.calibration.ground import Ground, level
 from toolkit.datasets import records
@@ -63,7 +63,7 @@ def fits(some: Sequence[Seen], boxes: Sequence[np.ndarray]) -> Float64[np.ndarra
     return np.concatenate([np.zeros(0), *parts])
 
 
-def measure_fits(points: Float[np.ndarray, "n 3"], boxes: Float[np.ndarray, "m 7"]) -> Float64[np.ndarray, " m"]:
+def measure_fits(points: Points, boxes: Float[np.ndarray, "m 7"]) -> Float64[np.ndarray, " m"]:
     """Fit of boxes to points that stand on the ground."""
     around = np.array([0, 0, 0.5, 2, 2, 1, 0])  # one metre more on all sides and above
     hollow = boxes * [1, 1, 1, HOLLOW, HOLLOW, 1, 1] - np.array([0, 0, SLACK, 0, 0, 2 * SLACK, 0])
@@ -96,7 +96,7 @@ class LabelMistake:
     factor: tuple[int | float, ...] = (1, 1, 1, 1, 1, 1, 1)
     turn: float = 0.0
 
-    def undo(self, boxes: Float64[np.ndarray, "n 7"]) -> Float64[np.ndarray, "n 7"]:
+    def undo(self, boxes: BoxRows) -> BoxRows:
         """Boxes without the mistake."""
         return boxes[:, list(self.order)] * np.array(self.factor) + np.array([0, 0, 0, 0, 0, 0, self.turn])
 
@@ -127,16 +127,14 @@ LABEL_MISTAKES = (
 )
 
 
-def undo_mistake(
-    mistake: LabelMistake, boxes: Float64[np.ndarray, "n 7"], frame_SE3_world: Float64[np.ndarray, "4 4"]
-) -> Float64[np.ndarray, "n 7"]:
+def undo_mistake(mistake: LabelMistake, boxes: BoxRows, frame_SE3_world: Pose) -> BoxRows:
     """Undo a mistake made in another frame, of boxes (world)."""
     if np.array_equal(frame_SE3_world, np.eye(4)):
         return mistake.undo(boxes)
     return boxes_through(mistake.undo(boxes_through(boxes, frame_SE3_world)), invert(frame_SE3_world))
 
 
-def boxes_through(boxes: Float64[np.ndarray, "n 7"], motion: Float64[np.ndarray, "4 4"]) -> Float64[np.ndarray, "n 7"]:
+def boxes_through(boxes: BoxRows, motion: Pose) -> BoxRows:
     """Transform boxes to another frame, whose z is up as well.
 
     >>> boxes_through(np.array([[1.0, 2, 3, 4, 2, 1, 0.5]]), np.diag([-1.0, -1, 1, 1])).round(3).tolist()
@@ -235,7 +233,7 @@ def against_their_way(
 class Movers(NamedTuple):
     """Moving boxes of a frame, their velocities (m/s) and tracks."""
 
-    boxes: Float64[np.ndarray, "n 7"]
+    boxes: BoxRows
     velocities: Float64[np.ndarray, "n 2"]
     ids: Int64[np.ndarray, " n"]
 

@@ -38,7 +38,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from toolkit.arrays import Bool, Float, Float64, Int64
+from toolkit.arrays import Bool, Float, Float64, Int64, Mask
 from toolkit.boxes import FACE_TOLERANCE, Overlap, check_boxes, footprint_overlap, iou_3d, iou_bev
 from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE, Detections, Objects, label_index
 
@@ -59,7 +59,7 @@ class Match:
 
     truth: Int64[np.ndarray, " n"]
     iou: Float64[np.ndarray, " n"]
-    ignored: Bool[np.ndarray, " n"]
+    ignored: Mask
     hit: Bool[np.ndarray, " m"]
     scored: Bool[np.ndarray, " m"]
 
@@ -85,7 +85,7 @@ class DetectionScore:
     truths: int
     curve: Curve = field(repr=False)
     scores: Float64[np.ndarray, " n"] = field(repr=False, compare=False)
-    hits: Bool[np.ndarray, " n"] = field(repr=False, compare=False)
+    hits: Mask = field(repr=False, compare=False)
 
 
 @dataclass(frozen=True)
@@ -104,7 +104,7 @@ class Reliability:
         return float((gap * self.count[filled]).sum() / max(self.count.sum(), 1))
 
 
-def reliability(scores: Float[np.ndarray, " n"], hits: Bool[np.ndarray, " n"], bins: int = 10) -> Reliability:
+def reliability(scores: Float[np.ndarray, " n"], hits: Mask, bins: int = 10) -> Reliability:
     """Build the reliability diagram, NaN in empty bins.
 
     >>> reliability(np.array([0.92, 0.96, 0.1]), np.array([True, False, False]), bins=2).true
@@ -205,7 +205,7 @@ def matches(
         yield result
 
 
-def precision_recall(scores: Float64[np.ndarray, " n"], hits: Bool[np.ndarray, " n"], truths: int) -> Curve:
+def precision_recall(scores: Float64[np.ndarray, " n"], hits: Mask, truths: int) -> Curve:
     """Return the curve of n pooled detections, in any order. truths: the number to find.
 
     >>> precision_recall(np.array([0.9, 0.8, 0.7]), np.array([True, False, True]), truths=4).recall

@@ -15,7 +15,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from toolkit.arrays import Float, Float32, Float64
+from toolkit.arrays import Float, Float32, Float64, Points
 from toolkit.calibration.ground import Ground, level, level_warning
 from toolkit.frame import Frame
 from toolkit.objects import Detections, Objects
@@ -121,7 +121,7 @@ class Place:
             yield frame, Stand(np.array([-x, -y, x, y]), middle, ground, warning, 1e3 * (perf_counter() - start))
 
 
-def crop_points(points: Float[np.ndarray, "n 3"], area: Area) -> Float[np.ndarray, "_ 3"]:
+def crop_points(points: Points, area: Area) -> Float[np.ndarray, "_ 3"]:
     """Return the lifted points in an area, below 4 m."""
     return points[Crop.of(area, CROP_HEIGHT).holds(points)]
 

@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from toolkit.arrays import Float64, ImageMask, ImageRanges
+from toolkit.arrays import BoxRows, ImageMask, ImageRanges
 from toolkit.calibration.empty_scene import HALF, SIGMAS, EmptyScene
 from toolkit.sensors.sensor import Sensor, is_return
 
@@ -124,7 +124,7 @@ def farther(scene: EmptyScene, image: ImageRanges) -> ImageMask:
     return np.asarray(solid & (image > last + SIGMAS * spread))
 
 
-def standing_before(scene: EmptyScene, sensor: Sensor, boxes: Float64[np.ndarray, "n 7"]) -> ImageMask:
+def standing_before(scene: EmptyScene, sensor: Sensor, boxes: BoxRows) -> ImageMask:
     """Mask of pixels in which a sensor must see one of these boxes, or something nearer, before its empty scene."""
     nothing = np.float32(np.inf)
     behind = np.where(scene.first > 0, np.fmin(scene.first, np.where(scene.second > 0, scene.second, nothing)), nothing)

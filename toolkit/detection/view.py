@@ -15,7 +15,7 @@ from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
-from toolkit.arrays import Bool, Float32, ImageRanges, Int64
+from toolkit.arrays import Float32, ImageRanges, Int64, Mask
 from toolkit.boxes import nms
 from toolkit.calibration.empty_scene import EmptyScene, Scenes
 from toolkit.detection.codec import PAPER, Codec, ImageCodec, Origin, RangeImage
@@ -31,7 +31,7 @@ NMS_IOU = 0.1
 LinkMemory = dict[tuple[int, str], Any]  # state of links between frames, by sensor (index) and name
 _Value = TypeVar("_Value")
 Lift = Callable[[Float32[np.ndarray, "n 3"]], Float32[np.ndarray, "n 3"]]
-Keep = Callable[[Float32[np.ndarray, "n 3"], Sensor], Bool[np.ndarray, " n"]]
+Keep = Callable[[Float32[np.ndarray, "n 3"], Sensor], Mask]
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import shapely
 
-from toolkit.arrays import Bool, Float, Float64, Shaped
+from toolkit.arrays import Bool, Float, Float64, Mask, Shaped
 from toolkit.boxes import footprints
 from toolkit.objects import LABELS, Detections, Objects
 from toolkit.plots.canvas import add_legend, blank_figure, house_style, plain, shorten, write_figure
@@ -359,8 +359,8 @@ class FrameOutcome(NamedTuple):
     detection hits; *_hit: truths and detections that hit; *_ignored: those that do not count."""
 
     iou: float
-    truth_hit: Bool[np.ndarray, " n"]
-    truth_ignored: Bool[np.ndarray, " n"]
+    truth_hit: Mask
+    truth_ignored: Mask
     detection_hit: Bool[np.ndarray, " m"]
     detection_ignored: Bool[np.ndarray, " m"]
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from toolkit.arrays import Float32, Float64, Int64
+from toolkit.arrays import BoxRows, Float32, Float64, Int64
 from toolkit.rendering.renderer import Renderer
 from toolkit.rendering.strips import counting
 from toolkit.sensors.sensor import NEAR, Sensor, nearest
@@ -60,7 +60,7 @@ class SensorRays:
             (model, np.array([i for i, each in enumerate(models) if each == model])) for model in dict.fromkeys(models)
         ]
 
-    def windows(self, bodies: Int64[np.ndarray, " n"], boxes: Float64[np.ndarray, "n 7"]) -> list[Windows]:
+    def windows(self, bodies: Int64[np.ndarray, " n"], boxes: BoxRows) -> list[Windows]:
         """Windows of bodies of the renderer in their boxes."""
         each: list[Windows] = []
         rotations, positions = self._poses[:, :3, :3], self._poses[:, None, :3, 3]

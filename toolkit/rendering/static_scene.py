@@ -12,7 +12,7 @@ from collections.abc import Callable
 import numpy as np
 import shapely
 
-from toolkit.arrays import Float, Float64
+from toolkit.arrays import Float, Float64, Rng
 from toolkit.geometry import LEVEL
 from toolkit.mesh import Mesh, extrude, merge, place, triangulate
 from toolkit.sites.site import Site, Solid
@@ -95,11 +95,11 @@ def _skin(solid: Solid) -> float:
     return (outline.length * (solid.top - solid.base) + outline.area) * (1 if solid.kind == "building" else 4)
 
 
-def _plain(solid: Solid, rng: np.random.Generator) -> Mesh:
+def _plain(solid: Solid, rng: Rng) -> Mesh:
     return extrude(solid.footprint, solid.base, solid.top)
 
 
-def _building(solid: Solid, rng: np.random.Generator) -> Mesh:
+def _building(solid: Solid, rng: Rng) -> Mesh:
     """Walls with windows, and a flat roof."""
     corners = _outline(solid.footprint, np.inf)
     walls = [_facade(a, b, solid.base, solid.top) for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True)]
@@ -133,7 +133,7 @@ def _facade(start: np.ndarray, end: np.ndarray, base: float, top: float) -> Mesh
     return _quadrilaterals(np.concatenate([wall, inner, *sides]))
 
 
-def _hedge(solid: Solid, rng: np.random.Generator) -> Mesh:
+def _hedge(solid: Solid, rng: Rng) -> Mesh:
     """Prism with a bumpy skin, narrower at the top, that passes its footprint by the roughness at most."""
     outline = _outline(solid.footprint, 0.4)
     middle = outline.mean(axis=0)
@@ -148,7 +148,7 @@ def _hedge(solid: Solid, rng: np.random.Generator) -> Mesh:
     return merge([_strip(np.stack(rings)), Mesh(top, cap)])
 
 
-def _bush(solid: Solid, rng: np.random.Generator) -> Mesh:
+def _bush(solid: Solid, rng: Rng) -> Mesh:
     """Dense core, and sprays of leaves over it."""
     middle = solid.footprint.mean(axis=0)
     core = Solid(middle + 0.75 * (solid.footprint - middle), solid.base, solid.base + 0.8 * (solid.top - solid.base))
@@ -156,7 +156,7 @@ def _bush(solid: Solid, rng: np.random.Generator) -> Mesh:
     return merge([_hedge(core, rng), _crown(leaves, rng)])
 
 
-def _crown(solid: Solid, rng: np.random.Generator) -> Mesh:
+def _crown(solid: Solid, rng: Rng) -> Mesh:
     """Sprays of leaves, most near the outline."""
     polygon = shapely.Polygon(solid.footprint)
     height = solid.top - solid.base
@@ -172,7 +172,7 @@ def _crown(solid: Solid, rng: np.random.Generator) -> Mesh:
     return Mesh(vertices, np.arange(len(vertices)).reshape(-1, 3))
 
 
-_SHAPES: dict[str, Callable[[Solid, np.random.Generator], Mesh]] = {
+_SHAPES: dict[str, Callable[[Solid, Rng], Mesh]] = {
     "building": _building,
     "hedge": _hedge,
     "bush": _bush,

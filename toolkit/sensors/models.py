@@ -15,7 +15,7 @@ from typing import Any, ClassVar, NamedTuple, TypeVar, cast
 
 import numpy as np
 
-from toolkit.arrays import Bool, Float, Float32, Float64, Int64
+from toolkit.arrays import Bool, Float, Float32, Float64, Int64, Pose, Rng
 from toolkit.geometry import BODY_SE3_CAMERA, pose
 from toolkit.sensors.sensor import (
     NEAR,
@@ -42,9 +42,7 @@ class _Noisy:
         """`sigma`, whatever the measurement."""
         return np.float32(self.sigma)
 
-    def noisy(
-        self, measurement: Float[np.ndarray, "rows columns"], rng: np.random.Generator
-    ) -> Float32[np.ndarray, "rows columns"]:
+    def noisy(self, measurement: Float[np.ndarray, "rows columns"], rng: Rng) -> Float32[np.ndarray, "rows columns"]:
         """Add normal noise of the `deviation`; no return stays none."""
         return with_noise(measurement, cast(SensorModel, self), rng)
 
@@ -173,7 +171,7 @@ class _Lidar(_Noisy):
         raise NotImplementedError
 
     @property
-    def body_SE3_sensor(self) -> Float64[np.ndarray, "4 4"]:
+    def body_SE3_sensor(self) -> Pose:
         """The body looks along the heading."""
         return pose(yaw=-self._grid.heading) if self._grid.heading else np.eye(4)
 

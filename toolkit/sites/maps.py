@@ -18,7 +18,7 @@ from xml.etree import ElementTree
 import numpy as np
 import shapely
 
-from toolkit.arrays import Float, Float64
+from toolkit.arrays import Float, Float64, Pose, Rng
 from toolkit.geometry import STEEPEST, pose
 from toolkit.runtime.files import name_errors
 from toolkit.sites import furniture as f, network as nets, opendrive, osm, osm_parking
@@ -173,7 +173,7 @@ def redraw(site: Site, seed: int) -> Site:
     return _furnish(bare, np.random.default_rng(seed))
 
 
-def _furnish(site: Site, rng: np.random.Generator) -> Site:
+def _furnish(site: Site, rng: Rng) -> Site:
     """Add drawn solids and bays to a site with its mounts and the map's solids."""
     mounts, solids, road = site.mounts, site.solids, Road(*legs(site.network), site.lanes, site.footways)
     drawn, bays = furnish(road, site.area, mounts, rng, light=site.furnished == "light")
@@ -500,7 +500,7 @@ def _elsewhere(network: str, window: shapely.Polygon) -> tuple[float, list[str],
     return round(level, 3), far, len(far) < len(heights)
 
 
-def _in_site_frame(network: str, map_SE3_site: Float64[np.ndarray, "4 4"]) -> str:
+def _in_site_frame(network: str, map_SE3_site: Pose) -> str:
     """Turn a net.xml text from the map's coordinates into the site's, without heights."""
     (x, y), turn = map_SE3_site[:2, 3], map_SE3_site[:2, :2]
     root = ElementTree.fromstring(network)

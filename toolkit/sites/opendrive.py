@@ -19,8 +19,8 @@ from xml.etree import ElementTree
 import numpy as np
 import shapely
 
-from toolkit.arrays import Float, Float64
-from toolkit.geometry import LEVEL, Pose, Slope
+from toolkit.arrays import Float, Float64, Pose
+from toolkit.geometry import LEVEL, Slope
 from toolkit.sites import furniture as f
 from toolkit.sites.network import list_polygons, unite
 from toolkit.sites.site import Solid

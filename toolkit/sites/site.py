@@ -15,7 +15,7 @@ from xml.etree import ElementTree
 import numpy as np
 import shapely
 
-from toolkit.arrays import Float, Float64
+from toolkit.arrays import Float, Float64, Pose
 from toolkit.display import Card, Displayed, Table, describe_count
 from toolkit.geometry import LEVEL, Slope, check_pose, check_slope
 from toolkit.sensors.sensor import Sensor, tabulate_sensors
@@ -124,7 +124,7 @@ class Site(Displayed):
     road_origin: str = "mapped"  # of lanes, footways and network
     furnished: Furnishing = "none"  # how densely coview drew what the map is silent of
     network: str = ""  # SUMO net.xml text in site coordinates, "" for a site without traffic
-    map_SE3_site: Float64[np.ndarray, "4 4"] = field(default_factory=lambda: np.eye(4))
+    map_SE3_site: Pose = field(default_factory=lambda: np.eye(4))
     geo_reference: str | None = None  # PROJ string of the map frame, None if unknown
     relief: Relief = Relief()
     hybrid_radius: float = HYBRID_RADIUS  # m within which sensors send no points in hybrid fusion (paper IV-B)

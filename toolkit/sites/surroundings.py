@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 import shapely
 
-from toolkit.arrays import Float, Float64
+from toolkit.arrays import Float, Float64, Rng
 from toolkit.sites import furniture as f
 from toolkit.sites.network import unite
 from toolkit.sites.site import Mount, Solid
@@ -102,7 +102,7 @@ class Plot:
 
 
 def place_mounts(
-    road: Road, area: Extent, rng: np.random.Generator, *, spacing: float = 5.0, avoid: shapely.Geometry | None = None
+    road: Road, area: Extent, rng: Rng, *, spacing: float = 5.0, avoid: shapely.Geometry | None = None
 ) -> tuple[Mount, ...]:
     """Choose sensor places at the kerb and behind the footway, their feet at z = 0.
 
@@ -157,7 +157,7 @@ _REACH = 75.0  # m from a junction; bays are drawn this far
 _UNSEEN = 15.0  # m from the edge of the furnished ground; no bays lie on the road there
 
 
-def kerb_bays(plot: Plot, strips: Mapping[str, Strip], angles: Mapping[str, int], rng: np.random.Generator) -> Bays:
+def kerb_bays(plot: Plot, strips: Mapping[str, Strip], angles: Mapping[str, int], rng: Rng) -> Bays:
     """Draw bays x, y, yaw on the strips that have an angle (degrees, 0 in line with the kerb).
 
     The junction is at the end of a strip of an edge `in...`, and at the start of the others.
@@ -200,7 +200,7 @@ def place_along(line: shapely.LineString, at: Float[np.ndarray, " n"], half: flo
     return np.column_stack([(here + ahead) / 2, np.arctan2(*(ahead - here).T[::-1])])
 
 
-def forecourts(plot: Plot, rng: np.random.Generator) -> Bays:
+def forecourts(plot: Plot, rng: Rng) -> Bays:
     """Parking bays behind the footways, along the road or across."""
     bays: list[Bay] = []
     across = rng.random() < 0.5

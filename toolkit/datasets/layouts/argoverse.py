@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from toolkit.arrays import Float64, Int64
+from toolkit.arrays import BoxRows, Float64, Int64, Pose
 from toolkit.boxes import count_points
 from toolkit.datasets.cloud_files import quaternion_pose, read_table
 from toolkit.datasets.layouts.nuscenes import compute_quaternion
@@ -46,7 +46,7 @@ _NAMES = {"vehicle": "REGULAR_VEHICLE", "cyclist": "BICYCLIST", "pedestrian": "P
 class Labels:
     """Cuboids of one sweep, ego frame. interior_points: the recording's own number of points in each."""
 
-    boxes: Float64[np.ndarray, "n 7"]
+    boxes: BoxRows
     categories: tuple[str, ...]
     interior_points: Int64[np.ndarray, " n"]
     tracks: tuple[str, ...]
@@ -118,7 +118,7 @@ def _stamps(table: Mapping[str, np.ndarray]) -> np.ndarray:
 def _sample(log: Path, name: str) -> Frame:
     problems: Problems = {}
     time = int(name)
-    calibration = dict[str, Float64[np.ndarray, "4 4"]]()  # ego_SE3_sensor
+    calibration = dict[str, Pose]()  # ego_SE3_sensor
     if lexists(log / _CALIBRATION):
         with named_damage(log / _CALIBRATION, "calibration"):
             table = read_table(log / _CALIBRATION)
@@ -151,7 +151,7 @@ def _sample(log: Path, name: str) -> Frame:
     return Frame.of_clouds(name, clouds, *found, time=time * 1e-9, map_SE3_world=map_SE3_ego, problems=problems)
 
 
-def _sensor_pose(calibration: Mapping[str, Float64[np.ndarray, "4 4"]], lidar: str) -> Float64[np.ndarray, "4 4"]:
+def _sensor_pose(calibration: Mapping[str, Pose], lidar: str) -> Pose:
     """Pose of a lidar; the vehicle's origin where the log has no calibration at all."""
     return calibration[lidar] if calibration else np.eye(4)
 

@@ -23,7 +23,7 @@ from pathlib import Path
 
 import numpy as np
 
-from toolkit.arrays import Float64
+from toolkit.arrays import Pose
 from toolkit.datasets import records
 from toolkit.datasets.records import as_number, entry, named_damage
 from toolkit.frame import Everywhere, Frame, ImageWedge, Region
@@ -108,7 +108,7 @@ def _stem(pair: records.Unchecked, side: str) -> str:
     return Path(str(pair[path] if path in pair else entry(pair, f"{side}_frame"))).stem
 
 
-def read_transform(path: str | Path, offset: tuple[float, float] | None = None) -> Float64[np.ndarray, "4 4"]:
+def read_transform(path: str | Path, offset: tuple[float, float] | None = None) -> Pose:
     """Pose of a calibration file, made rigid. offset: added to x and y, the file's own relative_error if None."""
     with named_damage(path, "calibration"):
         content = records.load_json(path)
@@ -130,9 +130,7 @@ def _offset(value: records.Unchecked) -> tuple[float, float] | None:
     return delta
 
 
-def read_annotations(
-    path: Path | None, world_SE3_labels: Float64[np.ndarray, "4 4"], problems: records.Problems
-) -> records.Labelled:
+def read_annotations(path: Path | None, world_SE3_labels: Pose, problems: records.Problems) -> records.Labelled:
     """Objects of a label file, in the world frame. Empty without a file."""
     with named_damage(path or "", "list of labels"):
         labels = [] if path is None else records.as_list(records.load_json(path))

@@ -20,10 +20,10 @@ from pathlib import Path
 
 import numpy as np
 
+from toolkit.arrays import Pose
 from toolkit.datasets import records
 from toolkit.datasets.cloud_files import read_poses
 from toolkit.frame import Frame
-from toolkit.geometry import Pose
 from toolkit.runtime.files import write_text
 
 POSES = ("poses.json", "poses.txt", "poses.csv")

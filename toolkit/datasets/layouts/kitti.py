@@ -20,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
-from toolkit.arrays import Float64
+from toolkit.arrays import BoxRows
 from toolkit.datasets import records
 from toolkit.frame import Frame, ImageWedge, Region
 from toolkit.geometry import BODY_SE3_CAMERA, invert, transform
@@ -74,7 +74,7 @@ def _sample(folder: Path, name: str) -> Frame:
     return Frame.of_clouds(name, (cloud,), *found, complete=wedge, problems=problems)
 
 
-def _boxes(values: np.ndarray, lidar_SE3_camera: np.ndarray) -> Float64[np.ndarray, "n 7"]:
+def _boxes(values: np.ndarray, lidar_SE3_camera: np.ndarray) -> BoxRows:
     height, width, length = values[:, 7:10].T
     centre = values[:, 10:13] - np.stack([0 * height, height / 2, 0 * height], axis=1)
     # ry = 0 is the camera's x: turned about y, which points down, forward is (cos ry, 0, -sin ry)

@@ -20,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
-from toolkit.arrays import Float64
+from toolkit.arrays import Float64, Pose
 from toolkit.datasets import records
 from toolkit.datasets.cloud_files import quaternion_pose
 from toolkit.datasets.records import as_number, entry, named_damage, numbers
@@ -98,7 +98,7 @@ def _sample(folder: Path, token: str, tables: dict[str, _Row], data: list[_Row],
     return Frame.of_clouds(token, clouds, *found, time=time, map_SE3_world=map_SE3_ego, problems=problems)
 
 
-def _placed(folder: Path, tables: dict[str, _Row], name: str, row: _Row) -> Float64[np.ndarray, "4 4"]:
+def _placed(folder: Path, tables: dict[str, _Row], name: str, row: _Row) -> Pose:
     """Pose in a table that a row of sample_data names."""
     with named_damage(folder / f"{name}.json", "table"):
         where = entry(tables[name], str(entry(row, f"{name}_token")))
@@ -167,7 +167,7 @@ def _format_pose(placed: np.ndarray) -> dict[str, list[float]]:
     return {"translation": placed[:3, 3].tolist(), "rotation": compute_quaternion(placed).tolist()}
 
 
-def compute_quaternion(placed: Float64[np.ndarray, "4 4"]) -> Float64[np.ndarray, "4"]:
+def compute_quaternion(placed: Pose) -> Float64[np.ndarray, "4"]:
     """Unit quaternion w x y z of a pose's rotation, w not negative.
 
     >>> compute_quaternion(np.diag([-1.0, -1.0, 1.0, 1.0])).tolist()

@@ -22,7 +22,7 @@ from pathlib import Path
 
 import numpy as np
 
-from toolkit.arrays import Float64
+from toolkit.arrays import Pose
 from toolkit.datasets import records
 from toolkit.datasets.records import entry, named_damage, numbers
 from toolkit.frame import Frame, SensorCloud
@@ -107,7 +107,7 @@ def _pose(value: records.Unchecked, mirror: np.ndarray) -> np.ndarray:
     return mirror @ placed @ mirror
 
 
-def unreal_pose(roll_deg: float, yaw_deg: float, pitch_deg: float) -> Float64[np.ndarray, "4 4"]:
+def unreal_pose(roll_deg: float, yaw_deg: float, pitch_deg: float) -> Pose:
     """Rotation of Unreal's angles in its left-handed axes: yaw about z, then pitch, which lifts x, then roll.
 
     >>> unreal_pose(0.0, 90.0, 0.0)[:3, 0].round(6).tolist()

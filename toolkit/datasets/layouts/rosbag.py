@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from toolkit.arrays import Float64
+from toolkit.arrays import Pose
 from toolkit.datasets.cloud_files import quaternion_pose
 from toolkit.datasets.layouts.nuscenes import compute_quaternion
 from toolkit.datasets.records import Problems, add_problem, build_cloud, clock_time, get_intensity, named_damage
@@ -142,7 +142,7 @@ def _frames(path: Path) -> dict[str, _Moving]:
     return frames | {root: _Moving("", np.zeros(1, np.int64), np.eye(4)[None]) for root in roots}
 
 
-def find_frame_pose(frames: Mapping[str, _Moving], frame: str, time: int) -> Float64[np.ndarray, "4 4"]:
+def find_frame_pose(frames: Mapping[str, _Moving], frame: str, time: int) -> Pose:
     """Pose of a frame in its tree's root. time is in ns. Raises ValueError if tf runs in a circle."""
     pose = np.eye(4)
     for _ in range(MOST_LINKS):
@@ -152,7 +152,7 @@ def find_frame_pose(frames: Mapping[str, _Moving], frame: str, time: int) -> Flo
     raise ValueError(f"its tf runs in a circle, through {frame!r}")
 
 
-def between(a: Float64[np.ndarray, "4 4"], b: Float64[np.ndarray, "4 4"], share: float) -> Float64[np.ndarray, "4 4"]:
+def between(a: Pose, b: Pose, share: float) -> Pose:
     """Pose at a share of the way from a to b: along the line, and turning evenly.
 
     >>> between(np.eye(4), np.diag([-1.0, -1.0, 1.0, 1.0]), 0.5)[1, 0].round(6).item()
