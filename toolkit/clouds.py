@@ -12,7 +12,8 @@ and the legacy `open3d.geometry.PointCloud` lose `sensor`.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -181,30 +182,24 @@ def load(path: str | Path) -> PointCloud:
     if not path.is_file():
         raise FileNotFoundError(f"no such cloud file: {path}")
     kind = path.suffix.lower()
-    if kind not in (".ply", ".pcd", ".npz"):
+    npz = partial(load_arrays, most=MOST_CLOUD)
+    readers: dict[str, Callable[[Path], dict[str, np.ndarray]]] = {".ply": read_ply, ".pcd": read_pcd, ".npz": npz}
+    if kind not in readers:
         raise ValueError(f"a cloud is read from .ply, .pcd or .npz, got {path.name}: see toolkit.datasets.cloud_files")
-    columns = (
-        read_ply(path) if kind == ".ply" else read_pcd(path) if kind == ".pcd" else load_arrays(path, most=MOST_CLOUD)
-    )
+    columns = readers[kind](path)
     points = columns.get("positions")
     if points is None or points.ndim != 2 or points.shape[1] != 3 or points.dtype not in (np.float32, np.float64):
         raise ValueError(f"{path} has no points: its array positions must be (n, 3) of float32 or float64")
-    sound = {
-        name: column
-        for name, column in columns.items()  # without what no cloud can have
-        if (column.dtype.kind in "iub" or column.dtype in (np.float32, np.float64))
-        and column.dtype.isnative
-        and column.ndim in (1, 2)
-        and len(column) == len(points)
-    }
+    count, sound = len(points), dict[str, np.ndarray]()  # without what no cloud can have
+    for name, column in columns.items():
+        numbers = column.dtype.kind in "iub" or column.dtype in (np.float32, np.float64)
+        if numbers and column.dtype.isnative and column.ndim in (1, 2) and len(column) == count:
+            sound[name] = column
     if lost := [name for name in columns if name not in sound]:
-        warnings.warn(
-            f"{path.name}: {', '.join(lost)} left out: no number for each of {len(points)} points", stacklevel=2
-        )
-    if "sensor" in columns and (
-        "sensor" not in sound or sound["sensor"].size != len(points) or sound["sensor"].dtype.kind not in "iu"
-    ):
-        raise ValueError(f"{path}: sensor must be a whole number for each of {len(points)} points: write it again")
+        warnings.warn(f"{path.name}: {', '.join(lost)} left out: no number for each of {count} points", stacklevel=2)
+    own = sound.get("sensor", np.zeros(0))
+    if "sensor" in columns and (own.dtype.kind not in "iu" or own.size != count):
+        raise ValueError(f"{path}: sensor must be a whole number for each of {count} points: write it again")
     return from_attributes(sound)
 
 

@@ -252,12 +252,8 @@ class Frame(Displayed):
         time = () if np.isnan(self.time) else (f"time {self.time:g} s",)
         things = describe_count(len(self.sensors), "sensor"), describe_count(len(self.objects), "object")
         title = f"Frame({self.name!r})" if self.name else f"Frame {self.index}"
-        return Card(
-            title,
-            (*time, *things),
-            {"sensors": lambda: tabulate_measured(self)},
-            "toolkit.viewing.still:draw_frame_alone",
-        )
+        tables = {"sensors": lambda: tabulate_measured(self)}
+        return Card(title, (*time, *things), tables, "toolkit.viewing.still:draw_frame_alone")
 
     @property
     def has_images(self) -> bool:
@@ -299,23 +295,16 @@ class Frame(Displayed):
         chosen = sorted(select_sensors(self.sensors, sensors))
         if len(chosen) == len(self.sensors):
             return self
+        seeing, measurements = tuple(self.sensors[k] for k in chosen), tuple(self.measurements[k] for k in chosen)
         shifts = tuple(self.shifts[k] for k in chosen) if self.shifts else ()
-        return replace(
-            self,
-            sensors=tuple(self.sensors[k] for k in chosen),
-            measurements=tuple(self.measurements[k] for k in chosen),
-            shifts=shifts,
-        )
+        return replace(self, sensors=seeing, measurements=measurements, shifts=shifts)
 
     def of(self, rows: Shaped[np.ndarray, " k"]) -> Frame:
         """Return the frame with some objects (mask or indices)."""
         rows = np.arange(len(self.objects))[rows]
-        return replace(
-            self,
-            objects=self.objects[rows],
-            categories=tuple(self.categories[k] for k in rows) if self.categories else (),
-            counts=None if self.counts is None else self.counts[rows],
-        )
+        categories = tuple(self.categories[k] for k in rows) if self.categories else ()
+        counts = None if self.counts is None else self.counts[rows]
+        return replace(self, objects=self.objects[rows], categories=categories, counts=counts)
 
 
 def tabulate_measured(frame: Frame) -> Table:
@@ -382,10 +371,8 @@ def unproject(
     _check_image(sensor, measurement)
     position = sensor.pose[:3, 3]
     if np.abs(position).max() > 1e5:
-        raise ValueError(
-            f"sensor {sensor.name!r} stands at {position.tolist()}, too far from the origin for float32 points: "
-            "take coordinates from an origin near the site"
-        )
+        far = f"sensor {sensor.name!r} stands at {position.tolist()}, too far from the origin for float32 points"
+        raise ValueError(f"{far}: take coordinates from an origin near the site")
     flat = np.asarray(measurement, np.float32).ravel()
     valid = is_return(flat, sensor.model.max_range)
     xyz = sensor.world_rays * np.where(valid, flat, np.float32(0))

@@ -23,15 +23,9 @@ def pose(
     array([[1., 3., 0.]])
     """
     (cy, sy), (cp, sp), (cr, sr) = ((np.cos(a), np.sin(a)) for a in (yaw, pitch, roll))
-    return np.array(
-        [
-            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr, x],
-            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr, y],
-            [-sp, cp * sr, cp * cr, z],
-            [0.0, 0.0, 0.0, 1.0],
-        ],
-        dtype=np.float64,
-    )
+    forward = [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr, x]
+    left = [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr, y]
+    return np.array([forward, left, [-sp, cp * sr, cp * cr, z], [0.0, 0.0, 0.0, 1.0]], np.float64)
 
 
 # A camera's axes (x right, y down, z forward) in a body's axes (x forward, y left, z up).

@@ -60,17 +60,12 @@ def _semi_trailer(rng: Rng) -> Built:
 
 
 def _cab(front: float, width: float, height: float, deep: float, rng: Rng) -> tuple[Mesh, Mesh]:
-    """Cab whose front is at `front`, and its mirrors."""
     low, rake = float(rng.uniform(0.3, 0.6)), float(rng.uniform(0.04, 0.35))
     nose = float(rng.uniform(0.8, 1.3)) if rng.random() < 0.12 else 0.0  # a bonnet
     x, corner = front - nose, float(rng.uniform(0.03, 0.15))
     sill = low + 0.45 * (height - low)
-    rings = [
-        (x - deep + nose, width, low, height),
-        (x - 0.6 * rake - corner, width, low, height),
-        (x - 0.3 * rake, width - corner, low, height - 0.3 * (height - sill)),
-        (x, width - 2 * corner, low, sill),
-    ]
+    rings = [(x - deep + nose, width, low, height), (x - 0.6 * rake - corner, width, low, height)]
+    rings += [(x - 0.3 * rake, width - corner, low, height - 0.3 * (height - sill)), (x, width - 2 * corner, low, sill)]
     parts = [loft_shell(rings, 0.06, 2)]
     if nose:
         parts.append(loft_shell([(x - 0.3, 0.9 * width, low, sill), (front, 0.75 * width, low, sill - 0.25)], 0.06, 2))
@@ -135,14 +130,10 @@ def _bus(rng: Rng) -> Built:
         height = float(rng.uniform(4.0, 4.4))  # double-decker
     x, low, round_ = length / 2, float(rng.uniform(0.25, 0.4)), float(rng.uniform(0.04, 0.3))
     rake = float(rng.uniform(0.05, 0.5))
-    rings = [
-        (-x, 0.94 * width, low + 0.08, height - round_),
-        (-x + 0.15, width, low, height - 0.03),
-        (-x + 0.5, width, low, height),
-        (x - rake - 0.3, width, low, height),
-        (x - 0.5 * rake, width * 0.99, low, height - 0.35),
-        (x, 0.92 * width, low + 0.05, low + 0.55 * (height - low)),
-    ]
+    rings = [(-x, 0.94 * width, low + 0.08, height - round_), (-x + 0.15, width, low, height - 0.03)]
+    rings += [(-x + 0.5, width, low, height), (x - rake - 0.3, width, low, height)]
+    rings += [(x - 0.5 * rake, width * 0.99, low, height - 0.35)]
+    rings += [(x, 0.92 * width, low + 0.05, low + 0.55 * (height - low))]
     if bendy:
         fold = -0.05 * length
         bellows = [(fold - 0.7, width), (fold - 0.65, 0.9 * width), (fold + 0.65, 0.9 * width), (fold + 0.7, width)]
@@ -211,9 +202,8 @@ def _walking(rng: Rng, stout: float | None = None, lean: float | None = None) ->
     if rng.random() < 0.5:
         return figure
     joints = (figure.knees, figure.ankles, figure.elbows, figure.hands)
-    knees, ankles, elbows, hands = (
-        ((right[0], -right[1], right[2]), (left[0], -left[1], left[2])) for left, right in joints
-    )
+    flipped = [((c, -d, e), (x, -y, z)) for (x, y, z), (c, d, e) in joints]
+    knees, ankles, elbows, hands = flipped
     return replace(figure, knees=knees, ankles=ankles, elbows=elbows, hands=hands)
 
 
@@ -222,15 +212,9 @@ def _wheelchair(rng: Rng) -> Mesh:
     height, radius = float(rng.uniform(1.5, 1.85)), float(rng.uniform(0.27, 0.31))
     half, seat = float(rng.uniform(0.26, 0.31)), float(rng.uniform(0.45, 0.52))
     hip = seat / height + 0.05
-    figure = Figure(
-        (-0.05, 0.0, hip),
-        (-0.07, 0.0, hip + 0.31),
-        knees=pair(0.19, 0.06, hip + 0.02),
-        ankles=pair(0.26, 0.05, 0.1),
-        elbows=pair(0.0, 0.16, hip + 0.13),
-        hands=pair(0.14, 0.13, hip + 0.09),
-        stout=float(rng.uniform(0.9, 1.2)),
-    )
+    legs, arms = (pair(0.19, 0.06, hip + 0.02), pair(0.26, 0.05, 0.1)), pair(0.0, 0.16, hip + 0.13)
+    hands, stout = pair(0.14, 0.13, hip + 0.09), float(rng.uniform(0.9, 1.2))
+    figure = Figure((-0.05, 0.0, hip), (-0.07, 0.0, hip + 0.31), *legs, arms, hands, stout)
     wheels = [make_wheel(-0.08, half, radius, 0.04, 14), make_wheel(0.38, half - 0.05, 0.08, 0.04, 8)]
     chair = [plank((0.42, 1.7 * half, 0.06), 0.0, 0.0, seat - 0.06), plank((0.05, 1.7 * half, 0.45), -0.24, 0.0, seat)]
     parts = [person(figure, height), *wheels, *(flip_sides(wheel) for wheel in wheels), *chair]
@@ -281,7 +265,6 @@ def _bicycle(rng: Rng) -> tuple[str, Mesh]:
 
 
 def _e_scooter(rng: Rng) -> tuple[str, Mesh]:
-    """Board on two small wheels, with a standing rider."""
     half, radius, bar = float(rng.uniform(0.4, 0.52)), float(rng.uniform(0.1, 0.14)), float(rng.uniform(1.0, 1.2))
     parts = [make_wheel(-half, 0.0, radius, 0.05, 10), make_wheel(half, 0.0, radius, 0.05, 10)]
     parts += [plank((1.7 * half, 0.16, 0.06), -0.05, 0.0, radius)]
@@ -352,16 +335,9 @@ def possible_names() -> tuple[str, ...]:
     cars = [kind.name for kind in drawn_cars.CAR_KINDS]
     towing = [f"{car}_with_{behind}" for car in cars for behind in drawn_cars.TRAILERS]
     trucks = [name for form in ("{}_truck", "articulated_{}") for name in map(form.format, SUPERSTRUCTURES)]
-    kinds = {
-        VEHICLE: [
-            *cars,
-            *(f"block_{car}" for car in cars),
-            *(f"{car}_{load}" for car in cars for load in drawn_cars.CARRIED),
-        ],
-        CYCLIST: TWO_WHEELERS,
-        PEDESTRIAN: PEOPLE,
-        HEAVY: [*trucks, *BUSES, *towing],
-    }
+    loaded = [f"{car}_{load}" for car in cars for load in drawn_cars.CARRIED]
+    vehicles = [*cars, *(f"block_{car}" for car in cars), *loaded]
+    kinds = {VEHICLE: vehicles, CYCLIST: TWO_WHEELERS, PEDESTRIAN: PEOPLE, HEAVY: [*trucks, *BUSES, *towing]}
     return tuple(f"{LABELS[label]}/{name}" for label, names in kinds.items() for name in names)
 
 

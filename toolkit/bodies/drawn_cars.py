@@ -8,6 +8,7 @@ triangles, as many models of others do. Every mesh is stretched to the length, w
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -82,9 +83,8 @@ def draw_proportions(rng: Rng) -> Proportions:
     clearance, belt, lean, nose, boot, front_end, rear_end, bow, camber, soft = drawn
     size = length, float(np.clip(width, *WIDTHS)), float(np.clip(height, *HEIGHTS))
     axles, plan = (front, length - rear), ((nose, boot), (front_end, rear_end))
-    return Proportions(
-        kind.name, *size, profile, axles, wheel, clearance, belt, lean, *plan, bow, camber, soft, bed=bed
-    )
+    car = partial(Proportions, kind.name, *size, profile, axles, wheel, clearance, belt, lean)
+    return car(*plan, bow, camber, soft, bed=bed)
 
 
 def _profile(kind: Kind, rng: Rng) -> Float64[np.ndarray, "k 2"]:
@@ -118,16 +118,10 @@ def build_block_car(shape: Proportions, rng: Rng) -> Mesh:
     floor = float(rng.choice([0.02, shape.clearance], p=[0.25, 0.75]))
     chamfer = float(rng.uniform(0.0, 0.06))
     edge, base = half * (1 - shape.lean), (0.5 - cabin[0] + 0.03, 0.5 - cabin[1] - 0.02)
-    lower = [
-        (floor, 0.5 - 0.01, -0.49, half - chamfer),
-        (floor + chamfer + 0.01, 0.5, -0.5, half),
-        (belt - chamfer - 0.01, 0.5, -0.5, half),
-        (belt, 0.5 - 0.02, -0.49, half - chamfer),
-    ]
-    upper = [
-        (belt - 0.02, max(base[0], 0.5 - roof[0]), min(base[1], 0.5 - roof[1]), half - chamfer),
-        (shape.height, 0.5 - roof[0], 0.5 - roof[1], edge),
-    ]
+    lower = [(floor, 0.5 - 0.01, -0.49, half - chamfer), (floor + chamfer + 0.01, 0.5, -0.5, half)]
+    lower += [(belt - chamfer - 0.01, 0.5, -0.5, half), (belt, 0.5 - 0.02, -0.49, half - chamfer)]
+    front, rear = 0.5 - roof[0], 0.5 - roof[1]
+    upper = [(belt - 0.02, max(base[0], front), min(base[1], rear), half - chamfer), (shape.height, front, rear, edge)]
     sides, breadth = int(rng.choice([4, 8, 12])), float(rng.uniform(0.15, 0.26))
     wheels = []
     for axle in shape.axles if floor > 0.05 or rng.random() < 0.5 else ():
@@ -146,11 +140,8 @@ def stretch(mesh: Mesh, size: tuple[float, float, float]) -> Mesh:
 
 def _blocks(levels: list[tuple[float, float, float, float]], length: float) -> Mesh:
     """Loft upwards through rectangles. levels: z, front and rear as parts of the length, half width."""
-    rings = [
-        [(length * rear, -y, z), (length * front, -y, z), (length * front, y, z), (length * rear, y, z)]
-        for z, front, rear, y in levels
-    ]
-    return loft(np.array(rings))
+    ends = [(length * rear, length * front, y, z) for z, front, rear, y in levels]
+    return loft(np.array([[(a, -y, z), (b, -y, z), (b, y, z), (a, y, z)] for a, b, y, z in ends]))
 
 
 def plank(size: tuple[float, float, float], x: float, y: float, z: float) -> Mesh:
@@ -265,11 +256,9 @@ def _bed_load(shape: Proportions, bed: tuple[float, float, float], rng: Rng) -> 
         return "load", mound((room, width, float(rng.uniform(0.4, 0.9))), middle, floor)
     if chance < 0.45:
         sizes = rng.uniform((0.3, 0.3, 0.4), (0.6, 0.9, 1.1), (2, 3)) * [room, width, 1.0]
-        boxes = [
-            plank((a, b, c), middle + side * (room - a) / 2, rng.uniform(-1, 1) * (width - b) / 2, floor)
-            for (a, b, c), side in zip(sizes.tolist(), (-1, 1), strict=True)
-        ]
-        return "load", merge(boxes)
+        ends = zip(sizes.tolist(), (-1, 1), strict=True)
+        places = [(size, middle + side * (room - size[0]) / 2, rng.uniform(-1, 1)) for size, side in ends]
+        return "load", merge([plank(tuple(size), x, y * (width - size[1]) / 2, floor) for size, x, y in places])
     return "", NOTHING
 
 

@@ -77,9 +77,9 @@ class EmptyScene:
     def __post_init__(self) -> None:
         for name in _IMAGES:
             image: Float[np.ndarray, "..."] = getattr(self, name)
-            if image.shape != self.model.shape or image.dtype != np.float32:
+            if image.shape != (shape := self.model.shape) or image.dtype != np.float32:
                 got = f"{image.dtype} of {image.shape}"
-                raise ValueError(f"{name} of {self.name!r} must be float32 of {self.model.shape}, got {got}")
+                raise ValueError(f"{name} of {self.name!r} must be float32 of {shape}, got {got}")
             known = image[~np.isnan(image)] if name == "second" else image
             if not (np.isfinite(known).all() and (known >= 0).all()):
                 raise ValueError(f"{name} of {self.name!r} must be finite and 0 or more: learn the scene again")
@@ -294,11 +294,8 @@ def learn_sample_scenes(samples: Iterable[Frame], *, sample: int = SAMPLE) -> di
     if not learners:
         raise ValueError("no cloud has a point: there is no empty scene to learn")
     if count < FEW_SAMPLES:
-        warnings.warn(
-            f"empty scenes are learnt from {count} samples, so who stands still in them is part of the scene: give "
-            f"{FEW_SAMPLES} or more, spread over minutes",
-            stacklevel=2,
-        )
+        few = f"empty scenes are learnt from {count} samples, so who stands still in them is part of the scene"
+        warnings.warn(f"{few}: give {FEW_SAMPLES} or more, spread over minutes", stacklevel=2)
     made = learners.items()
     return {name: LearntScene(own.learner.scene(), own.grid, own.points, own.left_out) for name, own in made}
 
@@ -315,8 +312,9 @@ class _Learner:
         place = map_SE3_sensor[:3, 3]
         self._place = place if self._place is None else self._place
         if (moved := np.linalg.norm(place - self._place)) > STANDS_STILL:
-            remedy = "only a sensor that stands still has an empty scene"
-            raise ValueError(f"{cloud.name} moves, by {moved:.1f} m: {remedy}")
+            raise ValueError(
+                f"{cloud.name} moves, by {moved:.1f} m: only a sensor that stands still has an empty scene"
+            )
         image = rasterize_cloud(cloud, self.grid)
         self.left_out.update(image.left_out)
         self.points += len(cloud.points)
@@ -475,13 +473,9 @@ def _measure_mode(
     typical = (deviation[row, (size - 1) // 2] + deviation[row, size // 2]) / 2
     spread = np.maximum(_MAD_TO_SIGMA * typical, np.asarray(model.deviation(median)))
     there = chosen >= 0
-    return _Mode(
-        np.where(there, median, np.nan).astype(np.float32),
-        np.where(there & (median > 0), spread, 0).astype(np.float32),
-        np.where(there, size / n, 0).astype(np.float32),
-        np.where(there, values[first], 0),
-        np.where(there, values[last - 1], 0),
-    )
+    figures = (there, median, np.nan), (there & (median > 0), spread, 0), (there, size / n, 0)
+    ends_of = (np.where(there, values[each], 0) for each in (first, last - 1))
+    return _Mode(*(np.where(*figure).astype(np.float32) for figure in figures), *ends_of)
 
 
 def _usual_spread(far: _Mode, model: SensorModel) -> Callable[[ImageRanges], ImageRanges]:
@@ -525,9 +519,8 @@ def _narrow_broad(mode: _Mode, usual: ImageRanges, images: Sequence[ImageRanges]
 
 
 def _continuation_mask(near: _Mode, far: ImageRanges) -> ImageMask:
-    """Mark pixels whose nearer surface continues a neighbour's farthest, at most `NEIGHBOURS` off."""
-    # It must not be the pixel's own farthest surface going on, as the ground does below the foot of a car: planes have
-    # inverse depths that are linear in the image.
+    """Mark pixels whose nearer surface continues a neighbour's farthest, at most `NEIGHBOURS` off, but not their own,
+    as ground goes on below the foot of a car: planes have inverse depths that are linear in the image."""
     within = np.maximum(SIGMAS * near.spread, GAP_SHARE * near.median)
     inverse = np.where(far > 0, 1 / np.where(far > 0, far, 1), 0)
     padded = np.pad(far, NEIGHBOURS, constant_values=np.nan)

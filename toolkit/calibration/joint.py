@@ -255,13 +255,12 @@ class SeenBoxes:
 
 def seen_objects(frames: Sequence[Frame], detector: Detector, site: Site) -> list[list[SeenBoxes]]:
     """Detect objects in each sensor's cloud alone, per frame."""
-    return [
-        [
-            SeenBoxes.of(detect_on_ground(detector, cloud, site).boxes, sensor.pose)
-            for cloud, sensor in zip(frame_points(frame, area=site), frame.sensors, strict=True)
-        ]
-        for frame in frames
-    ]
+    seen: list[list[SeenBoxes]] = []
+    for frame in frames:
+        clouds = zip(frame_points(frame, area=site), frame.sensors, strict=True)
+        found = ((detect_on_ground(detector, cloud, site).boxes, sensor.pose) for cloud, sensor in clouds)
+        seen.append([SeenBoxes.of(*each) for each in found])
+    return seen
 
 
 def object_pairs(seen: Sequence[Sequence[SeenBoxes]], poses: Poses, radius: float) -> list[Pairs]:

@@ -88,22 +88,17 @@ class FoundPose:
 
         Standard deviations are infinite for motions that are not observed.
         """
-        poses = {"world_SE3_sensor": self.pose.tolist(), "believed_world_SE3_sensor": self.sensor.pose.tolist()}
+        poses: dict[str, object] = {"world_SE3_sensor": self.pose.tolist()}
+        poses["believed_world_SE3_sensor"] = self.sensor.pose.tolist()
         if self.registration is None:
             return {**poses, "found": False, "why": self.refusal}
         turn, move = np.split(self.registration.deviations, 2)
-        return {
-            **poses,
-            "found": True,
-            "turned_deg": float(np.rad2deg(self.turn)),
-            "moved_m": self.distance,
-            "drifted": self.drifted,
-            "standard_deviation": {"turn_deg": np.rad2deg(turn).tolist(), "move_m": move.tolist()},
-            "covariance_rad_m": self.registration.covariance.tolist(),
-            "unobserved": [describe_motion(motion) for motion in self.registration.unobserved],
-            "overlap": self.registration.overlap,
-            "scatter_m": self.registration.scatter,
-        }
+        said = poses | {"found": True, "turned_deg": float(np.rad2deg(self.turn)), "moved_m": self.distance}
+        said["drifted"] = self.drifted
+        said["standard_deviation"] = {"turn_deg": np.rad2deg(turn).tolist(), "move_m": move.tolist()}
+        said["covariance_rad_m"] = self.registration.covariance.tolist()
+        said["unobserved"] = [describe_motion(motion) for motion in self.registration.unobserved]
+        return said | {"overlap": self.registration.overlap, "scatter_m": self.registration.scatter}
 
 
 def describe_motion(motion: Float64[np.ndarray, "6"]) -> str:
@@ -286,10 +281,9 @@ def drift_findings(found: Sequence[FoundPose], reference: str) -> list[Finding]:
             suspected = f"its pose cannot be checked against {reference}"
             findings.append(Finding("warning", where, suspected, each.refusal, "check by hand"))
         elif each.drifted:
-            off = (
-                f"turned by {np.rad2deg(each.turn):.2f}° and moved by {each.distance * 100:.1f} cm against {reference}"
-            )
-            evidence = f"{off}, to within {np.rad2deg(turn):.2f}° and {move * 100:.1f} cm"
+            off = f"turned by {np.rad2deg(each.turn):.2f}° and moved by {each.distance * 100:.1f} cm"
+            within = f"to within {np.rad2deg(turn):.2f}° and {move * 100:.1f} cm"
+            evidence = f"{off} against {reference}, {within}"
             said = "it hangs crooked or has drifted", evidence, "write its pose by coview calibrate"
             findings.append(Finding("warning", where, *said))
     return findings

@@ -81,14 +81,11 @@ def check_labels(recording: Frames, frames: int | None = None) -> None:
     while isinstance(recording, RecordingView):
         recording = recording.recording
     if isinstance(recording, Listing) and recording.strays and len(recording.strays) == len(set(recording.labelled)):
-        raise ValueError(
-            f"no label can be used: {recording.describe_strays()}; name both alike, times in the same unit"
-        )
+        strays = recording.describe_strays()
+        raise ValueError(f"no label can be used: {strays}; name both alike, times in the same unit")
     if site is None and not any(len(frame.objects) or len(frame.others.boxes) for frame in some):
-        raise ValueError(
-            "the recording has no label, so nothing can be scored: take coview detect, or give labels, such as the "
-            "labels.json of layout folder"
-        )
+        remedy = "take coview detect, or give labels, such as the labels.json of layout folder"
+        raise ValueError(f"the recording has no label, so nothing can be scored: {remedy}")
 
 
 @contextmanager
@@ -270,16 +267,17 @@ def labelled(
     add_problem(problems, OTHER_KINDS, len(others))
     tracks = np.array([track_number(k if ids is None else ids[k]) for k in rows.tolist()], np.int64)
     known, known_others = (None if counts is None or (own[some] < 0).any() else own[some] for some in (rows, others))
-    return Labelled(
-        Objects(boxes[rows], classes[rows], tracks),
-        tuple(str(categories[k]) for k in rows.tolist()),
-        known,
-        OtherObjects(boxes[others], tuple(str(categories[k]) for k in others.tolist()), known_others),
-    )
+    own_names, other_names = (tuple(str(categories[k]) for k in some.tolist()) for some in (rows, others))
+    found = Objects(boxes[rows], classes[rows], tracks)
+    return Labelled(found, own_names, known, OtherObjects(boxes[others], other_names, known_others))
 
 
 def move_boxes(target_SE3_source: Pose, boxes: Shaped[np.ndarray, "n 7"]) -> np.ndarray:
-    """Boxes of the source frame in the target frame."""
+    """Boxes of the source frame in the target frame, whose z is up as well.
+
+    >>> move_boxes(np.diag([-1.0, -1, 1, 1]), np.array([[1.0, 2, 3, 4, 2, 1, 0.5]])).round(3).tolist()
+    [[-1.0, -2.0, 3.0, 4.0, 2.0, 1.0, -2.642]]
+    """
     with np.errstate(all="ignore"):
         centres = transform(target_SE3_source, boxes[:, :3])
         return np.column_stack([centres, boxes[:, 3:6], heading(target_SE3_source, boxes[:, 6])])
@@ -375,12 +373,10 @@ def build_cloud(
     rings = (each for each in columns(_RINGS) if each.dtype.kind in "iu" or (np.abs(each) < _MOST_RINGS).all())
     ring = next((each for each in rings if (each % 1 == 0).all()), None)
     time = next(columns(_TIMES), None)
-    return SensorCloud(
-        *(name, recorded[keep].astype(np.float32), world_SE3_sensor, frame),
-        time=None if time is None else _seconds(time),
-        intensity=None if intensity is None else intensity.astype(np.float32),
-        ring=None if ring is None else ring.astype(np.int64),
-    )
+    kept = recorded[keep].astype(np.float32), world_SE3_sensor, frame
+    seconds = None if time is None else _seconds(time)
+    intensity = None if intensity is None else intensity.astype(np.float32)
+    return SensorCloud(name, *kept, seconds, intensity, None if ring is None else ring.astype(np.int64))
 
 
 def _seconds(time: np.ndarray) -> np.ndarray:

@@ -131,18 +131,8 @@ def undo_mistake(mistake: LabelMistake, boxes: BoxRows, frame_SE3_world: Pose) -
     """Undo a mistake made in another frame, of boxes (world)."""
     if np.array_equal(frame_SE3_world, np.eye(4)):
         return mistake.undo(boxes)
-    return boxes_through(mistake.undo(boxes_through(boxes, frame_SE3_world)), invert(frame_SE3_world))
-
-
-def boxes_through(boxes: BoxRows, motion: Pose) -> BoxRows:
-    """Transform boxes to another frame, whose z is up as well.
-
-    >>> boxes_through(np.array([[1.0, 2, 3, 4, 2, 1, 0.5]]), np.diag([-1.0, -1, 1, 1])).round(3).tolist()
-    [[-1.0, -2.0, 3.0, 4.0, 2.0, 1.0, -2.642]]
-    """
-    headings = np.column_stack([np.cos(boxes[:, 6]), np.sin(boxes[:, 6]), np.zeros(len(boxes))]) @ motion[:3, :3].T
-    yaw = np.arctan2(headings[:, 1], headings[:, 0])
-    return np.column_stack([transform(motion, boxes[:, :3]), boxes[:, 3:6], yaw])
+    own = mistake.undo(records.move_boxes(frame_SE3_world, boxes))
+    return records.move_boxes(invert(frame_SE3_world), own)
 
 
 def degrees_of_turns(yaw: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, "k n"]:
@@ -197,7 +187,7 @@ def find_shift(some: Sequence[Seen]) -> Shift | None:
         own, there = [], []
         for labels, cloud in pairs:
             to_cloud = invert(cloud.sample.map_SE3_world) @ labels.sample.map_SE3_world
-            boxes, others = boxes_through(labels.sample.objects.boxes, to_cloud), cloud.sample.objects.boxes
+            boxes, others = records.move_boxes(to_cloud, labels.sample.objects.boxes), cloud.sample.objects.boxes
             moving = np.ones(len(boxes), bool)  # those farther than `STANDING` from all labels of that cloud
             if len(boxes) and len(others):
                 moving = np.asarray(cKDTree(others[:, :3]).query(boxes[:, :3])[0] > STANDING)
@@ -375,9 +365,10 @@ def _find_best(some: Sequence[Seen], current: np.ndarray) -> _Undone | None:
     """Find the mistake whose undoing raises the fits most; choices for each box must fit clearly better."""
 
     def undo(mistake: LabelMistake, frames: Callable[[Frame], Sequence[np.ndarray]]) -> _Undone:
-        return _undo_each(
-            mistake, some, lambda it: [undo_mistake(mistake, it.objects.boxes, frame) for frame in frames(it)]
-        )
+        def choose(sample: Frame) -> list[np.ndarray]:
+            return [undo_mistake(mistake, sample.objects.boxes, frame) for frame in frames(sample)]
+
+        return _undo_each(mistake, some, choose)
 
     def in_sensors(sample: Frame) -> list[np.ndarray]:
         return [invert(cloud.world_SE3_sensor) for cloud in sample.clouds] or [np.eye(4)]

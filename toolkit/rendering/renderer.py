@@ -27,6 +27,7 @@ from toolkit.sites.site import Site
 from toolkit.traffic.snapshots import Snapshot
 
 RaycastingScene = o3d.t.geometry.RaycastingScene
+_Bodies = Sequence[Body]
 
 
 class Footprints(NamedTuple):
@@ -103,7 +104,6 @@ def build_scene(vertices: np.ndarray, triangles: np.ndarray, threads: int) -> Ra
 
 @lru_cache(maxsize=4096)
 def _footprint(body: Body) -> Float64[np.ndarray, "k 2"]:
-    """Corners of a body's convex hull seen from above, body frame."""
     hull = shapely.convex_hull(shapely.MultiPoint(body.vertices[:, :2].astype(np.float64)))
     return np.array(hull.exterior.coords[:-1])
 
@@ -163,15 +163,9 @@ class Renderer:
     """
 
     def __init__(
-        self,
-        site: Site,
-        bodies: Sequence[Body],
-        sensors: Sequence[Sensor],
-        scenery: Mesh | None = None,
-        threads: int = 0,
+        self, site: Site, bodies: _Bodies, sensors: Sequence[Sensor], scenery: Mesh | None = None, threads: int = 0
     ) -> None:
-        self.sensors = tuple(sensors)
-        self.bodies = tuple(bodies)
+        self.sensors, self.bodies = tuple(sensors), tuple(bodies)
         self._site, self._scenery = site, build_scenery(site) if scenery is None else scenery
         self._threads, self._slope = threads, site.relief.slope
         self._measure_bodies()
@@ -292,6 +286,5 @@ class Renderer:
 
 @lru_cache(maxsize=64)
 def _homogeneous_rays(model: SensorModel) -> Float32[np.ndarray, "rows columns 4"]:
-    """Rays with a one appended."""
     rays = model.rays()
     return np.concatenate([rays, np.ones_like(rays[..., :1])], axis=-1)

@@ -38,10 +38,9 @@ def build_scenery(site: Site) -> Mesh:
     rng = np.random.default_rng(sum(site.name.encode()))
     skin = sum(_skin(solid) for solid in site.solids)
     if not skin <= MOST_SKIN:
-        raise ValueError(
-            f"solids of site {site.name!r} have {skin:.3g} m² of skin, where {MOST_SKIN:g} m² can be drawn (a plant's "
-            "counts four times): correct their sizes, or leave some out"
-        )
+        most = f"where {MOST_SKIN:g} m² can be drawn (a plant's counts four times)"
+        remedy = "correct their sizes, or leave some out"
+        raise ValueError(f"solids of site {site.name!r} have {skin:.3g} m² of skin, {most}: {remedy}")
     solids = []
     for solid in site.solids:
         vertices, triangles = _SHAPES.get(solid.kind, _plain)(solid, rng)
@@ -127,9 +126,8 @@ def _facade(start: np.ndarray, end: np.ndarray, base: float, top: float) -> Mesh
     wall = np.stack([at(i[~pane] + di, j[~pane] + dj, 0.0) for di, dj in around], axis=1)
     i, j = i[pane], j[pane]
     outer, inner = (np.stack([at(i + di, j + dj, depth) for di, dj in around], axis=1) for depth in (0.0, 1.0))
-    sides = [
-        np.stack([outer[:, k], outer[:, (k + 1) % 4], inner[:, (k + 1) % 4], inner[:, k]], axis=1) for k in range(4)
-    ]
+    ways = [(k, (k + 1) % 4) for k in range(4)]
+    sides = [np.stack([outer[:, a], outer[:, b], inner[:, b], inner[:, a]], axis=1) for a, b in ways]
     return _quadrilaterals(np.concatenate([wall, inner, *sides]))
 
 
@@ -172,12 +170,8 @@ def _crown(solid: Solid, rng: Rng) -> Mesh:
     return Mesh(vertices, np.arange(len(vertices)).reshape(-1, 3))
 
 
-_SHAPES: dict[str, Callable[[Solid, Rng], Mesh]] = {
-    "building": _building,
-    "hedge": _hedge,
-    "bush": _bush,
-    "tree": _crown,
-}
+_Shape = Callable[[Solid, Rng], Mesh]
+_SHAPES: dict[str, _Shape] = {"building": _building, "hedge": _hedge, "bush": _bush, "tree": _crown}
 
 
 def _outline(footprint: Float[np.ndarray, "k 2"], spacing: float) -> Float64[np.ndarray, "m 2"]:

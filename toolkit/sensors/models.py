@@ -17,20 +17,8 @@ import numpy as np
 
 from toolkit.arrays import Bool, Float, Float32, Float64, Int64, Pose, Rng
 from toolkit.geometry import BODY_SE3_CAMERA, pose
-from toolkit.sensors.sensor import (
-    NEAR,
-    Deviation,
-    Measure,
-    SensorModel,
-    angle,
-    bounding_spheres,
-    check_noise,
-    check_numbers,
-    check_rays,
-    clip_windows,
-    freeze,
-    with_noise,
-)
+from toolkit.sensors import sensor as shared
+from toolkit.sensors.sensor import NEAR, Deviation, Measure, SensorModel, angle, check_noise, check_numbers, check_rays
 
 _PAIRS = np.array([(i, j) for i in range(8) for j in range(i + 1, 8)])  # of a box's corners, its edges among them
 
@@ -44,7 +32,7 @@ class _Noisy:
 
     def noisy(self, measurement: Float[np.ndarray, "rows columns"], rng: Rng) -> Float32[np.ndarray, "rows columns"]:
         """Add normal noise of the `deviation`; no return stays none."""
-        return with_noise(measurement, cast(SensorModel, self), rng)
+        return shared.with_noise(measurement, cast(SensorModel, self), rng)
 
 
 @dataclass(frozen=True)
@@ -126,7 +114,7 @@ class DepthCamera(_Noisy):
         near = sensor_corners[..., 2].min(axis=1) < self.max_range
         rows = np.arange(len(sensor_corners))
         bounds = np.column_stack([rows, first[:, 1], last[:, 1], first[:, 0], last[:, 0]])
-        return clip_windows(bounds[near & ahead.any(axis=(1, 2))], self.shape)
+        return shared.clip_windows(bounds[near & ahead.any(axis=(1, 2))], self.shape)
 
 
 @lru_cache(maxsize=64)
@@ -134,7 +122,7 @@ def _camera_rays(camera: DepthCamera) -> np.ndarray:
     (focal, _, cu), (_, _, cv), _ = camera.intrinsic
     u, v = np.arange(0, camera.width, camera.stride), np.arange(0, camera.height, camera.stride)
     x, y = np.meshgrid((u - cu) / focal, (v - cv) / focal)
-    return freeze(np.stack([x, y, np.ones_like(x)], axis=-1))
+    return shared.freeze(np.stack([x, y, np.ones_like(x)], axis=-1))
 
 
 class AngleGrid(NamedTuple):
@@ -152,11 +140,12 @@ def unit_rays(grid: AngleGrid) -> Float32[np.ndarray, "rows columns 3"]:
     elevation = np.array(grid.elevations)[:, None]
     azimuth = grid.heading + (np.arange(grid.columns) - (grid.columns - 1) / 2) * grid.width / grid.columns
     flat = np.cos(elevation)
-    return freeze(np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation) + 0 * azimuth], axis=-1))
+    return shared.freeze(
+        np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation) + 0 * azimuth], axis=-1)
+    )
 
 
 def _half_angle(radius: np.ndarray, distance: np.ndarray) -> np.ndarray:
-    """Half the apparent angle of a sphere."""
     return np.where(distance > radius, np.arcsin(np.minimum(radius / np.maximum(distance, 1e-9), 1)), 2 * np.pi)
 
 
@@ -204,7 +193,7 @@ class _Lidar(_Noisy):
 
     def windows(self, sensor_corners: Float64[np.ndarray, "n 8 3"]) -> Int64[np.ndarray, "m 5"]:
         """Rectangles around the sphere through the corners of each box, at up to three turns of the azimuth."""
-        middle, radius, distance = bounding_spheres(self._ahead(sensor_corners))
+        middle, radius, distance = shared.bounding_spheres(self._ahead(sensor_corners))
         elevation, half = np.arcsin(middle[:, 2] / np.maximum(distance, 1e-9)), _half_angle(radius, distance)
         azimuth = np.arctan2(middle[:, 1], middle[:, 0])
         falling = -np.array(self._grid.elevations)
@@ -218,7 +207,7 @@ class _Lidar(_Noisy):
             left, right = np.floor(column - half_columns), np.ceil(column + half_columns) + 1
             bounds = np.column_stack([np.arange(len(middle)), top, bottom, left, right])
             turns.append(bounds[distance - radius < self.max_range])
-        return clip_windows(np.concatenate(turns), self.shape)
+        return shared.clip_windows(np.concatenate(turns), self.shape)
 
     def _ahead(self, points: Float64[np.ndarray, "*n 3"]) -> Float64[np.ndarray, "*n 3"]:
         return points @ self.body_SE3_sensor[:3, :3].T if self._grid.heading else points

@@ -77,9 +77,9 @@ def bench(x: float, y: float, along: float = 0.0) -> Solid:
     return Solid(block((1.8, 0.5), (x, y), along), 0.0, 0.5, "bench")
 
 
-def hedge(line: Sequence[Point], height: float = 1.4, width: float = 0.7) -> list[Solid]:
+def hedge(line: Sequence[Point], height: float = 1.4) -> list[Solid]:
     """Hedge along `line`."""
-    return [Solid(bar(*piece, width), 0.0, height, "hedge") for piece in _pieces(line, 6.0)]
+    return [Solid(bar(*piece, 0.7), 0.0, height, "hedge") for piece in _pieces(line, 6.0)]
 
 
 def wall(line: Sequence[Point], height: float = 1.8, width: float = 0.25) -> list[Solid]:
@@ -126,10 +126,8 @@ def settle(solids: Iterable[Solid], relief: Relief) -> tuple[Solid, ...]:
     middles = np.array([solid.footprint.mean(axis=0) for solid in solids]).reshape(-1, 2)
     lifts = Site("", np.array([0.0, 0, 1, 1]), relief=relief).ground(middles).round(3).tolist()
     bases = [-0.3 if solid.base == 0 else solid.base for solid in solids]
-    return tuple(
-        replace(solid, base=round(base + lift, 3), top=round(solid.top + lift, 3))
-        for solid, base, lift in zip(solids, bases, lifts, strict=True)
-    )
+    lifted = [(round(base + lift, 3), lift) for base, lift in zip(bases, lifts, strict=True)]
+    return tuple(replace(s, base=b, top=round(s.top + up, 3)) for s, (b, up) in zip(solids, lifted, strict=True))
 
 
 def on_ground(mounts: Sequence[Mount], site: Site) -> tuple[Mount, ...]:
@@ -211,11 +209,9 @@ def skip(rng: Rng) -> list[Solid]:
 def _bus_shelter(rng: Rng) -> list[Solid]:
     length, width = _size(rng, (2.5, 6.0), (1.2, 2.0))
     xmin, ymin, xmax, ymax = -length / 2, -width / 2, length / 2, width / 2
-    return [
-        Solid(rectangle(xmin, ymax - 0.1, xmax, ymax), 0.0, 2.3, "shelter"),
-        Solid(rectangle(xmin, ymin, xmin + 0.1, ymax - 0.1), 0.0, 2.3, "shelter"),
-        Solid(rectangle(xmin, ymin, xmax, ymax), 2.3, 2.45, "shelter"),
-    ]
+    walls = rectangle(xmin, ymax - 0.1, xmax, ymax), rectangle(xmin, ymin, xmin + 0.1, ymax - 0.1)
+    roof = Solid(rectangle(xmin, ymin, xmax, ymax), 2.3, 2.45, "shelter")
+    return [*(Solid(wall, 0.0, 2.3, "shelter") for wall in walls), roof]
 
 
 def _bins(rng: Rng) -> list[Solid]:
@@ -229,10 +225,8 @@ def heap(rng: Rng) -> list[Solid]:
     """Heap of earth or gravel, steep and rough."""
     radius, height = _size(rng, (0.8, 2.0), (0.6, 1.8))
     rings = [(1.0, 0.0, 0.35), (0.75, 0.35, 0.6), (0.5, 0.6, 0.82), (0.25, 0.82, 1.0)]
-    return [
-        Solid(disc(0.0, 0.0, round(part * radius, 3), 9), round(low * height, 2), round(high * height, 2), "heap")
-        for part, low, high in rings
-    ]
+    discs = [(disc(0.0, 0.0, round(part * radius, 3), 9), low, high) for part, low, high in rings]
+    return [Solid(ring, round(low * height, 2), round(high * height, 2), "heap") for ring, low, high in discs]
 
 
 def _column(rng: Rng) -> list[Solid]:
@@ -260,9 +254,8 @@ def bicycles(rng: Rng) -> list[Solid]:
     made, apart, number = [], float(rng.uniform(0.4, 0.9)), int(rng.integers(1, 9))
     for k in range(number):
         scale, turn = float(rng.uniform(0.75, 1.05)), float(rng.normal(0.0, 0.1))
-        parts = [
-            Solid(block((0.64 * scale, 0.05), (x * scale, 0.0)), 0.0, 0.64 * scale, "bicycle") for x in (-0.52, 0.52)
-        ]
+        wheels = [block((0.64 * scale, 0.05), (x * scale, 0.0)) for x in (-0.52, 0.52)]
+        parts = [Solid(wheel, 0.0, 0.64 * scale, "bicycle") for wheel in wheels]
         heights = (((0.85, 0.05), 0.0, 0.4, 0.6), ((0.22, 0.15), -0.25, 0.8, 0.9), ((0.06, 0.56), 0.4, 0.93, 1.02))
         for size, x, low, high in heights:
             parts.append(Solid(block(size, (x * scale, 0.0)), round(low * scale, 2), round(high * scale, 2), "bicycle"))

@@ -12,6 +12,7 @@ import tempfile
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -93,11 +94,8 @@ def whole_road(
     stubs = _close_shape(closed, STUB).difference(closed).intersection(walk)
     walk = _open_shape(walk.difference(closed.union(stubs)), SLIVER)
     border = closed.buffer(0.1)
-    islets = [
-        part
-        for part in shapely.get_parts(walk)
-        if part.area < ISLET and part.boundary.intersection(border).length > 0.85 * part.boundary.length
-    ]
+    small = [part for part in shapely.get_parts(walk) if part.area < ISLET]
+    islets = [s for s in small if s.boundary.intersection(border).length > 0.85 * s.boundary.length]
     carriageway = shapely.union_all([closed, stubs, *islets])
     carriageway = shapely.set_precision(carriageway, OUTLINE_GRID)  # off the grid an overlay may lose a whole lane
     between = _open_shape(carriageway.difference(shapely.union_all(list(lanes))), 0.01)
@@ -184,12 +182,9 @@ def _furnish(site: Site, rng: Rng) -> Site:
     taken = shapely.union_all([*ours, *(shapely.Polygon(s.footprint) for s in solids if s.kind == "kerb")])
     free = [bay for bay in bays if not taken.intersects(outline(bay, MAP_BAY))]
     origins = (*site.bay_origins, *(("drawn",) * len(free)))
-    return replace(
-        site,
-        solids=(*solids, *f.settle(mark_drawn(kept), site.relief)),
-        parking=np.concatenate([site.parking, np.reshape(free, (-1, 3))]),
-        parking_origins=origins,
-    )
+    solids = (*solids, *f.settle(mark_drawn(kept), site.relief))
+    parking = np.concatenate([site.parking, np.reshape(free, (-1, 3))])
+    return replace(site, solids=solids, parking=parking, parking_origins=origins)
 
 
 def free_bays(
@@ -354,27 +349,17 @@ def import_opendrive(piece: MapPiece) -> Site:
             middle = opendrive.in_site(shapely.LineString(lane.middle), map_SE3_site)
             there.bays.extend(bays_along(shapely.get_coordinates(middle)))
     solids, notes = opendrive.off_the_road(there, reach, lanes, tracks)
-    slope, off, steepest = opendrive.find_plane(
-        roads, opendrive.in_map(shapely.box(*piece.area), map_SE3_site), map_SE3_site
-    )
+    area = opendrive.in_map(piece.around(0.0), map_SE3_site)
+    slope, off, steepest = opendrive.find_plane(roads, area, map_SE3_site)
     rise, relief = float(np.hypot(*slope)), Relief()
     if steepest > LEAST_SLOPE and LEAST_SLOPE < rise <= STEEPEST:
-        relief = Relief(slope=(round(slope[0], 5), round(slope[1], 5)))
-        said = f"the site slopes by {100 * rise:.1f} % as its roads do, which leave that plane by up to {off:.2f} m"
-        notes.append(said)
+        relief, percent = Relief(slope=(round(slope[0], 5), round(slope[1], 5))), f"{100 * rise:.1f} %"
+        notes.append(f"the site slopes by {percent} as its roads do, which leave that plane by up to {off:.2f} m")
     elif steepest > LEAST_SLOPE:
         notes.append(f"the steepest road in the area rises by {100 * steepest:.1f} %; the site is level")
-    site = Site(
-        path.stem,
-        piece.area,
-        lanes=lanes,
-        footways=footways,
-        parking=free_bays(there.bays, reach, solids, tracks),
-        network=network,
-        map_SE3_site=map_SE3_site,
-        geo_reference=geo_reference,
-        relief=relief,
-    )
+    parking = free_bays(there.bays, reach, solids, tracks)
+    make = partial(Site, path.stem, piece.area, map_SE3_site=map_SE3_site, geo_reference=geo_reference)
+    site = make(lanes=lanes, footways=footways, parking=parking, network=network, relief=relief)
     lamps = np.array(there.lamps).reshape(-1, 2)
     return _finish(site, piece, solids, lamps=lamps, notes=notes)
 
@@ -426,16 +411,9 @@ def import_osm(piece: MapPiece, *, lefthand: bool = False) -> Site:
     taken = nets.unite(solid.footprint for solid in solids).union(nets.unite(lanes)).buffer(0.2)
     bays = np.array(osm.bays(extract, window, taken), np.float64).reshape(-1, 3)
     at_kerbs = free_bays(osm_parking.find_strip_bays(network, parking), window, solids, tracks)
-    site = Site(
-        path.name.partition(".")[0],
-        piece.area,
-        lanes=lanes,
-        footways=footways,
-        parking=np.concatenate([bays, at_kerbs]),
-        network=network,
-        map_SE3_site=map_SE3_site,
-        geo_reference=on_earth,
-    )
+    bays, name = np.concatenate([bays, at_kerbs]), path.name.partition(".")[0]
+    make = partial(Site, name, piece.area, map_SE3_site=map_SE3_site, geo_reference=on_earth)
+    site = make(lanes=lanes, footways=footways, parking=bays, network=network)
     return _finish(site, piece, solids, lamps=lamps, notes=[*notes, *cut])
 
 
@@ -457,9 +435,8 @@ def _finish(site: Site, piece: MapPiece, solids: Sequence[Solid], *, lamps: np.n
     if len(mounts) < 6:
         drawn = place_mounts(road, site.area, np.random.default_rng(0), spacing=12.0, avoid=walls)
         near = shapely.MultiPoint(lamps).buffer(2.0)
-        mounts += [
-            replace(m, price=1.0, origin="drawn") for m in drawn if not near.intersects(shapely.Point(m.position[:2]))
-        ]
+        drawn = tuple(m for m in drawn if not near.intersects(shapely.Point(m.position[:2])))
+        mounts += [replace(m, price=1.0, origin="drawn") for m in drawn]
     stones = kerbstones(site.lanes, site.footways, find_turns(site.network))
     if piece.seed is None:
         feet = [m.position.tolist() for m in mounts if m.origin == "drawn"]

@@ -69,7 +69,6 @@ class Piece:
         return np.column_stack([self.x + c * u - s * v, self.y + s * u + c * v, self.heading + turn])
 
     def _local(self, ds: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """u, v and direction in its own frame."""
         shape = self.shape
         match shape.tag:
             case "arc":
@@ -270,10 +269,9 @@ def read_opendrive(path: Path, centre: tuple[float, float]) -> ElementTree.Eleme
     starts, longest = np.array(pieces)[:, :2], np.max(pieces, axis=0)[2]
     low, high = starts.min(axis=0), starts.max(axis=0)
     if not ((low - longest <= centre) & (centre <= high + longest)).all():
-        raise ValueError(
-            f"centre {centre[0]:g} {centre[1]:g} lies outside the map, whose roads start at x {low[0]:.6g} to "
-            f"{high[0]:.6g} and y {low[1]:.6g} to {high[1]:.6g}: give --centre X Y inside it"
-        )
+        spans = f"x {low[0]:.6g} to {high[0]:.6g} and y {low[1]:.6g} to {high[1]:.6g}"
+        outside = f"centre {centre[0]:g} {centre[1]:g} lies outside the map, whose roads start at {spans}"
+        raise ValueError(f"{outside}: give --centre X Y inside it")
     return root
 
 
@@ -322,7 +320,6 @@ def read_standing(roads: Sequence[MapRoad]) -> Standing:
 
 
 def _signal(road: MapRoad, element: ElementTree.Element) -> list[Solid]:
-    """Post with a sign, or a signal head if dynamic."""
     x, y, heading = _place(road, number(element, "s"), number(element, "t"), number(element, "hOffset", 0.0))
     facing = heading + (np.pi if element.get("orientation", "+") == "+" else 0.0)
     is_head = element.get("dynamic") == "yes"

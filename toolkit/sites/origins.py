@@ -47,9 +47,8 @@ def describe_things(counts: Mapping[str, int]) -> str:
     >>> describe_things({"bay": 1, "bench": 2, "tree": 30})
     '1 bay, 2 benches, 30 trees'
     """
-    return ", ".join(
-        f"{n} {kind}{'' if n == 1 else 'es' if kind.endswith(('sh', 'ch')) else 's'}" for kind, n in counts.items()
-    )
+    ends = {kind: "es" if kind.endswith(("sh", "ch")) else "s" for kind in counts}
+    return ", ".join(f"{n} {kind}{'' if n == 1 else ends[kind]}" for kind, n in counts.items())
 
 
 def mark_drawn(solids: Sequence[Solid]) -> list[Solid]:
@@ -59,10 +58,6 @@ def mark_drawn(solids: Sequence[Solid]) -> list[Solid]:
 
 def draw_everything(site: Site) -> Site:
     """Mark everything of a site as drawn."""
-    return replace(
-        site,
-        solids=tuple(mark_drawn(site.solids)),
-        mounts=tuple(replace(mount, origin="drawn") for mount in site.mounts),
-        parking_origins=("drawn",) * len(site.parking),
-        road_origin="drawn",
-    )
+    solids, bays = tuple(mark_drawn(site.solids)), ("drawn",) * len(site.parking)
+    mounts = tuple(replace(mount, origin="drawn") for mount in site.mounts)
+    return replace(site, solids=solids, mounts=mounts, parking_origins=bays, road_origin="drawn")

@@ -16,7 +16,6 @@ import zlib
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from io import BufferedIOBase
 from itertools import pairwise
 from pathlib import Path
 from typing import cast
@@ -36,7 +35,7 @@ Tags = Mapping[str, str]
 Relation = tuple[list[tuple[str, str]], Tags]  # ways with their roles
 
 LARGEST_MAP, MOST_TAGS = 1 << 26, 200_000  # bytes of a map that are read, and tags within one element
-_PART = 1 << 20  # bytes read at once
+_PART, _SILENT = 1 << 20, 1 << 22  # bytes read at once, and at most without a tag
 _LONGEST_LEAP = 1e4  # m from one node of a road or building to the next
 AT_THE_EDGE = 5e-4  # degrees beyond the map's bounds where a centre still is in it
 
@@ -103,10 +102,9 @@ def read_map(path: Path, centre: tuple[float, float], heading: float = 0.0) -> E
     edges = np.array(bounds) if bounds and np.isfinite(bounds).all() else np.tile(degrees, 2)
     low, high = edges[:, :2].min(axis=0), edges[:, 2:].max(axis=0)
     if not ((low - AT_THE_EDGE <= centre) & (centre <= high + AT_THE_EDGE)).all():
-        raise ValueError(
-            f"{path}: centre {centre[0]:g} {centre[1]:g} lies outside the map, which spans longitude {low[0]:.6g} to "
-            f"{high[0]:.6g} and latitude {low[1]:.6g} to {high[1]:.6g}: give --centre LONGITUDE LATITUDE inside it"
-        )
+        spans = f"longitude {low[0]:.6g} to {high[0]:.6g} and latitude {low[1]:.6g} to {high[1]:.6g}"
+        outside = f"{path}: centre {centre[0]:g} {centre[1]:g} lies outside the map, which spans {spans}"
+        raise ValueError(f"{outside}: give --centre LONGITUDE LATITUDE inside it")
     position = dict(zip(points, project(degrees, centre) @ _turn(-heading).T, strict=True))
     ways = {}
     for name, (references, way_tags) in raw_ways.items():
@@ -146,8 +144,10 @@ def _elements(path: Path) -> Iterator[ElementTree.Element]:
     """Yield the file's elements, each released before the next. Raises ValueError if the file is not OSM XML."""
     if path.name.lower().endswith((".pbf", ".o5m", ".bz2", ".zip")):
         raise ValueError(f"{path}: only .osm, .osm.xml and .osm.gz are read: convert it first (osmium cat -o map.osm)")
+    with path.open("rb") as stream:
+        compressed = stream.read(2) == b"\x1f\x8b"
     try:
-        with _open(path) as stream:
+        with gzip.open(path) if compressed else path.open("rb") as stream:
             head = stream.read(65536)
         start = re.search(rb"<(?!\?|!)", head)
         if start is None or not head[start.start() :].startswith(b"<osm") or b"<!DOCTYPE" in head[: start.start()]:
@@ -155,7 +155,7 @@ def _elements(path: Path) -> Iterator[ElementTree.Element]:
         parser: ElementTree.XMLPullParser[ElementTree.Element] = ElementTree.XMLPullParser(("start", "end"))
         root: ElementTree.Element | None = None
         read, silent, inside = 0, 0, 0  # bytes, bytes since the last tag, tags since the last element
-        with _open(path) as stream:
+        with gzip.open(path) if compressed else path.open("rb") as stream:
             while part := stream.read(_PART):
                 parser.feed(part)
                 read, silent = read + len(part), silent + len(part)
@@ -167,9 +167,9 @@ def _elements(path: Path) -> Iterator[ElementTree.Element]:
                             yield element
                         root.clear()
                         inside = 0
-                if read > LARGEST_MAP or silent > 4 * _PART or inside > MOST_TAGS:
+                if read > LARGEST_MAP or silent > _SILENT or inside > MOST_TAGS:
                     most = (
-                        f"{LARGEST_MAP >> 20} MB, {4 * _PART >> 20} MB without a tag or {MOST_TAGS} tags in one element"
+                        f"{LARGEST_MAP >> 20} MB, {_SILENT >> 20} MB without a tag or {MOST_TAGS} tags in one element"
                     )
                     raise ValueError(f"{path}: more than {most}: cut out the site first (osmium extract --bbox)")
         parser.close()
@@ -177,12 +177,6 @@ def _elements(path: Path) -> Iterator[ElementTree.Element]:
         raise ValueError(f"{path}: damaged XML ({error}): download the map again") from None
     except (gzip.BadGzipFile, EOFError, zlib.error) as error:
         raise ValueError(f"{path}: damaged gzip file ({error}): download the map again") from None
-
-
-def _open(path: Path) -> BufferedIOBase:
-    with path.open("rb") as stream:
-        compressed = stream.read(2) == b"\x1f\x8b"
-    return gzip.open(path) if compressed else path.open("rb")
 
 
 def _turn(angle: float) -> Float64[np.ndarray, "2 2"]:
@@ -249,11 +243,9 @@ def roads(extract: Extract, window: shapely.Geometry, *, lefthand: bool = False)
 
 def paths(extract: Extract, window: shapely.Geometry) -> list[shapely.Polygon]:
     """Footways and squares within `window` that belong to no road."""
-    shapes: list[shapely.Geometry] = [
-        polygon
-        for polygon, tags in extract.areas
-        if {tags.get("highway"), tags.get("area:highway")} & {"pedestrian", "footway"}
-    ]
+    squares = {"pedestrian", "footway"}
+    areas = [shape for shape, tags in extract.areas if {tags.get("highway"), tags.get("area:highway")} & squares]
+    shapes: list[shapely.Geometry] = [*areas]
     for way in extract.ways:
         is_area = way.is_closed and way.tags.get("area") == "yes"
         if way.tags.get("highway") in _PATHS and not is_area and not _below(way.tags) and not _above(way.tags):
@@ -303,14 +295,12 @@ def _above(tags: Tags) -> bool:
 
 
 def _crosses(bridge: Way, road: Way) -> bool:
-    """True if a bridge crosses a road."""
     crossing = shapely.LineString(bridge.line).intersection(shapely.LineString(road.line))
     shared = [xy for node, xy in zip(bridge.nodes, bridge.line, strict=True) if node in road.nodes]
     return not crossing.difference(shapely.MultiPoint(shared).buffer(0.5) if shared else shapely.Polygon()).is_empty
 
 
 def _cut(way: Way, window: shapely.Geometry, lefthand: bool) -> Iterator[Way]:
-    """Cut a way to its pieces within `window`."""
     tags = _road_tags(way.tags, lefthand)
     step = -1 if way.tags.get("oneway") in ("-1", "reverse") else 1
     line, nodes = way.line[::step], way.nodes[::step]
@@ -335,7 +325,6 @@ def _cut(way: Way, window: shapely.Geometry, lefthand: bool) -> Iterator[Way]:
 
 
 def _road_tags(tags: Tags, lefthand: bool) -> dict[str, str]:
-    """Clean tags for netconvert."""
     kind, ring = tags["highway"], tags.get("junction") in ("roundabout", "circular")
     given = {key: tags.get(key, "").strip().lower() for key in _RULES}
     passed = {key: value for key, value in given.items() if re.fullmatch(_RULES[key], value)}

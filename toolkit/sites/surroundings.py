@@ -125,10 +125,8 @@ def place_mounts(
         if len(chosen) >= FEWEST_MOUNTS or spacing <= 0.5:
             break
         spacing *= 0.7
-    return tuple(
-        Mount(f"pole{i:02}", np.round([x, y, 0.0], 3), 3.0, 10.0, round(float(rng.uniform(0.5, 2.0)), 2))
-        for i, (x, y) in enumerate(chosen)
-    )
+    places = [(f"pole{i:02}", np.round([x, y, 0.0], 3)) for i, (x, y) in enumerate(chosen)]
+    return tuple(Mount(*place, 3.0, 10.0, round(float(rng.uniform(0.5, 2.0)), 2)) for place in places)
 
 
 def along(lines: shapely.Geometry, step: float) -> Float64[np.ndarray, "n 3"]:

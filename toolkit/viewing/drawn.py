@@ -21,12 +21,8 @@ from toolkit.objects import LABELS, Detections, Detector, label_index
 from toolkit.plots.palette import Outcome, sensor_colour
 
 Marked = Literal["hits", "missed", "false alarms", "ignored"]
-MARKED: dict[Marked, Outcome] = {
-    "hits": "hit",
-    "missed": "missed",
-    "false alarms": "false alarm",
-    "ignored": "not scored",
-}
+_OUTCOMES: tuple[tuple[Marked, Outcome], ...] = (("hits", "hit"), ("missed", "missed"), ("false alarms", "false alarm"))
+MARKED: dict[Marked, Outcome] = {**dict(_OUTCOMES), "ignored": "not scored"}
 
 BoxesByKind = dict[str, Float64[np.ndarray, "_ 7"]]
 
@@ -260,7 +256,6 @@ def find_newest(sample: DrawnSample) -> float:
 
 
 def _values(cloud: DrawnCloud, colouring: Colouring, newest: float) -> np.ndarray | None:
-    """Coloured attribute of each point, None if unknown."""
     if colouring == "age":
         return None if cloud.time is None else newest - cloud.time
     return cloud.points[:, 2] if colouring == "height" else cloud.intensity

@@ -145,16 +145,11 @@ def read_annotations(path: Path | None, world_SE3_labels: Pose, problems: record
 
 def written_labels(sample: Frame) -> list[dict[str, object]]:
     """Format a frame's objects for a label file, world frame."""
-    return [
-        {
-            "type": name,
-            "track_id": str(track),
-            "3d_dimensions": dict(zip("lwh", box[3:6], strict=True)),
-            "3d_location": dict(zip("xyz", box[:3], strict=True)),
-            "rotation": box[6],
-        }
-        for box, name, track in records.list_rows(sample.objects, records.COMMON_NAMES)
-    ]
+    labels: list[dict[str, object]] = []
+    for (x, y, z, length, width, height, yaw), name, track in records.list_rows(sample.objects, records.COMMON_NAMES):
+        box = {"3d_dimensions": {"l": length, "w": width, "h": height}, "3d_location": {"x": x, "y": y, "z": z}}
+        labels.append({"type": name, "track_id": str(track), **box, "rotation": yaw})
+    return labels
 
 
 def write_dair(samples: Iterable[Frame], folder: Path) -> int:

@@ -29,12 +29,7 @@ from toolkit.geometry import invert, transform
 from toolkit.objects import LABELS
 from toolkit.runtime.files import resolve_below, write_bytes, write_text
 
-_NAMES = {
-    "vehicle": "vehicle.car",
-    "cyclist": "vehicle.bicycle",
-    "pedestrian": "human.pedestrian.adult",
-    "heavy": "vehicle.truck",
-}
+_NAMES = "vehicle.car", "vehicle.bicycle", "human.pedestrian.adult", "vehicle.truck"  # of `LABELS`
 _SENSING = ("sample", "sample_data", "sample_annotation", "calibrated_sensor", "ego_pose", "sensor")
 _TABLES = (*_SENSING, "instance", "category")
 _Row = dict[str, records.Unchecked]
@@ -61,11 +56,11 @@ def nuscenes(path: Path) -> records.Listing:
             labels.setdefault(str(entry(row, "sample_token")), []).append(row)
     with named_damage(folder / "sample.json", "table"):
         order = sorted(lidars, key=lambda token: as_number(entry(tables["sample"], token, "timestamp"), "timestamp"))
-    return records.Listing(
-        tuple(order),
-        lambda token: _sample(folder, token, tables, lidars[token], labels.get(token, [])),
-        labelled=labels,
-    )
+
+    def load(token: str) -> Frame:
+        return _sample(folder, token, tables, lidars[token], labels.get(token, []))
+
+    return records.Listing(tuple(order), load, labelled=labels)
 
 
 def _sensor(tables: dict[str, _Row], row: _Row, key: str) -> str:
@@ -76,9 +71,8 @@ def _sensor(tables: dict[str, _Row], row: _Row, key: str) -> str:
 
 def _sample(folder: Path, token: str, tables: dict[str, _Row], data: list[_Row], labels: list[_Row]) -> Frame:
     problems: records.Problems = {}
-    placed, mounted = (
-        [_placed(folder, tables, name, row) for row in data] for name in ("ego_pose", "calibrated_sensor")
-    )
+    placed = [_placed(folder, tables, "ego_pose", row) for row in data]
+    mounted = [_placed(folder, tables, "calibrated_sensor", row) for row in data]
     with named_damage(folder / "sample_data.json", "table"):
         files = [resolve_below(folder.parent, str(entry(row, "filename"))) for row in data]
         names = [_sensor(tables, row, "channel") for row in data]
@@ -125,7 +119,8 @@ def _kind(tables: dict[str, _Row], row: _Row, instance: str) -> str:
 def write_nuscenes(samples: Iterable[Frame], folder: Path) -> int:
     """Write frames as a root with v1.0-coview/; return how many. Each sensor is a channel in its own frame."""
     tables: dict[str, list[_Row]] = {name: [] for name in (*_TABLES, "scene", "log", "map", "attribute", "visibility")}
-    tables["category"] = [{"token": label, "name": _NAMES[label], "description": ""} for label in LABELS]
+    named = zip(LABELS, _NAMES, strict=True)
+    tables["category"] = [{"token": label, "name": name, "description": ""} for label, name in named]
     instances: dict[str, str] = {}  # category by token
     written, alone = 0, {"prev": "", "next": ""}
     for written, sample in enumerate(samples, 1):

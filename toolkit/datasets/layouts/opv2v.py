@@ -49,9 +49,11 @@ def opv2v(path: Path, *, left_handed: bool = True) -> records.Listing:
         raise FileNotFoundError(f"{path} is no folder of OPV2V: it has no AGENT/*.yaml beside clouds of their names")
     agents = {name: sorted(files, key=_agent) for name, files in sorted(names.items())}
     mirror = MIRROR if left_handed else np.eye(4)
-    return records.Listing(
-        tuple(agents), lambda name: _sample(name, agents[name], mirror), labelled=labelled, known=known
-    )
+
+    def load(name: str) -> Frame:
+        return _sample(name, agents[name], mirror)
+
+    return records.Listing(tuple(agents), load, labelled=labelled, known=known)
 
 
 v2xreal = partial(opv2v, left_handed=False)
@@ -85,9 +87,8 @@ def _sample(name: str, files: list[Path], mirror: np.ndarray) -> Frame:
                 rows.setdefault(track, _box(each, mirror))
                 kinds.setdefault(track, str(each.get("obj_type", each.get("object_type", "Car"))))
     boxes = np.array(list(rows.values()), np.float64).reshape(-1, 7)
-    found = records.labelled(
-        records.move_boxes(invert(map_SE3_world), boxes), list(kinds.values()), list(rows), problems
-    )
+    boxes = records.move_boxes(invert(map_SE3_world), boxes)
+    found = records.labelled(boxes, list(kinds.values()), list(rows), problems)
     return Frame.of_clouds(name, tuple(clouds), *found, map_SE3_world=map_SE3_world, problems=problems)
 
 
@@ -139,13 +140,9 @@ def write_opv2v(samples: Iterable[Frame], folder: Path, *, left_handed: bool = T
         name, flat = f"{written - 1:05d}", mirror @ sample.map_SE3_world
         vehicles = {}
         for box, kind, track in records.list_rows(sample.objects, records.COMMON_NAMES):
-            vehicles[track] = {
-                "angle": [0.0, float(np.rad2deg(records.heading(flat, box[6]))), 0.0],
-                "center": [0.0, 0.0, 0.0],
-                "extent": [size / 2 for size in box[3:6]],
-                "location": (flat[:3, :3] @ box[:3] + flat[:3, 3]).tolist(),
-                "obj_type": kind,
-            }
+            angle = [0.0, float(np.rad2deg(records.heading(flat, box[6]))), 0.0]
+            where = {"angle": angle, "center": [0.0] * 3, "location": (flat[:3, :3] @ box[:3] + flat[:3, 3]).tolist()}
+            vehicles[track] = {**where, "extent": [size / 2 for size in box[3:6]], "obj_type": kind}
         for agent, cloud in enumerate(sample.clouds):
             placed = flat @ cloud.world_SE3_sensor @ mirror
             roll, yaw = np.arctan2(-placed[2, 1], placed[2, 2]), np.arctan2(placed[1, 0], placed[0, 0])
