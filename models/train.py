@@ -10,6 +10,7 @@ import sys
 import time
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import torch
@@ -70,9 +71,8 @@ def run(
 
         machine = loop.Machine(device, options.bfloat16 or device == "cuda", options.workers, options.checkpoint_s)
         watch = None if judged is None else measure
-        network = train(
-            options.data, config, settings, options.out, start=start, machine=machine, validate=watch, progress=progress
-        )
+        fit = partial(train, options.data, config, settings, options.out, start=start, machine=machine)
+        network = fit(validate=watch, progress=progress)
         if faces:
             network = train_faces(network, PackedFrames(options.data), faces, seed=options.seed)
         if calibrate and judged is not None:

@@ -48,15 +48,8 @@ def save_weights(path: str | Path, network: VoxelNet, header: Header) -> None:
     for name, tensor in tensors.items():
         if not torch.isfinite(tensor).all():
             raise ValueError(f"weights must be finite, but {name} is not: the training diverged, save an earlier one")
-    metadata = {
-        "format": FORMAT,
-        "config": json.dumps(network.config.to_dict()),
-        "digest": digest_tensors(tensors),
-        "site": header.site,
-        "seed": str(header.seed),
-        "commit": header.commit,
-        "ap": json.dumps(header.ap),
-    }
+    metadata = {"format": FORMAT, "config": json.dumps(network.config.to_dict()), "digest": digest_tensors(tensors)}
+    metadata |= {"site": header.site, "seed": str(header.seed), "commit": header.commit, "ap": json.dumps(header.ap)}
     content = save(tensors, metadata)
     size = int.from_bytes(content[:8], "little")  # of the header, which the library orders anew in every process
     ordered = json.dumps(json.loads(content[8 : 8 + size]), sort_keys=True, separators=(",", ":")).encode()

@@ -116,13 +116,11 @@ def check_pose(candidate: Float[np.ndarray, "..."], name: str = "pose") -> Pose:
     if np.abs(matrix[3] - (0, 0, 0, 1)).max() > 1e-5:
         raise ValueError(f"{name} must end with the row 0 0 0 1, got {matrix[3].tolist()}: pass the transpose?")
     if np.abs(matrix[:3, 3]).max() > MOST_DISTANT:
-        raise ValueError(
-            f"{name} lies farther than {MOST_DISTANT:g} m from the origin: give metres, got {matrix[:3, 3]}"
-        )
+        far = f"{name} lies farther than {MOST_DISTANT:g} m from the origin"
+        raise ValueError(f"{far}: give metres, got {matrix[:3, 3]}")
     determinant = float(np.linalg.det(rotation))
     if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-3 or determinant < 0:
-        raise ValueError(
-            f"{name} must be a rotation and a translation, but its 3×3 part has determinant {determinant:.3g}"
-            f"{': it mirrors, flip one axis' if determinant < -0.5 else ''}"
-        )
+        part = f"its 3×3 part has determinant {determinant:.3g}"
+        remedy = ": it mirrors, flip one axis" if determinant < -0.5 else ""
+        raise ValueError(f"{name} must be a rotation and a translation, but {part}{remedy}")
     return matrix

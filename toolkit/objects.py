@@ -154,10 +154,8 @@ def check_known(detector: Detector, labels: Iterable[str]) -> None:
     known = known_labels(detector)
     unknown = [label for label in labels if known is not None and label not in known]
     if unknown:
-        raise ValueError(
-            f"the detector knows {', '.join(known or ())} only, not {', '.join(unknown)}: take one trained on all of "
-            "them, such as the weights tjunction, or leave these classes out"
-        )
+        remedy = "take one trained on all of them, such as the weights tjunction, or leave these classes out"
+        raise ValueError(f"the detector knows {', '.join(known or ())} only, not {', '.join(unknown)}: {remedy}")
 
 
 def _boxes(boxes: ArrayLike) -> np.ndarray:

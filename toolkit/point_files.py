@@ -68,9 +68,7 @@ def missing_axes(names: Sequence[str]) -> list[str]:
 PADDING = "_"
 _MOST_FIELDS = 1000
 MOST_LZF = 100  # times that LZF can make anything smaller: three bytes stand for 264 at most
-_TYPES = {
-    (kind, size): f"<{kind.lower()}{size}" for kind in "FIU" for size in ((4, 8) if kind == "F" else (1, 2, 4, 8))
-}
+_TYPES = {(kind, size): f"<{kind.lower()}{size}" for kind in "FIU" for size in (1, 2, 4, 8) if kind != "F" or size > 2}
 
 
 class _Header(NamedTuple):
@@ -187,10 +185,8 @@ def _read_rows(path: Path, skipped: int, row: np.dtype, rows: int, *, last: bool
     """Columns of a file's text after so many lines, a row a line. last: no further lines may follow."""
     kinds = [(row[name].base, row[name].shape) for name in row.names or ()]
     plain = [(name, "f8", shape) for name, (_, shape) in zip(row.names or (), kinds, strict=True)]
-    exact = [
-        (name, kind if kind.itemsize == 8 else "f8", shape)
-        for (name, _, shape), (kind, _) in zip(plain, kinds, strict=True)
-    ]
+    types = [kind if kind.itemsize == 8 else "f8" for kind, _ in kinds]
+    exact = [(name, kind, shape) for (name, _, shape), kind in zip(plain, types, strict=True)]
     table = None
     for wanted in (exact, plain):  # whole numbers may be written as floats
         with warnings.catch_warnings(), suppress(ValueError, OverflowError, DeprecationWarning):

@@ -214,9 +214,8 @@ class TiledVoxelNet:
         self._grid = -(-rows // self.size), -(-columns // self.size)
         first, *others = network.rpn.order
         order = (first[1:], *others)
-        self._blocks: list[list[nn.Conv2d]] = [
-            [block[k] for k in numbers] for block, numbers in zip(network.rpn.blocks, order, strict=True)
-        ]
+        blocks: Any = zip(network.rpn.blocks, order, strict=True)
+        self._blocks: list[list[nn.Conv2d]] = [[block[k] for k in numbers] for block, numbers in blocks]
         self._strides = [2, *(conv.stride[0] for block in self._blocks for conv in block)]
         join: Any = network.rpn.join
         self._finest, *raised = join.upsample

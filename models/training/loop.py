@@ -9,7 +9,7 @@ from __future__ import annotations
 import csv
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal
@@ -47,18 +47,11 @@ class Preset:
     seed: int = 0
 
 
+_OBJECTS = SampleRecipe(subsets=0.0, augmentation="object", positive=0.6, negative=0.6, sampled=256, seen=0)
+_PAPER = Preset(optimiser="sgd", schedule="step", loss="published", examples=_OBJECTS)
 PRESETS = {
     "fast": Preset(),
-    "paper": Preset(
-        epochs=30.0,
-        batch=1,
-        optimiser="sgd",
-        learning_rate=1e-3,
-        weight_decay=1e-4,
-        schedule="step",
-        loss="published",
-        examples=SampleRecipe(subsets=0.0, augmentation="object", positive=0.6, negative=0.6, sampled=256, seen=0),
-    ),
+    "paper": replace(_PAPER, epochs=30.0, batch=1, learning_rate=1e-3, weight_decay=1e-4),
     "general": Preset(examples=SampleRecipe(augmentation="scene", errors=0.4, thinned=0.3, tilted=0.3, elsewhere=0.2)),
     "varied": Preset(examples=SampleRecipe(errors=0.4, thinned=0.2, tilted=0.3, elsewhere=0.2)),
 }

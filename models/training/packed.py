@@ -212,10 +212,8 @@ def _read_rig(file: h5py.File, name: str) -> Rig:
     pixels, ends = (hdf5.array(file, f"{name}/{part}", axes=1, kinds="iu") for part in ("pixels", "ends"))
     try:
         models = parse_json(attributes["sensors"])
-        sensors = tuple(
-            Sensor(str(each["name"]), make_model(each["type"], each["model"]), pose)
-            for each, pose in zip(models, poses, strict=True)
-        )
+        described = [(str(each["name"]), make_model(each["type"], each["model"])) for each in models]
+        sensors = tuple(Sensor(*each, pose) for each, pose in zip(described, poses, strict=True))
         xmin, ymin, xmax, ymax = (float(side) for side in attributes["area"])
         height = float(attributes["height"])
         slope = check_slope(attributes.get("slope", LEVEL), "slope")

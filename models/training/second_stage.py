@@ -279,10 +279,8 @@ def face_examples(
                 seen = features.counted[number] > 0
                 rows[sort].append(features[number][seen])
                 offsets[sort].append(offset[number][seen])
-    return FaceExamples(
-        {sort: np.concatenate(parts) for sort, parts in rows.items()},
-        {sort: np.concatenate(parts).astype(np.float32) for sort, parts in offsets.items()},
-    )
+    moved = {sort: np.concatenate(parts).astype(np.float32) for sort, parts in offsets.items()}
+    return FaceExamples({sort: np.concatenate(parts) for sort, parts in rows.items()}, moved)
 
 
 def train_faces(

@@ -26,7 +26,7 @@ import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from hashlib import sha256
 from itertools import chain, islice, product
 from pathlib import Path
@@ -312,9 +312,8 @@ class _Learner:
         place = map_SE3_sensor[:3, 3]
         self._place = place if self._place is None else self._place
         if (moved := np.linalg.norm(place - self._place)) > STANDS_STILL:
-            raise ValueError(
-                f"{cloud.name} moves, by {moved:.1f} m: only a sensor that stands still has an empty scene"
-            )
+            remedy = "only a sensor that stands still has an empty scene"
+            raise ValueError(f"{cloud.name} moves, by {moved:.1f} m: {remedy}")
         image = rasterize_cloud(cloud, self.grid)
         self.left_out.update(image.left_out)
         self.points += len(cloud.points)
@@ -451,10 +450,9 @@ def _clusters(images: Float32[np.ndarray, "n rows columns"], model: SensorModel)
     share = present.mean(axis=1)
     comes = (present[:, 1:] & ~present[:, :-1]).sum(axis=1) + present[:, 0]
     flickers = rivals[near] & (comes >= LEAST_FLICKER * share * (1 - share) * n)
-    far_mode, near_mode = (
-        _Mode(*(each.reshape(shape) for each in _measure_mode(solid.ravel(), starts, ends, chosen, n, model)))
-        for chosen in (far, np.where(rivals[near], near, -1))
-    )
+    measure = partial(_measure_mode, solid.ravel(), starts, ends, n=n, model=model)
+    modes = (measure(chosen) for chosen in (far, np.where(rivals[near], near, -1)))
+    far_mode, near_mode = (_Mode(*(each.reshape(shape) for each in mode)) for mode in modes)
     return far_mode, near_mode, flickers.reshape(shape)
 
 

@@ -272,10 +272,8 @@ def object_pairs(seen: Sequence[Sequence[SeenBoxes]], poses: Poses, radius: floa
         if count := len(here):
             axes = np.repeat(np.eye(3), count, axis=0)
             about_z = np.tile([0.0, 0.0, 1 / LEVER, 0.0, 0.0, 0.0], (count, 1))
-            mine, theirs = (
-                np.concatenate([resistance(np.tile(centres, (3, 1)), poses[sensor][:3, 3], axes), about_z])
-                for sensor, centres in ((one, here), (other, there))
-            )
+            places = ((np.tile(here, (3, 1)), poses[one][:3, 3]), (np.tile(there, (3, 1)), poses[other][:3, 3]))
+            mine, theirs = (np.concatenate([resistance(*place, axes), about_z]) for place in places)
             residual = np.concatenate([(here - there).T.ravel(), turn])
             deviation = np.repeat([np.sqrt(2) * _CENTRE, np.sqrt(2) * _HEADING], [3 * count, count])
             limit = np.repeat([gate, _WORST_HEADING], [3 * count, count])
@@ -294,9 +292,8 @@ def _match_boxes(
     nearest = apart.argmin(axis=1)
     row = np.arange(len(here))
     mutual = (apart[:, nearest].argmin(axis=0) == row) & (apart[row, nearest] < gate)
-    heading, other_heading = (
-        np.arctan2(*(boxes.ahead @ at[:3, :3].T)[:, 1::-1].T) for boxes, at in ((mine, pose), (theirs, other_pose))
-    )
+    ways = (boxes.ahead @ at[:3, :3].T for boxes, at in ((mine, pose), (theirs, other_pose)))
+    heading, other_heading = (np.arctan2(way[:, 1], way[:, 0]) for way in ways)
     turn = (heading - other_heading[nearest] + np.pi / 2) % np.pi - np.pi / 2
     some = mutual & (np.abs(turn) < _WORST_HEADING)
     return here[some], there[nearest[some]], turn[some]

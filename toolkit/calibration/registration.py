@@ -199,10 +199,8 @@ def register(points: Points, surface: Surface, believed: Pose, *, deviation: _De
             coarse.append(pose)
     fine = [_align_levels(points, noise, surface, pose, _FINE) for pose in coarse]
     best = max(system.agreement for _, system in fine)
-    pose, system = min(
-        (each for each in fine if each[1].agreement >= best - _AS_GOOD),
-        key=lambda each: float(np.linalg.norm(motion_between(believed, each[0]))),
-    )
+    as_good = [each for each in fine if each[1].agreement >= best - _AS_GOOD]
+    pose, system = min(as_good, key=lambda each: float(np.linalg.norm(motion_between(believed, each[0]))))
     if len(system.hidden_motions):  # a coarse level may have gone astray along these
         motion = motion_between(believed, pose)
         motion -= system.hidden_motions.T @ (system.hidden_motions @ motion)

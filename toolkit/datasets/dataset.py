@@ -317,6 +317,5 @@ def _own_sensor(attributes: Mapping[str, object], where: str) -> Sensor:
         values = {name: np.asarray(attributes[name]).tolist() for name in entries}
         return Sensor(str(attributes["name"]), make_model(kind, values), np.asarray(attributes["site_SE3_sensor"]))
     except (TypeError, AttributeError, ValueError, OverflowError) as error:
-        raise ValueError(
-            f"attributes of {where} describe no sensor ({error}): the file is damaged, restore it"
-        ) from None
+        wrong = f"attributes of {where} describe no sensor ({error})"
+        raise ValueError(f"{wrong}: the file is damaged, restore it") from None

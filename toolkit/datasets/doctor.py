@@ -114,13 +114,8 @@ def check_measurements(
         words = f"depth in {_UNITS.get(units[best], 'another unit')} instead of metres"
         findings.append(_error("dslices", words, evidence, f"multiply by {units[best]:g}"))
     exam = examined[best]
-    findings += [
-        *_no_points(exam.views, frames),
-        *exam.disagreements(),
-        *_posture(exam),
-        *_ground(exam),
-        *_unseen(exam),
-    ]
+    findings += [*_no_points(exam.views, frames), *exam.disagreements()]
+    findings += [*_posture(exam), *_ground(exam), *_unseen(exam)]
     failing = failing_sensors(exam.views, exam.rows, dataset.site, frames)
     return findings + [Finding("warning", *said) for said in failing]
 

@@ -69,11 +69,11 @@ def record_randomly(site: Site, rng: Rng, frames: int, *, fleet: Fleet | None = 
     mix = Mix(most, parked, strays=float(rng.uniform(0, MOST_STRAYS)))
     snapshots = simulate(site, bodies, frames=frames, seed=rng, mix=mix, once=bool(fleet.drawn))
     renderer = Renderer(site, bodies, sensors, threads=1)
-    recorded = tuple(
-        Frame(sensors, renderer.render(snapshot).measurements, snapshot.objects, snapshot.time, index)
-        for index, snapshot in enumerate(snapshots)
-    )
-    return RandomRecording(site, recorded, renderer.background)
+    recorded = []
+    for index, snapshot in enumerate(snapshots):
+        measurements = renderer.render(snapshot).measurements
+        recorded.append(Frame(sensors, measurements, snapshot.objects, snapshot.time, index))
+    return RandomRecording(site, tuple(recorded), renderer.background)
 
 
 def random_recordings_file(

@@ -136,16 +136,13 @@ class Job:
         if self.fleet.drawn:
             code, mirrors = code_digest("toolkit.bodies.drawn_bodies")[:12], "with" if self.fleet.mirrors else "without"
             drawn = f" and drawn {' '.join(LABELS[label] for label in self.fleet.drawn)} {mirrors} mirrors {code}"
-        return {
-            "site": f"{self.site.name} {_digest(format_site(self.site))}",
-            "frames": int(self.frames),
-            "seed": int(self.seed),
-            "sensors": f"{len(self.sensors)} {_digest(json.dumps(sensors))}",
-            "bodies": f"{len(self.fleet.fixed)} {bodies.hexdigest()[:12]}{drawn}",
-            "schema": RECORDING_SCHEMA,
-            **({} if self.interval == INTERVAL else {"interval": self.interval}),
-            **({"strays": self.strays} if self.strays else {}),
-        }
+        site = f"{self.site.name} {_digest(format_site(self.site))}"
+        plan: dict[str, object] = {"site": site, "frames": int(self.frames), "seed": int(self.seed)}
+        plan["sensors"] = f"{len(self.sensors)} {_digest(json.dumps(sensors))}"
+        plan["bodies"] = f"{len(self.fleet.fixed)} {bodies.hexdigest()[:12]}{drawn}"
+        plan["schema"] = RECORDING_SCHEMA
+        plan |= {} if self.interval == INTERVAL else {"interval": self.interval}
+        return plan | ({"strays": self.strays} if self.strays else {})
 
     @property
     def header(self) -> Header:

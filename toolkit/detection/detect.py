@@ -154,10 +154,9 @@ class ImportedDetector:
         try:
             detections = self._detect(points)
         except Exception as error:  # the detector may raise anything
-            raise ValueError(
-                f"detector {self.name} fails with a cloud of {len(points) or 'no'} points "
-                f"({type(error).__name__}: {error}): let it take any points (n, 3) and return Detections"
-            ) from error
+            failure = f"fails with a cloud of {len(points) or 'no'} points ({type(error).__name__}: {error})"
+            remedy = "let it take any points (n, 3) and return Detections"
+            raise ValueError(f"detector {self.name} {failure}: {remedy}") from error
         if not isinstance(detections, Detections):
             kind = type(detections).__name__
             raise ValueError(f"detector {self.name} must return toolkit.objects.Detections, got {kind}")

@@ -183,17 +183,12 @@ class Evaluation(Sequence[Row]):
 
     def as_dict(self) -> dict[str, Any]:
         """Return all but the provenance for JSON, undefined as None."""
-        figures = {
-            "rows": [row.as_dict() for row in self.rows],
-            "classes": [figures.as_dict() for figures in self.classes],
-            "schemes": self.schemes,
-        }
-        optional = {
-            "loads": [load.as_dict() for load in self.loads],
-            "breakdown": [vars(row) for row in self.breakdown],
-            "poses": {each.sensor.name: each.described() for each in self.poses},
-        }
-        return replace_infinite(figures | {name: value for name, value in optional.items() if value})
+        rows, classes = [row.as_dict() for row in self.rows], [figures.as_dict() for figures in self.classes]
+        optional: dict[str, Any] = {"loads": [load.as_dict() for load in self.loads]}
+        optional["breakdown"] = [vars(row) for row in self.breakdown]
+        optional["poses"] = {each.sensor.name: each.described() for each in self.poses}
+        known = {name: value for name, value in optional.items() if value}
+        return replace_infinite({"rows": rows, "classes": classes, "schemes": self.schemes, **known})
 
 
 def evaluate_recording(
@@ -282,21 +277,15 @@ def evaluate_recording(
             judged = [truth.judge(each) for truth, each in zip(truths, found, strict=True)]
             every = chain.from_iterable(group_rows(judged, label, asked.iou_thresholds) for label in labels)
             groups += [replace(row, scheme=title) for row in every]
-        own = figures[title] = {
-            "samples": total,
-            "detections": sum(len(each.detections.boxes) for each in fused),
-            "problems": dict(problems),
-            "level_ms": float(np.median([each.level_ms for each in scored])),
-            "detect_ms": ms,
-            "kbit_per_sensor": kbit if any(map(len, bits)) else None,
-        }
+        own = figures[title] = {"samples": total, "detections": sum(len(each.detections.boxes) for each in fused)}
+        own |= {"problems": dict(problems), "level_ms": float(np.median([each.level_ms for each in scored]))}
+        own |= {"detect_ms": ms, "kbit_per_sensor": kbit if any(map(len, bits)) else None}
         if asked.rate is not None and len({*map(len, bits)}) == 1 and len(bits[0]):
             loads.append(SetLoad(name, chosen, link_load(np.array(bits), asked.rate)))
             own["load"] = vars(loads[-1].load)
         if not known and _sends_images(named[name], asked.codec):
-            own["images"] = {
-                sensor: {"points": learnt.points, **learnt.left_out} for sensor, learnt in images.every.items()
-            }
+            learnt = images.every.items()
+            own["images"] = {sensor: {"points": each.points, **each.left_out} for sensor, each in learnt}
 
     placed = {"site": site and site.name, "hybrid_radius": site and site.hybrid_radius, "frames": total}
     drawn: dict[str, object] = {"noise_seed": reads.noise_seed, "errors": errors.origin, "nms_iou": asked.nms_iou}
@@ -475,12 +464,8 @@ def draw_example(recording: CoopDataset, detector: Detector, out: str | Path, *,
     truth, found = frame.objects, fuse_frame("early", frame, detector, site=site).detections
     (result,) = matches(found, truth, [EXAMPLE_IOU], counted=has_centre_inside(truth.boxes, site.area))
     sensors = f"{len(frame.sensors)} sensor{'s' * (len(frame.sensors) != 1)}"
-    draw_frame(
-        site,
-        out,
-        clouds=frame_points(frame, area=site),
-        truth=truth,
-        detections=found,
-        outcome=FrameOutcome(EXAMPLE_IOU, result.hit, ~result.scored, result.truth >= 0, result.ignored),
-        title=f"{site.name}, frame {frame.index}: early fusion of {sensors}, {detector_origin(detector)['detector']}",
-    )
+    outcome = FrameOutcome(EXAMPLE_IOU, result.hit, ~result.scored, result.truth >= 0, result.ignored)
+    name = detector_origin(detector)["detector"]
+    title = f"{site.name}, frame {frame.index}: early fusion of {sensors}, {name}"
+    clouds = frame_points(frame, area=site)
+    draw_frame(site, out, clouds=clouds, truth=truth, detections=found, outcome=outcome, title=title)

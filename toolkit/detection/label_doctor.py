@@ -249,15 +249,10 @@ SUNK = 0.3  # fraction of its height that the median box may be off its place ab
 ALIKE = 0.04  # difference in mean fit within which the first mistake in the list is named
 TURNED_TOO_FAR = 0.2  # share of yaws beyond a full turn that is suspected
 _UNIT = "check their unit, metres are read"
-_REMEDIES = {  # of what reading counts and no sound recording has
-    records.STRAY: "name clouds and labels alike, times in the same unit",
-    records.NOT_FINITE: "restore them, or remove them",
-    records.NO_SIZE: _UNIT,
-    records.TOO_LARGE: _UNIT,
-    AWAY: "check their unit, and the frame they are in",
-    records.EMPTY: "check their sensor, or leave these frames out",
-    records.FAR_POINTS: _UNIT,
-}
+_ALIKE = "name clouds and labels alike, times in the same unit"  # remedies of what no sound recording has
+_REMEDIES = {records.STRAY: _ALIKE, records.NOT_FINITE: "restore them, or remove them"}
+_REMEDIES |= {records.NO_SIZE: _UNIT, records.TOO_LARGE: _UNIT, AWAY: "check their unit, and the frame they are in"}
+_REMEDIES |= {records.EMPTY: "check their sensor, or leave these frames out", records.FAR_POINTS: _UNIT}
 FREER = 0.1  # gain in mean fit that explanations which choose a sensor for each box need
 TURNED_GAIN = 0.15  # gain in mean fit that explanations which turn each box freely need
 

@@ -155,17 +155,9 @@ def evaluate(
     for threshold, frames in pooled.items():
         every, hit = (np.concatenate(column) for column in zip(*frames, strict=True))
         curve, tp = precision_recall(every, hit, to_find), int(hit.sum())
-        results[threshold] = DetectionScore(
-            average_precision(curve) if to_find else np.nan,
-            precision=tp / len(hit) if len(hit) else np.nan,
-            recall=tp / to_find if to_find else np.nan,
-            tp=tp,
-            fp=len(hit) - tp,
-            truths=to_find,
-            curve=curve,
-            scores=every,
-            hits=hit,
-        )
+        ap, recall = (average_precision(curve), tp / to_find) if to_find else (np.nan, np.nan)
+        counts = tp / len(hit) if len(hit) else np.nan, recall, tp, len(hit) - tp, to_find
+        results[threshold] = DetectionScore(ap, *counts, curve, every, hit)
     return results
 
 
@@ -191,13 +183,9 @@ def matches(
     for threshold in thresholds:
         taken, ignored = overlaps.resolve(threshold)
         hitting = np.flatnonzero(taken >= 0)
-        result = Match(
-            truth=np.full(len(detections), -1),
-            iou=np.zeros(len(detections)),
-            ignored=np.ones(len(detections), bool),
-            hit=np.zeros(len(truths), bool),
-            scored=np.isin(np.arange(len(truths)), columns),
-        )
+        n, m = len(detections), len(truths)
+        scored = np.isin(np.arange(m), columns)
+        result = Match(np.full(n, -1), np.zeros(n), np.ones(n, bool), np.zeros(m, bool), scored)
         result.truth[rows[hitting]] = columns[taken[hitting]]
         result.iou[rows[hitting]] = overlaps.iou[hitting, taken[hitting]]
         result.ignored[rows] = ignored
@@ -212,10 +200,9 @@ def precision_recall(scores: Float64[np.ndarray, " n"], hits: Mask, truths: int)
     array([0.25, 0.25, 0.5 ])
     """
     if truths < 0 or truths != int(truths) or np.shape(scores) != np.shape(hits) or np.ndim(scores) != 1:
-        raise ValueError(
-            "precision_recall needs one score and one hit for each detection, and 0 or more truths, "
-            f"got {np.shape(scores)}, {np.shape(hits)} and {truths} truths"
-        )
+        needs = "one score and one hit for each detection, and 0 or more truths"
+        got = f"{np.shape(scores)}, {np.shape(hits)} and {truths} truths"
+        raise ValueError(f"precision_recall needs {needs}, got {got}")
     if np.sum(hits) > truths:
         raise ValueError(f"more detections hit ({np.sum(hits)}) than there are truths ({truths}): count all truths")
     best_first = np.argsort(-scores, kind="stable")

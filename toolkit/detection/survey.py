@@ -72,18 +72,12 @@ class Survey:
                 figures = [None if share is None else float(share) for share in shares]
                 sets[name] = dict(zip(("mean_points", "median_points", "unseen"), figures, strict=True))
             classes[label] = {"objects": len(counts), "sets": sets}
-        return {
-            "frames": self.frames,
-            "objects_per_frame": self.objects_per_frame,
-            "points_per_cloud": self.points_per_cloud,
-            "kbit_per_sensor": float(self.kbit_per_sensor.mean()),
-            "vehicles": len(self.counts),
-            "unseen": {name: self.unseen(chosen) for name, chosen in named.items()},
-            "classes": classes,
-            "counts_that_agree": self.agreeing and list(self.agreeing),
-            "problems": self.problems,
-            "provenance": with_file_digest(self.provenance),
-        }
+        means = {name: getattr(self, name) for name in ("frames", "objects_per_frame", "points_per_cloud")}
+        means |= {"kbit_per_sensor": float(self.kbit_per_sensor.mean()), "vehicles": len(self.counts)}
+        unseen = {name: self.unseen(chosen) for name, chosen in named.items()}
+        agree = {"counts_that_agree": self.agreeing and list(self.agreeing), "problems": self.problems}
+        provenance = with_file_digest(self.provenance)
+        return {**means, "unseen": unseen, "classes": classes, **agree, "provenance": provenance}
 
     def text(self, sensor_sets: Sequence[Sequence[int]]) -> str:
         """Return the figures as lines of text."""
@@ -97,10 +91,9 @@ class Survey:
         ]
         for label, of_class in figures["classes"].items():
             for chosen, each in of_class["sets"].items() if of_class["objects"] else ():
-                lines.append(
-                    f"{label} from {chosen}: {each['unseen']:.1%} of {of_class['objects']} without a point, "
-                    f"mean {each['mean_points']:.1f}, median {each['median_points']:g} points"
-                )
+                unseen = f"{each['unseen']:.1%} of {of_class['objects']} without a point"
+                points = f"mean {each['mean_points']:.1f}, median {each['median_points']:g} points"
+                lines.append(f"{label} from {chosen}: {unseen}, {points}")
         if self.agreeing is not None:
             agree, known = self.agreeing
             lines.append(f"{agree} of {known} labelled cuboids hold as many points as the set says")

@@ -299,16 +299,9 @@ def frame_view(
     """
     crop = Crop.of(site, height)
     detect = detector if crop.slope == LEVEL else partial(detect_on_ground, detector, place=site)
-    return View(
-        site,
-        frame.sensors,
-        measure=lambda sensor: crop_sensor(frame, sensor, crop),
-        run=lambda clouds: detect(together(clouds)),
-        codec=codec,
-        nms_iou=nms_iou,
-        images=Images(lambda sensor: Captured(frame, sensor, site, height), scene, _sent_time(frame), frame.index),
-        memory=memory,
-    )
+    images = Images(lambda sensor: Captured(frame, sensor, site, height), scene, _sent_time(frame), frame.index)
+    view = partial(View, site, frame.sensors, codec=codec, nms_iou=nms_iou, images=images, memory=memory)
+    return view(measure=lambda sensor: crop_sensor(frame, sensor, crop), run=lambda each: detect(together(each)))
 
 
 def together(clouds: Sequence[Cloud]) -> Float32[np.ndarray, "n 3"]:

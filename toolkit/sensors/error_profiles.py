@@ -90,13 +90,8 @@ _NEAR_EXACT = (DropOut(share=0.005), MixedPixels(share=0.05), OwnNoise(), Calibr
 SURVEYED = ErrorProfile("surveyed", _NEAR_EXACT)
 _USUAL = Glass(share=0.8), DropOut(share=0.02), MixedPixels(share=0.2), *_NOISE, Calibration(_degrees(0.2), 0.03)
 TYPICAL = ErrorProfile("typical", _USUAL)
-_BAD = (
-    Glass(share=0.8),
-    terms.Paint(share=0.2),
-    DropOut(share=0.05, half_range=200.0),
-    MixedPixels(share=0.2),
-    terms.rain(10.0),
-)
+_DARK = Glass(share=0.8), terms.Paint(share=0.2)
+_BAD = *_DARK, DropOut(share=0.05, half_range=200.0), MixedPixels(share=0.2), terms.rain(10.0)
 _BADLY_PLACED = Calibration(_degrees(0.5), 0.05), terms.PoleSway(_degrees(0.05))
 POOR = ErrorProfile("poor", (*_BAD, terms.DeadRows(share=0.02), *_NOISE, *_BADLY_PLACED))
 GLARE = ErrorProfile("glare", (*_USUAL, terms.BlindSector(share=0.25)))

@@ -140,9 +140,8 @@ def unit_rays(grid: AngleGrid) -> Float32[np.ndarray, "rows columns 3"]:
     elevation = np.array(grid.elevations)[:, None]
     azimuth = grid.heading + (np.arange(grid.columns) - (grid.columns - 1) / 2) * grid.width / grid.columns
     flat = np.cos(elevation)
-    return shared.freeze(
-        np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation) + 0 * azimuth], axis=-1)
-    )
+    x, y, z = flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation) + 0 * azimuth
+    return shared.freeze(np.stack([x, y, z], axis=-1))
 
 
 def _half_angle(radius: np.ndarray, distance: np.ndarray) -> np.ndarray:

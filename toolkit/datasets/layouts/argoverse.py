@@ -185,14 +185,11 @@ def _labels(sample: Frame, stamp: int) -> dict[str, np.ndarray]:
     boxes, half = sample.objects.boxes, sample.objects.boxes[:, 6] / 2
     sizes = dict(zip(("length_m", "width_m", "height_m"), boxes[:, 3:6].T, strict=True))
     turns = dict(zip(_POSE, (np.cos(half), 0 * half, 0 * half, np.sin(half), *boxes[:, :3].T), strict=True))
-    return {
-        "timestamp_ns": np.full(len(boxes), stamp, np.int64),
-        "track_uuid": sample.objects.ids.astype(str).astype(object),
-        "category": np.array([_NAMES[LABELS[label]] for label in sample.objects.labels], object),
-        **sizes,
-        **turns,
-        "num_interior_pts": np.zeros(len(boxes), np.int64) if sample.counts is None else sample.counts,
-    }
+    ids, names = sample.objects.ids.astype(str), [_NAMES[LABELS[label]] for label in sample.objects.labels]
+    labels = {"timestamp_ns": np.full(len(boxes), stamp, np.int64), "track_uuid": ids.astype(object)}
+    labels |= {"category": np.array(names, object), **sizes, **turns}
+    counts = np.zeros(len(boxes), np.int64) if sample.counts is None else sample.counts
+    return labels | {"num_interior_pts": counts}
 
 
 def _pose_columns(placed: Sequence[np.ndarray]) -> dict[str, list[float]]:

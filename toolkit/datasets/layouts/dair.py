@@ -93,12 +93,11 @@ def _pairs(root: Path) -> records.Listing:
         novatel_SE3_lidar = read_transform(car / "calib" / "lidar_to_novatel" / f"{vehicle}.json")
         map_SE3_novatel = read_transform(car / "calib" / "novatel_to_world" / f"{vehicle}.json")
         road_SE3_car = invert(map_SE3_road) @ map_SE3_novatel @ novatel_SE3_lidar
-        clouds = (
-            records.read_cloud(road / "velodyne" / f"{name}.pcd", "infrastructure", np.eye(4), problems),
-            records.read_cloud(car / "velodyne" / f"{vehicle}.pcd", "vehicle", road_SE3_car, problems),
-        )
+        seen, own = road / "velodyne" / f"{name}.pcd", car / "velodyne" / f"{vehicle}.pcd"
+        near = records.read_cloud(seen, "infrastructure", np.eye(4), problems)
+        far = records.read_cloud(own, "vehicle", road_SE3_car, problems)
         found = read_annotations(_first(root, _COOPERATIVE, vehicle), invert(map_SE3_road), problems)
-        return Frame.of_clouds(name, clouds, *found, map_SE3_world=map_SE3_road, problems=problems)
+        return Frame.of_clouds(name, (near, far), *found, map_SE3_world=map_SE3_road, problems=problems)
 
     return records.Listing(tuple(pairs), load, labelled=_labelled(root, _COOPERATIVE), known=vehicles)
 

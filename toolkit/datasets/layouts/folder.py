@@ -62,10 +62,8 @@ def folder(path: Path, *, poses: Path | None = None, inverted: bool = False) -> 
 
     def load(name: str) -> Frame:
         problems: records.Problems = {}
-        clouds = tuple(
-            records.read_cloud(file, sensor, _pose(placed, sensor, file), problems)
-            for sensor, file in names[name].items()
-        )
+        each_file = ((file, sensor, _pose(placed, sensor, file)) for sensor, file in names[name].items())
+        clouds = tuple(records.read_cloud(*each, problems) for each in each_file)
         found = records.parse_objects(labels, entries[name], problems) if name in entries else records.no_labels()
         return Frame.of_clouds(name, clouds, *found, time=parse_epoch(name), problems=problems)
 

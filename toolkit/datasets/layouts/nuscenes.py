@@ -78,10 +78,8 @@ def _sample(folder: Path, token: str, tables: dict[str, _Row], data: list[_Row],
         names = [_sensor(tables, row, "channel") for row in data]
         time = as_number(entry(data[0], "timestamp"), "timestamp") * 1e-6
     map_SE3_ego = placed[0]
-    clouds = tuple(
-        records.read_cloud(file, name, invert(map_SE3_ego) @ ego @ pose, problems)
-        for file, name, ego, pose in zip(files, names, placed, mounted, strict=True)
-    )
+    poses = [invert(map_SE3_ego) @ ego @ pose for ego, pose in zip(placed, mounted, strict=True)]
+    clouds = tuple(records.read_cloud(*each, problems) for each in zip(files, names, poses, strict=True))
     with named_damage(folder / "sample_annotation.json", "table"):
         boxes = np.array([_box(row) for row in labels], np.float64).reshape(-1, 7)
         counts = np.array([int(as_number(row.get("num_lidar_pts", -1))) for row in labels], np.int64)
