@@ -15,7 +15,7 @@ from typing import Any, ClassVar, Literal, Protocol, cast, runtime_checkable
 
 import numpy as np
 
-from toolkit.arrays import Bool, BoxRows, Float, Float32, Float64, Int64, Mask, Pose, Shaped
+from toolkit.arrays import Bool, BoxRows, Float, Float32, Float64, ImageVectors, Int64, Mask, Pose, Shaped
 from toolkit.boxes import corners
 from toolkit.display import Card, Displayed, Table, describe_count
 from toolkit.geometry import check_pose, invert, transform
@@ -363,9 +363,7 @@ class SiteRecording(Frames, Protocol):
 
 
 def unproject(
-    sensor: Sensor,
-    measurement: Float[np.ndarray, "rows columns"],
-    shift: Float32[np.ndarray, "rows columns 3"] | None = None,
+    sensor: Sensor, measurement: Float[np.ndarray, "rows columns"], shift: ImageVectors | None = None
 ) -> tuple[Float32[np.ndarray, "3 pixels"], Bool[np.ndarray, " pixels"]]:
     """World x, y and z of every pixel, row after row, and a mask of those that returned. shift: see `Frame.shifts`."""
     _check_image(sensor, measurement)

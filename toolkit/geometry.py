@@ -64,6 +64,11 @@ def transform(target_SE3_source: Pose, points: Float[np.ndarray, "*n 3"]) -> Flo
     return points @ target_SE3_source[:3, :3].T.astype(points.dtype) + target_SE3_source[:3, 3].astype(points.dtype)
 
 
+def plane_rotation(angle: float) -> Float[np.ndarray, "2 2"]:
+    """Rotation of the plane by an angle (rad, counter-clockwise)."""
+    return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+
+
 def check_slope(slope: Iterable[SupportsFloat], name: str) -> Slope:
     """Return a slope as two floats; ValueError beyond `STEEPEST`."""
     numbers = tuple(map(float, slope))

@@ -13,7 +13,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from toolkit.arrays import Bool, BoxRows, Float, Float32, Float64, Int64, Mask, Points, Pose, Rng
+from toolkit.arrays import Bool, BoxRows, Float, Float32, Float64, ImageVectors, Int64, Mask, Points, Pose, Rng
 from toolkit.boxes import count_points
 from toolkit.frame import Frame, SensorCloud, select_sensors, unproject
 from toolkit.geometry import BODY_SE3_CAMERA, LEVEL, Slope, invert, level_rows, tilt_rows
@@ -78,11 +78,7 @@ class Crop(NamedTuple):
 
 
 def crop_image(
-    sensor: Sensor,
-    measurement: Float32[np.ndarray, "rows columns"],
-    crop: Crop,
-    *,
-    shift: Float32[np.ndarray, "rows columns 3"] | None = None,
+    sensor: Sensor, measurement: Float32[np.ndarray, "rows columns"], crop: Crop, *, shift: ImageVectors | None = None
 ) -> tuple[Float32[np.ndarray, "3 pixels"], Int64[np.ndarray, " n"]]:
     """x, y, z in the world of every pixel, and rows of the kept ones. shift: see `Frame.shifts`."""
     xyz, valid = unproject(sensor, measurement, shift)

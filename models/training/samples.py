@@ -19,7 +19,7 @@ from models.training.losses import assign, assign_by_kind, sample
 from models.training.packed import STEPS_PER_METRE, PackedFrames, Rig
 from toolkit.arrays import Float, Float32, Float64, Rng
 from toolkit.boxes import count_points, points_in_boxes
-from toolkit.geometry import level_rows
+from toolkit.geometry import level_rows, plane_rotation
 from toolkit.objects import HEAVY, Objects, label_index
 from toolkit.points import has_centre_inside
 from toolkit.sensors import error_terms
@@ -242,7 +242,7 @@ def jitter_objects(
         if (np.linalg.norm(boxes[others, :2] - (old + move), axis=1) < reach[others] + reach[index]).any():
             continue
         mine = owned[:, index]
-        points[mine, :2] = (points[mine, :2] - old) @ _rotation(turn).T + old + move
+        points[mine, :2] = (points[mine, :2] - old) @ plane_rotation(turn).T + old + move
         boxes[index, :2] += move
         boxes[index, 6] += turn
     return points, boxes
@@ -251,13 +251,9 @@ def jitter_objects(
 def turn_scene(points: _Points, boxes: _Boxes, centre: _Place, rng: Rng) -> tuple[_Points, _Boxes]:
     """Turn the scene about `centre`, every second one mirrored."""
     angle, mirror = rng.uniform(-np.pi, np.pi), rng.random() < 0.5
-    matrix = _rotation(angle) @ np.diag([1.0, -1.0 if mirror else 1.0])
+    matrix = plane_rotation(angle) @ np.diag([1.0, -1.0 if mirror else 1.0])
     points, boxes = points.copy(), boxes.copy()
     points[:, :2] = (points[:, :2] - centre) @ matrix.T + centre
     boxes[:, :2] = (boxes[:, :2] - centre) @ matrix.T + centre
     boxes[:, 6] = angle + (-boxes[:, 6] if mirror else boxes[:, 6])
     return points, boxes
-
-
-def _rotation(angle: float) -> np.ndarray:
-    return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])

@@ -77,11 +77,7 @@ def nuscenes_ap(curve: Curve) -> float:
 
 
 def by_centre(
-    detections: Iterable[Detections],
-    truths: Iterable[Objects],
-    counted: Iterable[Bool[np.ndarray, " _"]],
-    distance: float,
-    label: int,
+    detections: Iterable[Detections], truths: Iterable[Objects], counted: Iterable[Mask], distance: float, label: int
 ) -> Matched:
     """Match detections of a class by distance of centres (m) on the ground. A detection that hits only uncounted
     objects does not count.

@@ -33,7 +33,7 @@ from toolkit.datasets.dataset import CoopDataset
 from toolkit.detection.background import SWEEPS, Background, empty_sweeps
 from toolkit.detection.place import Corners, Place, Stand, crop_points
 from toolkit.frame import Frame
-from toolkit.geometry import transform
+from toolkit.geometry import plane_rotation, transform
 from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE, Detections
 
 CAR = np.array([4.4, 1.9])  # length and width (m) to which a car seen in part is completed
@@ -166,8 +166,7 @@ def _fit(xy: Float64[np.ndarray, "n 2"]) -> _Rectangle:
     ends = [np.minimum(u - u.min(axis=1, keepdims=True), u.max(axis=1, keepdims=True) - u) for u in (along, across)]
     distance = np.minimum(*ends)
     yaw = float(yaws[(1 / np.maximum(distance, 0.1)).sum(axis=1).argmax()])
-    axes = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
-    own = xy @ axes
+    own = xy @ plane_rotation(yaw)
     low, high = np.quantile(own, [0.005, 0.995], axis=0)
     at_low, at_high = (own < low + 0.2).mean(axis=0), (own > high - 0.2).mean(axis=0)
     rectangle = _Rectangle(yaw, low, high, at_low, at_high)

@@ -251,9 +251,10 @@ def sensor_heading(sensor: Sensor) -> float:
     return float(np.arctan2(forward[1], forward[0]))
 
 
-def spread_discs(
-    places: Float64[np.ndarray, "n 2"], headings: Float64[np.ndarray, " n"], gap: float
-) -> Float64[np.ndarray, "n 2"]:
+_Places = Float64[np.ndarray, "_ 2"]
+
+
+def spread_discs(places: _Places, headings: Float64[np.ndarray, " n"], gap: float) -> _Places:
     """Centres of discs `gap` apart, each at its place or, if that is taken, near it, preferably along its heading."""
     discs = places.copy()
     turns = np.deg2rad([0, 30, -30, 60, -60, 90, -90, 120, -120, 150, -150, 180])
@@ -268,18 +269,12 @@ def spread_discs(
     return discs
 
 
-def draw_poles(axes: Axes, places: Float64[np.ndarray, "n 2"], *, used: bool = False, size: float = 6.0) -> None:
+def draw_poles(axes: Axes, places: _Places, *, used: bool = False, size: float = 6.0) -> None:
     """Draw poles as squares, filled if they carry a sensor."""
     axes.plot(*places.T, zorder=5, **{**pole_style(used), "markersize": size})
 
 
-def name_poles(
-    axes: Axes,
-    places: Float64[np.ndarray, "n 2"],
-    names: Sequence[str],
-    points_per_metre: float,
-    keep_off: Float64[np.ndarray, "m 2"],
-) -> None:
+def name_poles(axes: Axes, places: _Places, names: Sequence[str], points_per_metre: float, keep_off: _Places) -> None:
     """Write names beside poles where there is room. Poles, other names and sensors (`keep_off`) may take the room."""
     around = [(place * points_per_metre, 4.0) for place in places]
     around += [(place * points_per_metre, DISC / 2 + 1) for place in keep_off]
@@ -470,6 +465,6 @@ def outcome_entry(outcome: Outcome, label: str) -> Entry:
     return Line2D([], [], color=style.colour, linestyle=style.line, linewidth=style.width, **mark), label
 
 
-def sensor_places(sensors: Sequence[Sensor]) -> Float64[np.ndarray, "n 2"]:
+def sensor_places(sensors: Sequence[Sensor]) -> _Places:
     """Positions of sensors on the map."""
     return np.array([sensor.position[:2] for sensor in sensors]).reshape(-1, 2)

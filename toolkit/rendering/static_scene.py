@@ -43,7 +43,8 @@ def build_scenery(site: Site) -> Mesh:
         raise ValueError(f"solids of site {site.name!r} have {skin:.3g} m² of skin, {most}: {remedy}")
     solids = []
     for solid in site.solids:
-        vertices, triangles = _SHAPES.get(solid.kind, _plain)(solid, rng)
+        draw = _SHAPES.get(solid.kind)
+        vertices, triangles = draw(solid, rng) if draw else extrude(solid.footprint, solid.base, solid.top)
         if site.relief.slope != LEVEL:  # sheared with it; heights under the middle of the footprint stay
             rise = site.plane(vertices[:, :2] - solid.footprint.mean(axis=0))
             vertices = np.column_stack([vertices[:, :2], vertices[:, 2] + rise])
@@ -92,10 +93,6 @@ def _skin(solid: Solid) -> float:
         return 0.0
     outline = shapely.Polygon(solid.footprint)
     return (outline.length * (solid.top - solid.base) + outline.area) * (1 if solid.kind == "building" else 4)
-
-
-def _plain(solid: Solid, rng: Rng) -> Mesh:
-    return extrude(solid.footprint, solid.base, solid.top)
 
 
 def _building(solid: Solid, rng: Rng) -> Mesh:

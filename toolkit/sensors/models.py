@@ -15,7 +15,7 @@ from typing import Any, ClassVar, NamedTuple, TypeVar, cast
 
 import numpy as np
 
-from toolkit.arrays import Bool, Float, Float32, Float64, Int64, Pose, Rng
+from toolkit.arrays import Bool, Float, Float32, Float64, ImageVectors, Int64, Pose, Rng
 from toolkit.geometry import BODY_SE3_CAMERA, pose
 from toolkit.sensors import sensor as shared
 from toolkit.sensors.sensor import NEAR, Deviation, Measure, SensorModel, angle, check_noise, check_numbers, check_rays
@@ -87,7 +87,7 @@ class DepthCamera(_Noisy):
         u, v = self.centre or (self.width / 2, self.height / 2)
         return np.array([[focal, 0.0, u], [0.0, focal, v], [0.0, 0.0, 1.0]])
 
-    def rays(self) -> Float32[np.ndarray, "rows columns 3"]:
+    def rays(self) -> ImageVectors:
         """Ray per pixel: ((u - cu) / f, (v - cv) / f, 1)."""
         return _camera_rays(self)
 
@@ -135,7 +135,7 @@ class AngleGrid(NamedTuple):
 
 
 @lru_cache(maxsize=64)
-def unit_rays(grid: AngleGrid) -> Float32[np.ndarray, "rows columns 3"]:
+def unit_rays(grid: AngleGrid) -> ImageVectors:
     """Unit ray per row and column."""
     elevation = np.array(grid.elevations)[:, None]
     azimuth = grid.heading + (np.arange(grid.columns) - (grid.columns - 1) / 2) * grid.width / grid.columns
@@ -178,7 +178,7 @@ class _Lidar(_Noisy):
         """Angle between the lowest row and the highest (rad)."""
         return self._grid.elevations[0] - self._grid.elevations[-1]
 
-    def rays(self) -> Float32[np.ndarray, "rows columns 3"]:
+    def rays(self) -> ImageVectors:
         """Unit ray per row and column, sensor frame."""
         return unit_rays(self._grid)
 

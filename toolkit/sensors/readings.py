@@ -13,7 +13,7 @@ from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 
-from toolkit.arrays import Bool, Float32, Float64, Int64, Pose, Rng
+from toolkit.arrays import Bool, Float32, Float64, ImageVectors, Int64, Pose, Rng
 from toolkit.boxes import points_in_boxes
 from toolkit.objects import Objects
 from toolkit.sensors.sensor import Sensor, is_return
@@ -129,7 +129,7 @@ class Reading:
     truth: TrueImage
     measurement: Float32[np.ndarray, "rows columns"]
     pose: Pose
-    shift: Float32[np.ndarray, "rows columns 3"] | None = None
+    shift: ImageVectors | None = None
 
     @staticmethod
     def of(truth: TrueImage) -> Reading:

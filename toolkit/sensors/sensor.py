@@ -21,7 +21,7 @@ from typing import Any, ClassVar, Literal, Protocol, runtime_checkable
 
 import numpy as np
 
-from toolkit.arrays import Bool, Float, Float32, Float64, Int64, Pose, Rng
+from toolkit.arrays import Bool, Float, Float32, Float64, ImageVectors, Int64, Pose, Rng
 from toolkit.display import Table
 from toolkit.geometry import check_pose, invert
 
@@ -68,7 +68,7 @@ class SensorModel(Protocol):
     def max_range(self) -> float:
         """Measurement (m) from which on nothing returns."""
 
-    def rays(self) -> Float32[np.ndarray, "rows columns 3"]:
+    def rays(self) -> ImageVectors:
         """Ray per pixel, sensor frame."""
 
     def deviation(self, measurement: Float[np.ndarray, "*shape"]) -> Deviation:

@@ -20,7 +20,7 @@ import numpy as np
 import shapely
 
 from toolkit.arrays import Float, Float64, Pose
-from toolkit.geometry import LEVEL, Slope
+from toolkit.geometry import LEVEL, Slope, plane_rotation
 from toolkit.sites import furniture as f
 from toolkit.sites.network import list_polygons, unite
 from toolkit.sites.site import Solid
@@ -412,7 +412,7 @@ def _place(road: MapRoad, s: float, t: float, turn: float) -> tuple[float, float
 def _ring(road: MapRoad, outline: ElementTree.Element, place: tuple[float, float, float]) -> Float64[np.ndarray, "k 2"]:
     """Corners of an outline, given on the road or about the object; all zeros if it makes no polygon."""
     x, y, heading = place
-    turn = np.array([[np.cos(heading), -np.sin(heading)], [np.sin(heading), np.cos(heading)]])
+    turn = plane_rotation(heading)
     corners = [_place(road, number(each, "s"), number(each, "t"), 0.0)[:2] for each in outline.iter("cornerRoad")]
     corners += [tuple(turn @ [number(each, "u"), number(each, "v")] + [x, y]) for each in outline.iter("cornerLocal")]
     if len(corners) < 3:

@@ -25,6 +25,7 @@ import numpy as np
 import shapely
 
 from toolkit.arrays import Float64
+from toolkit.geometry import plane_rotation
 from toolkit.sites import furniture as f
 from toolkit.sites.georeference import inverse_project, project
 from toolkit.sites.network import MOTOR, cut_polygons, format_element, format_xml, list_polygons
@@ -105,7 +106,7 @@ def read_map(path: Path, centre: tuple[float, float], heading: float = 0.0) -> E
         spans = f"longitude {low[0]:.6g} to {high[0]:.6g} and latitude {low[1]:.6g} to {high[1]:.6g}"
         outside = f"{path}: centre {centre[0]:g} {centre[1]:g} lies outside the map, which spans {spans}"
         raise ValueError(f"{outside}: give --centre LONGITUDE LATITUDE inside it")
-    position = dict(zip(points, project(degrees, centre) @ _turn(-heading).T, strict=True))
+    position = dict(zip(points, project(degrees, centre) @ plane_rotation(-heading).T, strict=True))
     ways = {}
     for name, (references, way_tags) in raw_ways.items():
         known = [node for node in references if node in position]
@@ -168,19 +169,13 @@ def _elements(path: Path) -> Iterator[ElementTree.Element]:
                         root.clear()
                         inside = 0
                 if read > LARGEST_MAP or silent > _SILENT or inside > MOST_TAGS:
-                    most = (
-                        f"{LARGEST_MAP >> 20} MB, {_SILENT >> 20} MB without a tag or {MOST_TAGS} tags in one element"
-                    )
+                    most = f"{LARGEST_MAP >> 20} MB, {_SILENT >> 20} MB without a tag or {MOST_TAGS} tags in an element"
                     raise ValueError(f"{path}: more than {most}: cut out the site first (osmium extract --bbox)")
         parser.close()
     except (ElementTree.ParseError, LookupError) as error:
         raise ValueError(f"{path}: damaged XML ({error}): download the map again") from None
     except (gzip.BadGzipFile, EOFError, zlib.error) as error:
         raise ValueError(f"{path}: damaged gzip file ({error}): download the map again") from None
-
-
-def _turn(angle: float) -> Float64[np.ndarray, "2 2"]:
-    return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
 
 
 def _lon_lat(element: ElementTree.Element, lon: str, lat: str) -> list[float]:
@@ -259,7 +254,7 @@ def write_osm(pieces: Iterable[Way], extract: Extract) -> str:
     pieces = list(pieces)
     position = {node: point for way in pieces for node, point in zip(way.nodes, way.line, strict=True)}
     points = np.array(list(position.values())).reshape(-1, 2)
-    degrees = inverse_project(points @ _turn(extract.heading).T, extract.centre)
+    degrees = inverse_project(points @ plane_rotation(extract.heading).T, extract.centre)
     signals = {tuple(xy.round(3)) for xy, tags in extract.places if tags.get("highway") == "traffic_signals"}
     text = ['<osm version="0.6">']
     number = {node: i for i, node in enumerate(position, start=1)}
