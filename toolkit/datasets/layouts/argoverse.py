@@ -143,9 +143,9 @@ def _sample(log: Path, name: str) -> Frame:
     return Frame.of_clouds(name, clouds, *found, time=time * 1e-9, map_SE3_world=map_SE3_ego, problems=problems)
 
 
-def write_argoverse(samples: Iterable[Frame], folder: Path) -> int:
-    """Write frames as a log; return how many were written. Of several sensors the first two become up_lidar and
-    down_lidar; a frame of more raises ValueError. Sweeps without times get tenths of a second."""
+def write_argoverse(samples: Iterable[Frame], folder: Path) -> None:
+    """Write frames as a log. Of several sensors the first two become up_lidar and down_lidar; a frame of more raises
+    ValueError. Sweeps without times get tenths of a second."""
     annotations: dict[str, np.ndarray] = {}
     stamps: list[int] = []
     cities: list[np.ndarray] = []
@@ -166,7 +166,6 @@ def write_argoverse(samples: Iterable[Frame], folder: Path) -> int:
         _write_table(folder / _CALIBRATION, {"sensor_name": list(mounted), **_pose_columns(list(mounted.values()))})
         _write_table(folder / "city_SE3_egovehicle.feather", {"timestamp_ns": stamps, **_pose_columns(cities)})
         _write_table(folder / "annotations.feather", annotations)
-    return len(stamps)
 
 
 def _sweep(sample: Frame) -> dict[str, np.ndarray]:

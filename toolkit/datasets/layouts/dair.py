@@ -151,14 +151,12 @@ def written_labels(sample: Frame) -> list[dict[str, object]]:
     return labels
 
 
-def write_dair(samples: Iterable[Frame], folder: Path) -> int:
-    """Write frames as one infrastructure side; return how many. The clouds of each become one, in its world frame."""
-    written = 0
-    for written, sample in enumerate(samples, 1):
-        name, placed = f"{written - 1:06d}", sample.map_SE3_world
+def write_dair(samples: Iterable[Frame], folder: Path) -> None:
+    """Write frames as one infrastructure side. The clouds of each become one, in its world frame."""
+    for number, sample in enumerate(samples):
+        name, placed = f"{number:06d}", sample.map_SE3_world
         records.write_cloud(folder / "velodyne" / f"{name}.pcd", records.one_cloud(sample))
         write_text(folder / "label" / "virtuallidar" / f"{name}.json", json.dumps(written_labels(sample), indent=1))
         calib = {"rotation": placed[:3, :3].tolist(), "translation": placed[:3, 3:].tolist()}
         calib["relative_error"] = {"delta_x": "", "delta_y": ""}
         write_text(folder / "calib" / "virtuallidar_to_world" / f"{name}.json", json.dumps(calib))
-    return written

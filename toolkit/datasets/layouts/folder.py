@@ -113,8 +113,8 @@ def parse_epoch(name: str) -> float:
     return next((value * unit for least, unit in _EPOCH if least <= value < 1e20), float("nan"))
 
 
-def write_folder(samples: Iterable[Frame], path: Path) -> int:
-    """Write frames as SENSOR/000000.pcd and on, with labels.json and poses; return how many.
+def write_folder(samples: Iterable[Frame], path: Path) -> None:
+    """Write frames as SENSOR/000000.pcd and on, with labels.json and poses.
 
     Poses are lines of poses.txt, or poses.json where a sensor's name would not stay one word there.
     """
@@ -132,4 +132,3 @@ def write_folder(samples: Iterable[Frame], path: Path) -> int:
             write_text(path / "poses.txt", "".join(lines))
         else:
             write_text(path / "poses.json", json.dumps(poses))
-    return len(entries)

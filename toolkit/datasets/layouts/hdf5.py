@@ -122,8 +122,8 @@ def _counts(file: h5py.File, name: str) -> np.ndarray | None:
     return None if column is None else column.astype(np.int64)
 
 
-def write_hdf5(samples: Iterable[Frame], path: Path) -> int:
-    """Write frames as one file, whole or not at all; return how many. Raises ValueError for two of the same name."""
+def write_hdf5(samples: Iterable[Frame], path: Path) -> None:
+    """Write frames as one file, whole or not at all. Raises ValueError for two of the same name."""
     names: list[str] = []
     with writing(path) as unfinished, reader.hdf5_file(unfinished) as (file, _):
         file.attrs["coview"], file.attrs["version"] = CLOUDS_KIND, _VERSION
@@ -133,7 +133,6 @@ def write_hdf5(samples: Iterable[Frame], path: Path) -> int:
         if len(set(names)) < len(names):
             raise ValueError("samples must have different names to stand in one file")
         file["names"] = json.dumps(names)
-    return len(names)
 
 
 def _write(group: h5py.Group, sample: Frame) -> None:

@@ -114,16 +114,16 @@ def _kind(tables: dict[str, _Row], row: _Row, instance: str) -> str:
     return str(entry(tables["category"], str(entry(tables["instance"], instance, "category_token")), "name"))
 
 
-def write_nuscenes(samples: Iterable[Frame], folder: Path) -> int:
-    """Write frames as a root with v1.0-coview/; return how many. Each sensor is a channel in its own frame."""
+def write_nuscenes(samples: Iterable[Frame], folder: Path) -> None:
+    """Write frames as a root with v1.0-coview/. Each sensor is a channel in its own frame."""
     tables: dict[str, list[_Row]] = {name: [] for name in (*_TABLES, "scene", "log", "map", "attribute", "visibility")}
     named = zip(LABELS, _NAMES, strict=True)
     tables["category"] = [{"token": label, "name": name, "description": ""} for label, name in named]
     instances: dict[str, str] = {}  # category by token
-    written, alone = 0, {"prev": "", "next": ""}
-    for written, sample in enumerate(samples, 1):
-        token = f"{written - 1:06d}"
-        stamp = round(records.clock_time(sample, written) * 1e6)
+    alone = {"prev": "", "next": ""}
+    for number, sample in enumerate(samples, 1):
+        token = f"{number - 1:06d}"
+        stamp = round(records.clock_time(sample, number) * 1e6)
         tables["sample"].append({"token": token, "timestamp": stamp, "scene_token": "", **alone})
         tables["ego_pose"].append({"token": token, "timestamp": stamp, **_format_pose(sample.map_SE3_world)})
         for cloud in sample.clouds:
@@ -145,7 +145,7 @@ def write_nuscenes(samples: Iterable[Frame], folder: Path) -> int:
             placed, row = sample.map_SE3_world, np.array(box)
             yaw = float(records.heading(placed, row[6]))
             counted = {} if sample.counts is None else {"num_lidar_pts": int(sample.counts[k]), "num_radar_pts": 0}
-            tokens = {"token": f"{written}_{k}", "sample_token": token, "instance_token": instance}
+            tokens = {"token": f"{number}_{k}", "sample_token": token, "instance_token": instance}
             place = {"translation": transform(placed, row[None, :3])[0].tolist(), "size": row[[4, 3, 5]].tolist()}
             place["rotation"] = [float(np.cos(yaw / 2)), 0.0, 0.0, float(np.sin(yaw / 2))]
             none = {"attribute_tokens": [], "visibility_token": "", **alone}
@@ -153,7 +153,6 @@ def write_nuscenes(samples: Iterable[Frame], folder: Path) -> int:
     tables["instance"] = [{"token": name, "category_token": category} for name, category in instances.items()]
     for name, table in tables.items():
         write_text(folder / "v1.0-coview" / f"{name}.json", json.dumps(table, indent=0))
-    return written
 
 
 def _format_pose(placed: np.ndarray) -> dict[str, list[float]]:

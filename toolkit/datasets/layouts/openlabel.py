@@ -108,11 +108,10 @@ def _box(value: records.Unchecked) -> np.ndarray:
     return np.array([x, y, z, *sizes, np.arctan2(turned[1, 0], turned[0, 0])])
 
 
-def write_openlabel(samples: Iterable[Frame], folder: Path) -> int:
-    """Write frames as label files and clouds; return how many. Every sensor's cloud is in its own frame."""
-    written = 0
-    for written, sample in enumerate(samples, 1):
-        name = f"{written - 1:06d}"
+def write_openlabel(samples: Iterable[Frame], folder: Path) -> None:
+    """Write frames as label files and clouds. Every sensor's cloud is in its own frame."""
+    for number, sample in enumerate(samples):
+        name = f"{number:06d}"
         content = openlabel_content(sample)
         frame, systems = content["openlabel"]["frames"]["0"], content["openlabel"]["coordinate_systems"]
         for cloud in sample.clouds:
@@ -124,7 +123,6 @@ def write_openlabel(samples: Iterable[Frame], folder: Path) -> int:
             frame["frame_properties"]["point_cloud_file_names"].append(place)
             frame["frame_properties"]["streams"][cloud.name] = {}
         write_text(folder / "labels_point_clouds" / f"{name}.json", json.dumps(content, indent=1))
-    return written
 
 
 def openlabel_content(sample: Frame, found: Detections | None = None) -> records.Unchecked:

@@ -131,13 +131,13 @@ def _mirror(cloud: SensorCloud, mirror: np.ndarray) -> SensorCloud:
     return replace(cloud, points=cloud.points * np.diag(mirror)[:3].astype(np.float32))
 
 
-def write_opv2v(samples: Iterable[Frame], folder: Path, *, left_handed: bool = True) -> int:
-    """Write frames as a scenario; return how many. Each sensor is an agent, from 0, that lists all objects."""
+def write_opv2v(samples: Iterable[Frame], folder: Path, *, left_handed: bool = True) -> None:
+    """Write frames as a scenario. Each sensor is an agent, from 0, that lists all objects."""
     import yaml
 
-    mirror, written = MIRROR if left_handed else np.eye(4), 0
-    for written, sample in enumerate(samples, 1):
-        name, flat = f"{written - 1:05d}", mirror @ sample.map_SE3_world
+    mirror = MIRROR if left_handed else np.eye(4)
+    for number, sample in enumerate(samples):
+        name, flat = f"{number:05d}", mirror @ sample.map_SE3_world
         vehicles = {}
         for box, kind, track in records.list_rows(sample.objects, records.COMMON_NAMES):
             angle = [0.0, float(np.rad2deg(records.heading(flat, box[6]))), 0.0]
@@ -150,7 +150,6 @@ def write_opv2v(samples: Iterable[Frame], folder: Path, *, left_handed: bool = T
             content = {"lidar_pose": [*placed[:3, 3].tolist(), *angles], "vehicles": vehicles}
             records.write_cloud(folder / "scenario" / str(agent) / f"{name}.pcd", _mirror(cloud.in_own_frame(), mirror))
             write_text(folder / "scenario" / str(agent) / f"{name}.yaml", yaml.safe_dump(content))
-    return written
 
 
 write_v2xreal = partial(write_opv2v, left_handed=False)

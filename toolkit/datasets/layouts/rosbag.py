@@ -228,20 +228,20 @@ def _messages(path: Path, *kinds: str, parse: bool = True) -> Iterator[tuple[str
         reader.close()
 
 
-def write_rosbag(samples: Iterable[Frame], folder: Path) -> int:
-    """Write the clouds of frames for ROS 2: recording.mcap, a topic per sensor with tf; return how many frames. A bag
-    cannot hold labels, and a warning says so."""
+def write_rosbag(samples: Iterable[Frame], folder: Path) -> None:
+    """Write the clouds of frames for ROS 2: recording.mcap, a topic per sensor with tf. A bag cannot hold labels,
+    and a warning says so."""
     from rosbags.rosbag2 import StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
 
     store = get_typestore(Stores.ROS2_HUMBLE)
     connections: dict[str, RosObject] = {}
-    written = labels = 0
+    labels = 0
     with Writer(folder / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         tf = writer.add_connection("/tf", TF, typestore=store)
-        for written, sample in enumerate(samples, 1):
+        for number, sample in enumerate(samples, 1):
             labels += len(sample.objects)
-            stamp = round(clock_time(sample, written) * 1e9)
+            stamp = round(clock_time(sample, number) * 1e9)
             links = store.types[TF](transforms=[_link(store, cloud, stamp) for cloud in sample.clouds])
             writer.write(tf, stamp, store.serialize_cdr(links, TF))
             for cloud in sample.clouds:
@@ -250,7 +250,6 @@ def write_rosbag(samples: Iterable[Frame], folder: Path) -> int:
                 writer.write(connections[cloud.name], stamp, store.serialize_cdr(_message(store, cloud, stamp), CLOUD))
     if labels:
         warnings.warn(f"a bag has no place for labels, {labels} are not in it", stacklevel=2)
-    return written
 
 
 def _header(store: RosObject, stamp: int, frame: str) -> RosObject:
