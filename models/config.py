@@ -10,22 +10,11 @@ from typing import Any, Literal, SupportsFloat
 from toolkit.objects import LABELS
 
 SITE_AREAS = {"tjunction": (-40.0, -20.0, 40.0, 20.0), "roundabout": (-48.0, -48.0, 48.0, 48.0)}
-_LIGHT = {
-    "point_features": "local",
-    "vfe_widths": (),
-    "voxel_width": 32,
-    "middle_widths": (),
-    "column_width": 32,
-    "rpn_widths": (48, 80, 96),
-    "rpn_layers": ((0, 1), (0, 1, 2), (0, 1, 2)),
-    "upsample": "add",
-    "upsample_width": 64,
-    "head3x3": 0,
-    "head": "quality",
-    "anchor_z": 0.8,
-    "quality_power": 1.0,
-    "averaging": 0.75,
-}
+_LIGHT: dict[str, Any] = {"point_features": "local", "vfe_widths": (), "voxel_width": 32}
+_LIGHT |= {"middle_widths": (), "column_width": 32}
+_LIGHT |= {"rpn_widths": (48, 80, 96), "rpn_layers": ((0, 1), (0, 1, 2), (0, 1, 2))}
+_LIGHT |= {"upsample": "add", "upsample_width": 64, "head3x3": 0}
+_LIGHT |= {"head": "quality", "anchor_z": 0.8, "quality_power": 1.0, "averaging": 0.75}
 _VOXEL_SIZES = {"tjunction": (0.2, 0.2, 0.4), "roundabout": (0.4, 0.4, 0.4)}
 
 
@@ -139,9 +128,8 @@ class VoxelNetConfig:
             raise ValueError(f"faces must be among the labels, got {self.faces} and {self.labels}")
         if len(self.calibration) not in (0, size) or any(slope <= 0 for slope, _ in self.calibration):
             raise ValueError(f"calibration must have a slope above 0 per label or be empty, got {self.calibration}")
-        if len(self.rivalry) not in (0, size) or any(
-            len(row) != size + 2 or row[0] <= 0 or min(row[2:]) < 0 for row in self.rivalry
-        ):
+        wrong = [row for row in self.rivalry if len(row) != size + 2 or row[0] <= 0 or min(row[2:]) < 0]
+        if len(self.rivalry) not in (0, size) or wrong:
             needs = "a slope above 0, an intercept and a weight of at least 0 for each label"
             raise ValueError(f"rivalry must have {needs}, for each label, or be empty, got {self.rivalry}")
         if not all(0 <= each < 1 for each in (self.score_threshold, *self.thresholds)):

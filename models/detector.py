@@ -19,7 +19,7 @@ from models.network.sparse import SparseVoxelNet, is_quick_at_bfloat16
 from models.network.tiles import TiledVoxelNet, UnionPlan, tileable
 from models.network.voxelnet import VoxelNet
 from models.weight_files import digest_detector, digest_tensors, load_weights
-from toolkit.arrays import Bool, Float
+from toolkit.arrays import Bool, Float, Points
 from toolkit.objects import LABELS, Detections, label_index
 from toolkit.points import join_clouds
 from toolkit.runtime.parallel import keep_freed_memory
@@ -89,7 +89,7 @@ class VoxelNetDetector:
         other._tiled = None if self._tiled is None else TiledVoxelNet(other.network)
         return other
 
-    def __call__(self, points: Float[np.ndarray, "n 3"], /) -> Detections:
+    def __call__(self, points: Points, /) -> Detections:
         """Detect in one cloud."""
         return self.batch([points])[0]
 
@@ -108,8 +108,7 @@ class VoxelNetDetector:
         """Detect in many unions of the same clouds, such as all sets of a site's sensors.
 
         The results are those of each union's points, to the rounding of float32, in much less time where most clouds
-        reach only a part of the area (`models.network.tiles`).
-        """
+        reach only a part of the area (`models.network.tiles`)."""
         found: dict[int, Detections] = {}
         if clouds and len(unions) and self._tiled is not None:
             plan = self._tiled.plan([torch.as_tensor(cloud).float().to(self.device) for cloud in clouds], unions)
@@ -135,7 +134,7 @@ class VoxelNetDetector:
                     best = found.best(rows[torch.argsort(found.place[rows])])  # in map order
                     yield row, self._finish(*best, join_clouds(clouds, unions[row]))
 
-    def _finish(self, boxes: Tensor, scores: Tensor, cloud: Float[np.ndarray, "n 3"]) -> Detections:
+    def _finish(self, boxes: Tensor, scores: Tensor, cloud: Points) -> Detections:
         """Suppress duplicates, deduct rivals and measure faces."""
         found = suppress(boxes, scores, self.config, self.nms_threshold)
         if self.config.rivalry:
@@ -159,8 +158,7 @@ def load_detector(
 
     site: the site that the weights must be for. area: xmin ymin xmax ymax (m, world frame) of detection; weights of one
     site have their own area, general ones go anywhere. Raises FileNotFoundError for unknown weights, ValueError if they
-    are damaged or for another place.
-    """
+    are damaged or for another place."""
     network, header = load_weights(weights_file(name))
     trained_for = header.site or "general"
     if site is not None and trained_for not in (site, "general"):

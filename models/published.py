@@ -22,7 +22,7 @@ from models.network.grid import anchors, voxelise
 from models.network.sparse import SparseVoxelNet
 from models.network.voxelnet import Prediction, VoxelNet
 from models.weight_files import check_tensors, digest_detector, digest_tensors, load_tensors
-from toolkit.arrays import Float, Float32, Float64
+from toolkit.arrays import BoxRows, Float32, Float64, Points
 from toolkit.boxes import nms
 from toolkit.objects import Detections
 
@@ -40,8 +40,7 @@ def load_published(
     """Load the detector of a published checkpoint for "tjunction" or "roundabout".
 
     decoding: see `PublishedDetector`. No code of the file is executed. Raises FileNotFoundError, and ValueError for any
-    other file.
-    """
+    other file."""
     if site not in REFERENCE:
         raise ValueError(f"the published networks are for {' and '.join(REFERENCE)}, got {site!r}")
     network = VoxelNet(replace(VoxelNetConfig.published(site), area=AREA[site]))
@@ -59,8 +58,7 @@ class PublishedDetector:
 
     decoding: "exact" keeps scores above 0.1 and suppresses by a footprint IoU of 0.1. "published" first does what the
     published code does: of the 2000 best anchors, boxes whose upright rectangles overlap by more than 0.3 are
-    suppressed, and the 300 best stay.
-    """
+    suppressed, and the 300 best stay."""
 
     def __init__(
         self,
@@ -88,17 +86,16 @@ class PublishedDetector:
         return digest_detector(self._weights, self.config.to_dict(), *settings)
 
     def head(
-        self, points: Float[np.ndarray, "n 3"], *, frame: Literal["site", "carla"] = "site"
+        self, points: Points, *, frame: Literal["site", "carla"] = "site"
     ) -> tuple[Float32[Tensor, "1 4 H W"], Float32[Tensor, "1 14 H W"]]:
         """Return raw maps: channels 2 · anchor + {background, vehicle}, and 7 · anchor + residual.
 
-        points: in the site's frame, or (x, -y, z) of CARLA's map. H runs along CARLA's x, W along its y.
-        """
+        points: in the site's frame, or (x, -y, z) of CARLA's map. H runs along CARLA's x, W along its y."""
         cloud = to_network(np.asarray(points, np.float32), self.site, frame)
         maps = self.network(voxelise(torch.from_numpy(cloud).to(self.device), self.config))
         return maps.class_logits.contiguous(), maps.residuals.contiguous()
 
-    def __call__(self, points: Float[np.ndarray, "n 3"], /) -> Detections:
+    def __call__(self, points: Points, /) -> Detections:
         """Detect in one cloud."""
         classes, residuals = self.head(points)
         order = [7 * anchor + k for anchor in range(2) for k in (*_UP_LAST, 3, 4, 5, 6)]
@@ -111,7 +108,7 @@ class PublishedDetector:
         return Detections(from_network(found.boxes, self.site), found.scores, found.labels)
 
 
-def proposals(boxes: Float64[np.ndarray, "n 7"], scores: Float64[np.ndarray, " n"]) -> np.ndarray:
+def proposals(boxes: BoxRows, scores: Float64[np.ndarray, " n"]) -> np.ndarray:
     """Rows that survive the published proposal step, best first."""
     best = np.argsort(-scores, kind="stable")[:MOST_CANDIDATES]
     length, width, yaw = boxes[best, 3], boxes[best, 4], boxes[best, 6]
@@ -136,7 +133,7 @@ def to_network(points: Float32[np.ndarray, "n 3"], site: str, frame: str = "site
     return np.stack((x, -y, z), 1)
 
 
-def from_network(boxes: Float64[np.ndarray, "n 7"], site: str) -> Float64[np.ndarray, "n 7"]:
+def from_network(boxes: BoxRows, site: str) -> BoxRows:
     """Turn boxes of the network into the site's frame."""
     turned = boxes.copy()
     if site == "tjunction":

@@ -10,6 +10,7 @@ import sys
 import time
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import torch
@@ -36,8 +37,7 @@ def run(
     """Train or resume with the options of `coview train`; return the weights file and the last validation figures.
 
     site: a built-in one, a site file, "general", or None for the area that the data shares. Raises what `train` raises,
-    and FileExistsError if the folder holds other weights, or another run trains there.
-    """
+    and FileExistsError if the folder holds other weights, or another run trains there."""
     preset = options.preset or ("general" if site == "general" else "fast")
     device = options.device or ("cuda" if torch.cuda.is_available() else "cpu")
     place = None if site in (None, "general") else load_site(site)
@@ -70,9 +70,8 @@ def run(
 
         machine = loop.Machine(device, options.bfloat16 or device == "cuda", options.workers, options.checkpoint_s)
         watch = None if judged is None else measure
-        network = train(
-            options.data, config, settings, options.out, start=start, machine=machine, validate=watch, progress=progress
-        )
+        fit = partial(train, options.data, config, settings, options.out, start=start, machine=machine)
+        network = fit(validate=watch, progress=progress)
         if faces:
             network = train_faces(network, PackedFrames(options.data), faces, seed=options.seed)
         if calibrate and judged is not None:
@@ -87,8 +86,7 @@ def run(
 def second_stages(options: TrainingOptions, start: VoxelNet | None) -> tuple[tuple[str, ...], tuple[str, ...], bool]:
     """Return classes, classes with measured faces, and whether to calibrate, by default as in `start`.
 
-    Raises ValueError for faces of other classes.
-    """
+    Raises ValueError for faces of other classes."""
     classes, faces = options.classes, options.faces
     if classes is None:
         classes = ("vehicle",) if start is None else start.config.labels

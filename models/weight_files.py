@@ -40,23 +40,15 @@ class Header:
 def save_weights(path: str | Path, network: VoxelNet, header: Header) -> None:
     """Write a network's weights, complete or not at all.
 
-    Raises ValueError for a weight that is not finite: such a network is of no use.
-    """
+    Raises ValueError for a weight that is not finite: such a network is of no use."""
     from safetensors.torch import save
 
     tensors = {name: tensor.detach().cpu().contiguous() for name, tensor in network.state_dict().items()}
     for name, tensor in tensors.items():
         if not torch.isfinite(tensor).all():
             raise ValueError(f"weights must be finite, but {name} is not: the training diverged, save an earlier one")
-    metadata = {
-        "format": FORMAT,
-        "config": json.dumps(network.config.to_dict()),
-        "digest": digest_tensors(tensors),
-        "site": header.site,
-        "seed": str(header.seed),
-        "commit": header.commit,
-        "ap": json.dumps(header.ap),
-    }
+    metadata = {"format": FORMAT, "config": json.dumps(network.config.to_dict()), "digest": digest_tensors(tensors)}
+    metadata |= {"site": header.site, "seed": str(header.seed), "commit": header.commit, "ap": json.dumps(header.ap)}
     content = save(tensors, metadata)
     size = int.from_bytes(content[:8], "little")  # of the header, which the library orders anew in every process
     ordered = json.dumps(json.loads(content[8 : 8 + size]), sort_keys=True, separators=(",", ":")).encode()
@@ -68,8 +60,7 @@ def load_weights(path: str | Path) -> tuple[VoxelNet, Header]:
     """Load the network of a weights file, ready for inference, and its header.
 
     Raises FileNotFoundError; ValueError, in one line, if the file is damaged, of another kind, or of another size than
-    its configuration says.
-    """
+    its configuration says."""
     from safetensors import SafetensorError, safe_open
 
     path = Path(path)
@@ -147,8 +138,7 @@ _TORCH_RAISES = (
 def load_tensors(path: str | Path, device: str = "cpu") -> object:
     """Read tensors and plain values that `torch.save` wrote.
 
-    Raises FileNotFoundError; ValueError, in one line, if the file is damaged or holds anything else.
-    """
+    Raises FileNotFoundError; ValueError, in one line, if the file is damaged or holds anything else."""
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"no checkpoint at {path}")
@@ -168,8 +158,7 @@ def save_atomically(path: Path, state: dict[str, object]) -> None:
 def read_checkpoint(path: Path, device: str = "cpu", *, identity: Mapping[str, object] | None = None) -> dict[str, Any]:
     """Read a checkpoint without executing anything in it.
 
-    Raises ValueError if it is damaged, or of a run with other settings than those of `identity`, by name.
-    """
+    Raises ValueError if it is damaged, or of a run with other settings than those of `identity`, by name."""
     try:
         state = load_tensors(path, device)
     except ValueError as error:

@@ -31,3 +31,9 @@ else:
 ImageMask = Bool[np.ndarray, "rows columns"]
 ImageRanges = Float32[np.ndarray, "rows columns"]
 ImageSteps = Int64[np.ndarray, "rows columns"]  # measurements in whole steps
+ImageVectors = Float32[np.ndarray, "rows columns 3"]
+Pose = Float[np.ndarray, "4 4"]  # target_SE3_source
+Points = Float[np.ndarray, "n 3"]  # m
+BoxRows = Float[np.ndarray, "n 7"]  # see `toolkit.boxes`
+Mask = Bool[np.ndarray, " n"]
+Rng = np.random.Generator

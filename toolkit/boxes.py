@@ -22,7 +22,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from toolkit.arrays import Bool, Float64, Int64
+from toolkit.arrays import Bool, BoxRows, Float64, Int64
 
 Overlap = Literal["bev", "3d"]
 
@@ -35,7 +35,7 @@ _FRONT = np.array([1.0, -1.0, -1.0, 1.0])
 _LEFT = np.array([1.0, 1.0, -1.0, -1.0])
 
 
-def check_boxes(boxes: ArrayLike, name: str = "boxes") -> Float64[np.ndarray, "n 7"]:
+def check_boxes(boxes: ArrayLike, name: str = "boxes") -> BoxRows:
     """Return `boxes` as float64, or raise ValueError that names the first bad row and its fault.
 
     >>> check_boxes([]).shape
@@ -189,8 +189,7 @@ def rows_in_boxes(points: ArrayLike, boxes: ArrayLike) -> list[Int64[np.ndarray,
     """Rows of the points in each box (`points_in_boxes`), in no order.
 
     Points are sorted by their slice along x, so that a box looks at its own slices only. Those few are measured from
-    the box's centre in float64, which keeps map coordinates of a million metres exact.
-    """
+    the box's centre in float64, which keeps map coordinates of a million metres exact."""
     points, boxes = _points(points), check_boxes(boxes)
     if not len(boxes):
         return []

@@ -12,13 +12,14 @@ and the legacy `open3d.geometry.PointCloud` lose `sensor`.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import open3d as o3d
 
-from toolkit.arrays import Bool, Float, Int, Int32, Int64
+from toolkit.arrays import Float, Int, Int32, Int64, Mask, Points, Rng
 from toolkit.boxes import count_points
 from toolkit.frame import unproject
 from toolkit.point_files import read_pcd, read_ply
@@ -30,11 +31,7 @@ PointCloud = o3d.t.geometry.PointCloud
 
 
 def from_depth(
-    sensor: Sensor,
-    measurement: Float[np.ndarray, "rows columns"],
-    *,
-    rng: np.random.Generator | None = None,
-    sensor_id: int = 0,
+    sensor: Sensor, measurement: Float[np.ndarray, "rows columns"], *, rng: Rng | None = None, sensor_id: int = 0
 ) -> PointCloud:
     """Cloud, world frame, of one depth or lidar range image (paper equations 1 and 2). rng draws its noise first."""
     if rng is not None:
@@ -43,7 +40,7 @@ def from_depth(
     return from_points(xyz.take(np.flatnonzero(valid), axis=1).T, sensor_id)
 
 
-def from_points(points: Float[np.ndarray, "n 3"], sensor_id: int | Int[np.ndarray, " n"] = 0) -> PointCloud:
+def from_points(points: Points, sensor_id: int | Int[np.ndarray, " n"] = 0) -> PointCloud:
     """Return a cloud of points from one sensor, or each from its own. float32 and float64 positions keep their type."""
     points = np.asarray(points)
     if points.ndim != 2 or points.shape[1] != 3:
@@ -55,7 +52,7 @@ def from_points(points: Float[np.ndarray, "n 3"], sensor_id: int | Int[np.ndarra
     return cloud
 
 
-def positions(cloud: PointCloud) -> Float[np.ndarray, "n 3"]:
+def positions(cloud: PointCloud) -> Points:
     """Points of a cloud in shared memory, maybe (0, 3)."""
     return cloud.point.positions.cpu().numpy() if "positions" in cloud.point else np.zeros((0, 3), np.float32)
 
@@ -69,8 +66,7 @@ def sensor_numbers(cloud: PointCloud) -> Int32[np.ndarray, " n"]:
 
 def from_attributes(attributes: Mapping[str, np.ndarray], sensor_id: int | None = None) -> PointCloud:
     """Return a cloud of positions (n, 3) and other attributes of n rows. All points get `sensor_id` if given, else
-    their own `sensor`, 0 without one. Raises ValueError if the lengths differ.
-    """
+    their own `sensor`, 0 without one. Raises ValueError if the lengths differ."""
     own = attributes.get("sensor", np.zeros(1)) if sensor_id is None else np.full(1, sensor_id)
     number = own.reshape(-1).astype(np.int32)
     points = attributes["positions"]
@@ -92,8 +88,7 @@ def attributes(cloud: PointCloud) -> dict[str, np.ndarray]:
 
 def fuse(clouds: Iterable[PointCloud]) -> PointCloud:
     """Join the points of all clouds, in order, each with the number of its sensor. Attributes that all clouds have
-    stay; a warning names those that only some have, or have in another width. Clouds without points do not count.
-    """
+    stay; a warning names those that only some have, or have in another width. Clouds without points do not count."""
     parts = [attributes(cloud) for cloud in clouds]
     parts = [part for part in parts if len(part.get("positions", ()))]
     if not parts:
@@ -139,24 +134,20 @@ def down_sample(cloud: PointCloud, voxel_m: float) -> PointCloud:
 
 def crop(cloud: PointCloud, area: Area, height: float | None = None, *, floor: float = 0.0) -> PointCloud:
     """Keep the points inside an area, at floor < z < height. area: a site, or xmin, ymin, xmax, ymax (m); height: by
-    default the site's own, else 4 m (paper section II-B). If the site slopes, z counts from its plane.
-    """
+    default the site's own, else 4 m (paper section II-B). If the site slopes, z counts from its plane."""
     if np.isnan(floor):
         raise ValueError("floor must be a number of metres, got NaN")
     return _select(cloud, Crop.of(area, height).holds(positions(cloud), floor))
 
 
-def points_per_box(
-    cloud: PointCloud | Float[np.ndarray, "n 3"], boxes: Float[np.ndarray, "m 7"]
-) -> Int64[np.ndarray, " m"]:
+def points_per_box(cloud: PointCloud | Points, boxes: Float[np.ndarray, "m 7"]) -> Int64[np.ndarray, " m"]:
     """Number of points in each box, the paper's point density."""
     return count_points(cloud if isinstance(cloud, np.ndarray) else positions(cloud), boxes)
 
 
 def save(cloud: PointCloud, path: str | Path) -> None:
     """Write a cloud as ply, pcd or npz, whole or not at all. Raises OSError if that is impossible, and ValueError for
-    another kind of file and for a cloud without points, which these formats cannot hold.
-    """
+    another kind of file and for a cloud without points, which these formats cannot hold."""
     path = Path(path)
     if not len(positions(cloud)):
         raise ValueError(f"the cloud for {path.name} has no points: is the area where the sensors are?")
@@ -181,40 +172,33 @@ def save(cloud: PointCloud, path: str | Path) -> None:
 
 def load(path: str | Path) -> PointCloud:
     """Read a ply, pcd or npz with all its attributes, sensor 0 where it names none. Raises FileNotFoundError, and
-    ValueError for a file without a cloud.
-    """
+    ValueError for a file without a cloud."""
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"no such cloud file: {path}")
     kind = path.suffix.lower()
-    if kind not in (".ply", ".pcd", ".npz"):
+    npz = partial(load_arrays, most=MOST_CLOUD)
+    readers: dict[str, Callable[[Path], dict[str, np.ndarray]]] = {".ply": read_ply, ".pcd": read_pcd, ".npz": npz}
+    if kind not in readers:
         raise ValueError(f"a cloud is read from .ply, .pcd or .npz, got {path.name}: see toolkit.datasets.cloud_files")
-    columns = (
-        read_ply(path) if kind == ".ply" else read_pcd(path) if kind == ".pcd" else load_arrays(path, most=MOST_CLOUD)
-    )
+    columns = readers[kind](path)
     points = columns.get("positions")
     if points is None or points.ndim != 2 or points.shape[1] != 3 or points.dtype not in (np.float32, np.float64):
         raise ValueError(f"{path} has no points: its array positions must be (n, 3) of float32 or float64")
-    sound = {
-        name: column
-        for name, column in columns.items()  # without what no cloud can have
-        if (column.dtype.kind in "iub" or column.dtype in (np.float32, np.float64))
-        and column.dtype.isnative
-        and column.ndim in (1, 2)
-        and len(column) == len(points)
-    }
+    count, sound = len(points), dict[str, np.ndarray]()  # without what no cloud can have
+    for name, column in columns.items():
+        numbers = column.dtype.kind in "iub" or column.dtype in (np.float32, np.float64)
+        if numbers and column.dtype.isnative and column.ndim in (1, 2) and len(column) == count:
+            sound[name] = column
     if lost := [name for name in columns if name not in sound]:
-        warnings.warn(
-            f"{path.name}: {', '.join(lost)} left out: no number for each of {len(points)} points", stacklevel=2
-        )
-    if "sensor" in columns and (
-        "sensor" not in sound or sound["sensor"].size != len(points) or sound["sensor"].dtype.kind not in "iu"
-    ):
-        raise ValueError(f"{path}: sensor must be a whole number for each of {len(points)} points: write it again")
+        warnings.warn(f"{path.name}: {', '.join(lost)} left out: no number for each of {count} points", stacklevel=2)
+    own = sound.get("sensor", np.zeros(0))
+    if "sensor" in columns and (own.dtype.kind not in "iu" or own.size != count):
+        raise ValueError(f"{path}: sensor must be a whole number for each of {count} points: write it again")
     return from_attributes(sound)
 
 
-def _select(cloud: PointCloud, keep: Bool[np.ndarray, " n"]) -> PointCloud:
+def _select(cloud: PointCloud, keep: Mask) -> PointCloud:
     chosen, rows = PointCloud(), np.flatnonzero(keep)
     for name in cloud.point:
         chosen.point[name] = o3d.core.Tensor.from_numpy(cloud.point[name].cpu().numpy().take(rows, axis=0))

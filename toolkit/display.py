@@ -65,8 +65,7 @@ class Displayed:
     def to_frame(self, table: str = "") -> Any:
         """Return a table as a pandas DataFrame. table: its name, the one that notebooks show when empty.
 
-        Raises ValueError for an unknown table, ImportError without pandas.
-        """
+        Raises ValueError for an unknown table, ImportError without pandas."""
         tables = self._card().tables
         if table and table not in tables:
             raise ValueError(f"table must be one of {', '.join(tables)}, got {table!r}")
@@ -114,10 +113,8 @@ def _format_table(table: Table) -> str:
         return ""
     head = "".join(f'<th style="{_CELL}">{escape(str(name))}</th>' for name in table)
     rows = zip(*(column[:MOST_ROWS] for column in table.values()), strict=True)
-    body = "".join(
-        f"<tr>{''.join(f'<td style={_CELL!r}>{escape(_format_value(value))}</td>' for value in row)}</tr>"
-        for row in rows
-    )
+    cells = [[f"<td style={_CELL!r}>{escape(_format_value(value))}</td>" for value in row] for row in rows]
+    body = "".join(f"<tr>{''.join(row)}</tr>" for row in cells)
     rest = f"<p>{MOST_ROWS} of {count:,} rows; to_frame() has all</p>" if count > MOST_ROWS else ""
     scrolled = '<div style="overflow-x:auto;max-width:100%"><table style="border-collapse:collapse">'
     return f"{scrolled}<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>{rest}</div>"

@@ -15,7 +15,7 @@ from typing import Any, ClassVar, Literal, Protocol, cast, runtime_checkable
 
 import numpy as np
 
-from toolkit.arrays import Bool, Float, Float32, Float64, Int64, Shaped
+from toolkit.arrays import Bool, BoxRows, Float, Float32, Float64, ImageVectors, Int64, Mask, Pose, Shaped
 from toolkit.boxes import corners
 from toolkit.display import Card, Displayed, Table, describe_count
 from toolkit.geometry import check_pose, invert, transform
@@ -36,12 +36,11 @@ class SensorCloud:
 
     points: (n, 3) m, in the sensor's own frame or in the world frame, as `frame` says. world_SE3_sensor: pose of the
     sensor. time: of each point, seconds from the frame's time; intensity: as the set gives it; ring: number of the
-    laser. None where the set has none.
-    """
+    laser. None where the set has none."""
 
     name: str
     points: Float32[np.ndarray, "n 3"]
-    world_SE3_sensor: Float64[np.ndarray, "4 4"]
+    world_SE3_sensor: Pose
     frame: Literal["sensor", "world"] = "sensor"
     time: Float64[np.ndarray, " n"] | None = None
     intensity: Float32[np.ndarray, " n"] | None = None
@@ -77,7 +76,7 @@ class Region:
 
     kind: ClassVar[str]
 
-    def covers(self, boxes: Float64[np.ndarray, "n 7"]) -> Bool[np.ndarray, " n"]:
+    def covers(self, boxes: BoxRows) -> Mask:
         """Mask of the boxes inside the region, world frame."""
         raise NotImplementedError
 
@@ -92,7 +91,7 @@ class Everywhere(Region):
 
     kind = "everywhere"
 
-    def covers(self, boxes: Float64[np.ndarray, "n 7"]) -> Bool[np.ndarray, " n"]:
+    def covers(self, boxes: BoxRows) -> Mask:
         """Mask of all boxes."""
         return np.ones(len(boxes), bool)
 
@@ -104,7 +103,7 @@ class Rectangle(Region):
     kind = "rectangle"
     area: tuple[float, float, float, float]
 
-    def covers(self, boxes: Float64[np.ndarray, "n 7"]) -> Bool[np.ndarray, " n"]:
+    def covers(self, boxes: BoxRows) -> Mask:
         """Mask of the boxes with their centre in the area."""
         return np.asarray(((boxes[:, :2] >= self.area[:2]) & (boxes[:, :2] <= self.area[2:])).all(axis=1))
 
@@ -112,8 +111,7 @@ class Rectangle(Region):
 @dataclass(frozen=True, eq=False)
 class ImageWedge(Region):
     """Labels are complete in what one camera sees, but for `ignored` rectangles (left, top, right, bottom; DontCare) of
-    its image. projection: world → pixels, homogeneous.
-    """
+    its image. projection: world → pixels, homogeneous."""
 
     kind = "image"
     projection: Float64[np.ndarray, "3 4"]
@@ -121,7 +119,7 @@ class ImageWedge(Region):
     height: int
     ignored: tuple[tuple[float, float, float, float], ...] = ()
 
-    def covers(self, boxes: Float64[np.ndarray, "n 7"]) -> Bool[np.ndarray, " n"]:
+    def covers(self, boxes: BoxRows) -> Mask:
         """Mask of the boxes with their centre in the image. Boxes that are mostly in an ignored region do not count."""
         u, v, depth = self._pixels(boxes[:, :3])
         shown = (depth > 0) & (u >= 0) & (u < self.width) & (v >= 0) & (v < self.height)
@@ -132,7 +130,7 @@ class ImageWedge(Region):
             shown &= np.clip(overlap, 0, None).prod(axis=1) / np.where(area > 0, area, 1.0) <= IGNORED_SHARE
         return shown
 
-    def rectangles(self, boxes: Float64[np.ndarray, "n 7"]) -> Float64[np.ndarray, "n 4"]:
+    def rectangles(self, boxes: BoxRows) -> Float64[np.ndarray, "n 4"]:
         """Left, top, right, bottom of boxes, 0 behind the camera."""
         if not len(boxes):
             return np.zeros((0, 4))
@@ -177,7 +175,7 @@ def parse_region(record: object) -> Region:
 class OtherObjects:
     """Labels of classes other than ours: boxes, the dataset's names, and its own point counts if it has some."""
 
-    boxes: Float64[np.ndarray, "n 7"] = field(default_factory=lambda: np.zeros((0, 7)))
+    boxes: BoxRows = field(default_factory=lambda: np.zeros((0, 7)))
     categories: tuple[str, ...] = ()
     counts: Int64[np.ndarray, " n"] | None = None
 
@@ -211,7 +209,7 @@ class Frame(Displayed):
     counts: Int64[np.ndarray, " m"] | None = None
     others: OtherObjects = field(default_factory=OtherObjects)
     complete: Region = field(default_factory=Everywhere)
-    map_SE3_world: Float64[np.ndarray, "4 4"] = field(default_factory=lambda: np.eye(4))
+    map_SE3_world: Pose = field(default_factory=lambda: np.eye(4))
     problems: Mapping[str, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -252,12 +250,8 @@ class Frame(Displayed):
         time = () if np.isnan(self.time) else (f"time {self.time:g} s",)
         things = describe_count(len(self.sensors), "sensor"), describe_count(len(self.objects), "object")
         title = f"Frame({self.name!r})" if self.name else f"Frame {self.index}"
-        return Card(
-            title,
-            (*time, *things),
-            {"sensors": lambda: tabulate_measured(self)},
-            "toolkit.viewing.still:draw_frame_alone",
-        )
+        tables = {"sensors": lambda: tabulate_measured(self)}
+        return Card(title, (*time, *things), tables, "toolkit.viewing.still:draw_frame_alone")
 
     @property
     def has_images(self) -> bool:
@@ -299,23 +293,16 @@ class Frame(Displayed):
         chosen = sorted(select_sensors(self.sensors, sensors))
         if len(chosen) == len(self.sensors):
             return self
+        seeing, measurements = tuple(self.sensors[k] for k in chosen), tuple(self.measurements[k] for k in chosen)
         shifts = tuple(self.shifts[k] for k in chosen) if self.shifts else ()
-        return replace(
-            self,
-            sensors=tuple(self.sensors[k] for k in chosen),
-            measurements=tuple(self.measurements[k] for k in chosen),
-            shifts=shifts,
-        )
+        return replace(self, sensors=seeing, measurements=measurements, shifts=shifts)
 
     def of(self, rows: Shaped[np.ndarray, " k"]) -> Frame:
         """Return the frame with some objects (mask or indices)."""
         rows = np.arange(len(self.objects))[rows]
-        return replace(
-            self,
-            objects=self.objects[rows],
-            categories=tuple(self.categories[k] for k in rows) if self.categories else (),
-            counts=None if self.counts is None else self.counts[rows],
-        )
+        categories = tuple(self.categories[k] for k in rows) if self.categories else ()
+        counts = None if self.counts is None else self.counts[rows]
+        return replace(self, objects=self.objects[rows], categories=categories, counts=counts)
 
 
 def tabulate_measured(frame: Frame) -> Table:
@@ -374,18 +361,14 @@ class SiteRecording(Frames, Protocol):
 
 
 def unproject(
-    sensor: Sensor,
-    measurement: Float[np.ndarray, "rows columns"],
-    shift: Float32[np.ndarray, "rows columns 3"] | None = None,
+    sensor: Sensor, measurement: Float[np.ndarray, "rows columns"], shift: ImageVectors | None = None
 ) -> tuple[Float32[np.ndarray, "3 pixels"], Bool[np.ndarray, " pixels"]]:
     """World x, y and z of every pixel, row after row, and a mask of those that returned. shift: see `Frame.shifts`."""
     _check_image(sensor, measurement)
     position = sensor.pose[:3, 3]
     if np.abs(position).max() > 1e5:
-        raise ValueError(
-            f"sensor {sensor.name!r} stands at {position.tolist()}, too far from the origin for float32 points: "
-            "take coordinates from an origin near the site"
-        )
+        far = f"sensor {sensor.name!r} stands at {position.tolist()}, too far from the origin for float32 points"
+        raise ValueError(f"{far}: take coordinates from an origin near the site")
     flat = np.asarray(measurement, np.float32).ravel()
     valid = is_return(flat, sensor.model.max_range)
     xyz = sensor.world_rays * np.where(valid, flat, np.float32(0))
@@ -399,8 +382,7 @@ def select_sensors(available: Sequence[Sensor], wanted: Sequence[int | str] | No
     """Return the positions of some sensors in `available`.
 
     wanted: names or numbers, None for all. Raises ValueError for an unknown sensor, one chosen twice, and names that
-    two sensors share.
-    """
+    two sensors share."""
     names = [sensor.name for sensor in available]
     if len(set(names)) < len(names):
         raise ValueError(f"every sensor needs a name of its own, got {', '.join(names)}: rename those that share one")
@@ -465,8 +447,7 @@ class RecordingView(DisplayedRecording):
 def empty_scene(frames: Sequence[Frame], sample: int = 100) -> Frame:
     """Return each sensor's measurement behind all that moves: the farthest return of each pixel. sample: frames at
     most, spread over all. Nothing returned counts as farthest, so a pixel that ever sees the sky is 0. Raises
-    ValueError without frames.
-    """
+    ValueError without frames."""
     if not len(frames):
         raise ValueError("the empty scene needs a frame, got none")
     farthest: list[np.ndarray] = []

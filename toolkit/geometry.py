@@ -7,9 +7,8 @@ from typing import SupportsFloat
 
 import numpy as np
 
-from toolkit.arrays import Float, Float64
+from toolkit.arrays import Float, Pose
 
-Pose = Float[np.ndarray, "4 4"]
 Slope = tuple[float, float]  # rise (m per m) along x and along y of a plane through the origin
 LEVEL: Slope = (0.0, 0.0)
 STEEPEST = 0.3  # slope of a street
@@ -17,29 +16,23 @@ STEEPEST = 0.3  # slope of a street
 
 def pose(
     x: float = 0.0, y: float = 0.0, z: float = 0.0, *, yaw: float = 0.0, pitch: float = 0.0, roll: float = 0.0
-) -> Float64[np.ndarray, "4 4"]:
+) -> Pose:
     """Pose of a body at x, y, z (m), turned by roll about its x, then pitch about y, then yaw about z (rad).
 
     >>> transform(pose(1.0, 2.0, yaw=np.pi / 2), np.array([[1.0, 0.0, 0.0]])).round(6)
     array([[1., 3., 0.]])
     """
     (cy, sy), (cp, sp), (cr, sr) = ((np.cos(a), np.sin(a)) for a in (yaw, pitch, roll))
-    return np.array(
-        [
-            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr, x],
-            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr, y],
-            [-sp, cp * sr, cp * cr, z],
-            [0.0, 0.0, 0.0, 1.0],
-        ],
-        dtype=np.float64,
-    )
+    forward = [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr, x]
+    left = [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr, y]
+    return np.array([forward, left, [-sp, cp * sr, cp * cr, z], [0.0, 0.0, 0.0, 1.0]], np.float64)
 
 
 # A camera's axes (x right, y down, z forward) in a body's axes (x forward, y left, z up).
 BODY_SE3_CAMERA = np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 
 
-def look(position: Iterable[SupportsFloat], heading: float, tilt: float = 0.0) -> Float64[np.ndarray, "4 4"]:
+def look(position: Iterable[SupportsFloat], heading: float, tilt: float = 0.0) -> Pose:
     """Pose of a camera (x right, y down, z forward) at a position, heading (rad, counter-clockwise) and tilt down.
 
     >>> transform(look((0.0, 0.0, 5.0), heading=np.pi / 2), np.array([[0.0, 0.0, 10.0]])).round(6)
@@ -49,7 +42,7 @@ def look(position: Iterable[SupportsFloat], heading: float, tilt: float = 0.0) -
     return pose(x, y, z, yaw=heading, pitch=tilt) @ BODY_SE3_CAMERA
 
 
-def invert(world_SE3_sensor: Pose) -> Float64[np.ndarray, "4 4"]:
+def invert(world_SE3_sensor: Pose) -> Pose:
     """Return the inverse motion, world → sensor.
 
     >>> np.allclose(invert(pose(1.0, 2.0, 3.0, yaw=0.5)) @ pose(1.0, 2.0, 3.0, yaw=0.5), np.eye(4))
@@ -71,6 +64,11 @@ def transform(target_SE3_source: Pose, points: Float[np.ndarray, "*n 3"]) -> Flo
     return points @ target_SE3_source[:3, :3].T.astype(points.dtype) + target_SE3_source[:3, 3].astype(points.dtype)
 
 
+def plane_rotation(angle: float) -> Float[np.ndarray, "2 2"]:
+    """Rotation of the plane by an angle (rad, counter-clockwise)."""
+    return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+
+
 def check_slope(slope: Iterable[SupportsFloat], name: str) -> Slope:
     """Return a slope as two floats; ValueError beyond `STEEPEST`."""
     numbers = tuple(map(float, slope))
@@ -79,7 +77,7 @@ def check_slope(slope: Iterable[SupportsFloat], name: str) -> Slope:
     return numbers
 
 
-def level_motion(slope: Slope, about: tuple[float, float] = (0.0, 0.0)) -> Float64[np.ndarray, "4 4"]:
+def level_motion(slope: Slope, about: tuple[float, float] = (0.0, 0.0)) -> Pose:
     """Shear of the world that makes a slope level, keeping heights at `about` (x, y) and verticals vertical.
 
     >>> transform(level_motion((0.1, 0.0)), np.array([[5.0, 2.0, 1.5]]))
@@ -112,7 +110,7 @@ def tilt_rows(rows: Float[np.ndarray, "n c"], slope: Slope) -> Float[np.ndarray,
 MOST_DISTANT = 1e8  # m; coordinates of maps reach 1e7
 
 
-def check_pose(candidate: Float[np.ndarray, "..."], name: str = "pose") -> Float64[np.ndarray, "4 4"]:
+def check_pose(candidate: Float[np.ndarray, "..."], name: str = "pose") -> Pose:
     """Return a pose as float64; ValueError for no rigid motion."""
     matrix = np.asarray(candidate, np.float64)
     if matrix.shape != (4, 4):
@@ -123,13 +121,11 @@ def check_pose(candidate: Float[np.ndarray, "..."], name: str = "pose") -> Float
     if np.abs(matrix[3] - (0, 0, 0, 1)).max() > 1e-5:
         raise ValueError(f"{name} must end with the row 0 0 0 1, got {matrix[3].tolist()}: pass the transpose?")
     if np.abs(matrix[:3, 3]).max() > MOST_DISTANT:
-        raise ValueError(
-            f"{name} lies farther than {MOST_DISTANT:g} m from the origin: give metres, got {matrix[:3, 3]}"
-        )
+        far = f"{name} lies farther than {MOST_DISTANT:g} m from the origin"
+        raise ValueError(f"{far}: give metres, got {matrix[:3, 3]}")
     determinant = float(np.linalg.det(rotation))
     if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-3 or determinant < 0:
-        raise ValueError(
-            f"{name} must be a rotation and a translation, but its 3×3 part has determinant {determinant:.3g}"
-            f"{': it mirrors, flip one axis' if determinant < -0.5 else ''}"
-        )
+        part = f"its 3×3 part has determinant {determinant:.3g}"
+        remedy = ": it mirrors, flip one axis" if determinant < -0.5 else ""
+        raise ValueError(f"{name} must be a rotation and a translation, but {part}{remedy}")
     return matrix

@@ -30,16 +30,13 @@ def merge(meshes: Iterable[Mesh]) -> Mesh:
     """
     meshes = [Mesh(np.zeros((0, 3)), np.zeros((0, 3), np.int64)), *meshes]
     starts = np.cumsum([0] + [len(mesh.vertices) for mesh in meshes[:-1]])
-    return Mesh(
-        np.concatenate([mesh.vertices for mesh in meshes]),
-        np.concatenate([mesh.triangles + start for mesh, start in zip(meshes, starts, strict=True)]),
-    )
+    triangles = [mesh.triangles + start for mesh, start in zip(meshes, starts, strict=True)]
+    return Mesh(np.concatenate([mesh.vertices for mesh in meshes]), np.concatenate(triangles))
 
 
 def loft(rings: Float[np.ndarray, "s p 3"]) -> Mesh:
     """Skin over s closed rings of p points each, with both ends capped. Outwards where a ring runs counter-clockwise
-    seen against the direction in which the rings follow each other.
-    """
+    seen against the direction in which the rings follow each other."""
     s, p, _ = rings.shape
     vertices = np.concatenate([rings.reshape(-1, 3), rings[0].mean(0)[None], rings[-1].mean(0)[None]])
     return Mesh(vertices.astype(np.float64), _loft_triangles(s, p).copy())
@@ -47,17 +44,13 @@ def loft(rings: Float[np.ndarray, "s p 3"]) -> Mesh:
 
 @lru_cache(maxsize=256)
 def _loft_triangles(s: int, p: int) -> Int64[np.ndarray, "m 3"]:
-    """Triangles of a loft over s rings of p points."""
     ring, point = np.meshgrid(np.arange(s - 1) * p, np.arange(p), indexing="ij")
     a, b = (ring + point).ravel(), (ring + (point + 1) % p).ravel()
     first, last = s * p, s * p + 1
     around, onward = np.arange(p), (np.arange(p) + 1) % p
-    caps = [
-        np.stack([onward, around, np.full(p, first)], axis=1),
-        np.stack([around + (s - 1) * p, onward + (s - 1) * p, np.full(p, last)], axis=1),
-    ]
-    skin = [np.stack([a, b, b + p], axis=1), np.stack([a, b + p, a + p], axis=1)]
-    return np.concatenate(skin + caps).astype(np.int64)
+    bottom, top = (onward, around, np.full(p, first)), (around + (s - 1) * p, onward + (s - 1) * p, np.full(p, last))
+    columns = (a, b, b + p), (a, b + p, a + p), bottom, top  # of the skin, then of the caps
+    return np.concatenate([np.stack(three, axis=1) for three in columns]).astype(np.int64)
 
 
 def tube(path: np.typing.ArrayLike, radii: np.typing.ArrayLike, sides: int = 8, flat: float = 1.0) -> Mesh:
@@ -81,7 +74,6 @@ def ellipsoid(centre: Vector, radii: Vector, rings: int = 5, sides: int = 8) -> 
 
 @lru_cache(maxsize=64)
 def _unit_sphere(rings: int, sides: int) -> Float64[np.ndarray, "_ _ 3"]:
-    """Points on the unit sphere: rings from pole to pole."""
     polar = np.linspace(-np.pi / 2, np.pi / 2, rings + 2)[:, None]
     polar[[0, -1]] *= 0.999
     around = (np.arange(sides) * 2 * np.pi / sides)[None]

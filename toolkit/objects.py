@@ -116,8 +116,7 @@ class Detections(_Rows):
 @runtime_checkable
 class Detector(Protocol):
     """Anything that turns the points of one frame into detections, both in the world frame. Optional attributes:
-    `labels`, names of the classes it knows, and `digest`, a text that changes with all it depends on.
-    """
+    `labels`, names of the classes it knows, and `digest`, a text that changes with all it depends on."""
 
     def __call__(self, points: Float32[np.ndarray, "n 3"], /) -> Detections:
         """Detect."""
@@ -154,10 +153,8 @@ def check_known(detector: Detector, labels: Iterable[str]) -> None:
     known = known_labels(detector)
     unknown = [label for label in labels if known is not None and label not in known]
     if unknown:
-        raise ValueError(
-            f"the detector knows {', '.join(known or ())} only, not {', '.join(unknown)}: take one trained on all of "
-            "them, such as the weights tjunction, or leave these classes out"
-        )
+        remedy = "take one trained on all of them, such as the weights tjunction, or leave these classes out"
+        raise ValueError(f"the detector knows {', '.join(known or ())} only, not {', '.join(unknown)}: {remedy}")
 
 
 def _boxes(boxes: ArrayLike) -> np.ndarray:

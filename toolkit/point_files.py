@@ -68,11 +68,7 @@ def missing_axes(names: Sequence[str]) -> list[str]:
 PADDING = "_"
 _MOST_FIELDS = 1000
 MOST_LZF = 100  # times that LZF can make anything smaller: three bytes stand for 264 at most
-_TYPES = {
-    **{("F", size): f"<f{size}" for size in (4, 8)},
-    **{("I", size): f"<i{size}" for size in (1, 2, 4, 8)},
-    **{("U", size): f"<u{size}" for size in (1, 2, 4, 8)},
-}
+_TYPES = {(kind, size): f"<{kind.lower()}{size}" for kind in "FIU" for size in (1, 2, 4, 8) if kind != "F" or size > 2}
 
 
 class _Header(NamedTuple):
@@ -91,8 +87,7 @@ class _Header(NamedTuple):
 
 def read_pcd(path: str | Path) -> Attributes:
     """Read the attributes of a PCD file's points (`name_attributes`), colours as uint8. Raises ValueError, in one line,
-    where the file is damaged, cut off or has no x, y and z.
-    """
+    where the file is damaged, cut off or has no x, y and z."""
     content = plain_file(path).read_bytes()
     try:
         header, body = _header(content)
@@ -116,20 +111,20 @@ def pcd_bytes(columns: Mapping[str, Shaped[np.ndarray, " n"]]) -> bytes:
     kinds = {"f": "F", "i": "I", "u": "U"}
     arrays = {name: np.asarray(column) for name, column in columns.items()}
     table = np.rec.fromarrays([column.astype(column.dtype.newbyteorder("<")) for column in arrays.values()])
-    header = (
-        "# .PCD v0.7 - Point Cloud Data file format",
-        "VERSION 0.7",
-        f"FIELDS {' '.join(arrays)}",
-        f"SIZE {' '.join(str(column.itemsize) for column in arrays.values())}",
-        f"TYPE {' '.join(kinds[column.dtype.kind] for column in arrays.values())}",
-        f"COUNT {' '.join('1' for _ in arrays)}",
-        f"WIDTH {len(table)}",
-        "HEIGHT 1",
-        "VIEWPOINT 0 0 0 1 0 0 0",
-        f"POINTS {len(table)}",
-        "DATA binary",
-    )
-    return "\n".join(header).encode() + b"\n" + table.tobytes()
+    sizes, types = [str(column.itemsize) for column in arrays.values()], [kinds[c.dtype.kind] for c in arrays.values()]
+    header = f"""# .PCD v0.7 - Point Cloud Data file format
+VERSION 0.7
+FIELDS {" ".join(arrays)}
+SIZE {" ".join(sizes)}
+TYPE {" ".join(types)}
+COUNT {" ".join("1" for _ in arrays)}
+WIDTH {len(table)}
+HEIGHT 1
+VIEWPOINT 0 0 0 1 0 0 0
+POINTS {len(table)}
+DATA binary
+"""
+    return header.encode() + table.tobytes()
 
 
 def _header(content: bytes) -> tuple[_Header, bytes]:
@@ -189,10 +184,8 @@ def _read_rows(path: Path, skipped: int, row: np.dtype, rows: int, *, last: bool
     """Columns of a file's text after so many lines, a row a line. last: no further lines may follow."""
     kinds = [(row[name].base, row[name].shape) for name in row.names or ()]
     plain = [(name, "f8", shape) for name, (_, shape) in zip(row.names or (), kinds, strict=True)]
-    exact = [
-        (name, kind if kind.itemsize == 8 else "f8", shape)
-        for (name, _, shape), (kind, _) in zip(plain, kinds, strict=True)
-    ]
+    types = [kind if kind.itemsize == 8 else "f8" for kind, _ in kinds]
+    exact = [(name, kind, shape) for (name, _, shape), kind in zip(plain, types, strict=True)]
     table = None
     for wanted in (exact, plain):  # whole numbers may be written as floats
         with warnings.catch_warnings(), suppress(ValueError, OverflowError, DeprecationWarning):
@@ -283,20 +276,9 @@ def decompress_lzf(packed: bytes, size: int) -> bytes:
     return bytes(out)
 
 
-_PLY_TYPES = {
-    name: kind
-    for kind, names in {
-        "i1": "char int8",
-        "u1": "uchar uint8",
-        "i2": "short int16",
-        "u2": "ushort uint16",
-        "i4": "int int32",
-        "u4": "uint uint32",
-        "f4": "float float32",
-        "f8": "double float64",
-    }.items()
-    for name in names.split()
-}
+_PLY_KINDS = "i1 char int8, u1 uchar uint8, i2 short int16, u2 ushort uint16, i4 int int32, u4 uint uint32"
+_PLY_KINDS += ", f4 float float32, f8 double float64"
+_PLY_TYPES = {name: kind for kind, *names in map(str.split, _PLY_KINDS.split(",")) for name in names}
 _PLY_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 _MOST_LISTS = 1_000_000  # rows with lists before the points, which are walked one by one
 
@@ -318,8 +300,7 @@ class _Element(NamedTuple):
 
 def read_ply(path: str | Path) -> Attributes:
     """Read the attributes of a PLY file's points (`name_attributes`), its `vertex` element. Raises ValueError, in one
-    line, where the file is damaged, cut off, longer than its header says, or has no x, y and z.
-    """
+    line, where the file is damaged, cut off, longer than its header says, or has no x, y and z."""
     content = plain_file(path).read_bytes()
     try:
         order, elements, start = _ply_header(content)
@@ -337,10 +318,9 @@ def read_ply(path: str | Path) -> Attributes:
             columns = _read_binary(_Header((), vertex.row, vertex.rows, ""), content[start:end])
     except ValueError as error:
         raise ValueError(f"{path} holds no points that can be read: {error}") from None
-    named = zip(vertex.properties, columns, strict=True)
-    return name_attributes(
-        {name: column.astype(kind.newbyteorder("="), copy=False) for (name, kind, _), column in named}
-    )
+    kinds = (kind.newbyteorder("=") for _, kind, _ in vertex.properties)
+    native = [column.astype(kind, copy=False) for column, kind in zip(columns, kinds, strict=True)]
+    return name_attributes(dict(zip((name for name, *_ in vertex.properties), native, strict=True)))
 
 
 def _ply_header(content: bytes) -> tuple[str, list[_Element], int]:

@@ -13,7 +13,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from toolkit.arrays import Bool, Float, Float32, Float64, Int64
+from toolkit.arrays import Bool, BoxRows, Float, Float32, Float64, ImageVectors, Int64, Mask, Points, Pose, Rng
 from toolkit.boxes import count_points
 from toolkit.frame import Frame, SensorCloud, select_sensors, unproject
 from toolkit.geometry import BODY_SE3_CAMERA, LEVEL, Slope, invert, level_rows, tilt_rows
@@ -31,22 +31,19 @@ def frame_points(
     *,
     area: Area,
     height: float | None = None,
-    rng: np.random.Generator | None = None,
+    rng: Rng | None = None,
 ) -> list[Float32[np.ndarray, "_ 3"]]:
     """Points of each sensor inside the detection area, world frame: an (n, 3) array per sensor.
 
     sensors: indices or names, None for all; area: a site, or xmin, ymin, xmax, ymax (m); points with 0 < z < height
     stay, by default the site's own height, else 4 m; z counts from the plane of a site that slopes. rng draws the
     sensors' noise; without one the measurements are taken as they are. Raises ValueError for an unknown sensor or an
-    empty area.
-    """
+    empty area."""
     crop = Crop.of(area, height)
     return [crop_sensor(frame, index, crop, rng) for index in select_sensors(frame.sensors, sensors)]
 
 
-def crop_sensor(
-    frame: Frame, index: int, crop: Crop, rng: np.random.Generator | None = None
-) -> Float32[np.ndarray, "_ 3"]:
+def crop_sensor(frame: Frame, index: int, crop: Crop, rng: Rng | None = None) -> Float32[np.ndarray, "_ 3"]:
     """Points of one sensor inside a crop, see `frame_points`."""
     sensor, measurement = frame.sensors[index], frame.measurements[index]
     if isinstance(measurement, SensorCloud):
@@ -73,27 +70,21 @@ class Crop(NamedTuple):
         own = place.height if isinstance(place, Site) else 4.0
         return Crop(tuple(get_area(place).tolist()), own if height is None else height, get_slope(place))
 
-    def holds(self, points: Float[np.ndarray, "n 3"], floor: float = 0.0) -> Bool[np.ndarray, " n"]:
+    def holds(self, points: Points, floor: float = 0.0) -> Mask:
         """Mask of kept points (world). floor: in place of ground."""
         level = points if self.slope == LEVEL else level_rows(points, self.slope)
         return is_inside(level, np.array(self.area), self.height, floor)
 
 
 def crop_image(
-    sensor: Sensor,
-    measurement: Float32[np.ndarray, "rows columns"],
-    crop: Crop,
-    *,
-    shift: Float32[np.ndarray, "rows columns 3"] | None = None,
+    sensor: Sensor, measurement: Float32[np.ndarray, "rows columns"], crop: Crop, *, shift: ImageVectors | None = None
 ) -> tuple[Float32[np.ndarray, "3 pixels"], Int64[np.ndarray, " n"]]:
     """x, y, z in the world of every pixel, and rows of the kept ones. shift: see `Frame.shifts`."""
     xyz, valid = unproject(sensor, measurement, shift)
     return xyz, np.flatnonzero(valid & crop.holds(xyz.T))
 
 
-def is_inside(
-    points: Float[np.ndarray, "n 3"], area: Float64[np.ndarray, "4"], height: float = 4.0, floor: float = 0.0
-) -> Bool[np.ndarray, " n"]:
+def is_inside(points: Points, area: Float64[np.ndarray, "4"], height: float = 4.0, floor: float = 0.0) -> Mask:
     """Mask of points in the area, its edge included, and between `floor` and `height`, both excluded, as published.
 
     >>> is_inside(np.array([[0, 0, 1], [9, 0, 1], [0, 0, 4.0]]), np.array([-1.0, -1, 1, 1]))
@@ -104,9 +95,7 @@ def is_inside(
     return (x >= xmin) & (x <= xmax) & (y >= ymin) & (y <= ymax) & (z > floor) & (z < height)
 
 
-def count_on_ground(
-    points: Float[np.ndarray, "n 3"], boxes: Float64[np.ndarray, "m 7"], place: Area
-) -> Int64[np.ndarray, " m"]:
+def count_on_ground(points: Points, boxes: Float64[np.ndarray, "m 7"], place: Area) -> Int64[np.ndarray, " m"]:
     """Number of points in each box, levelled on a slope."""
     slope = get_slope(place)
     return count_points(level_rows(points, slope), level_rows(boxes, slope))
@@ -130,28 +119,22 @@ def detect_unions_on_ground(
     return [replace(each, boxes=tilt_rows(each.boxes, slope)) for each in found]
 
 
-def join_clouds(clouds: Sequence[Float[np.ndarray, "_ 3"]], union: Bool[np.ndarray, " C"]) -> Float[np.ndarray, "n 3"]:
+def join_clouds(clouds: Sequence[Float[np.ndarray, "_ 3"]], union: Bool[np.ndarray, " C"]) -> Points:
     """Join the clouds of a union, in their order."""
     among = [cloud for cloud, chosen in zip(clouds, union, strict=True) if chosen]
     return np.concatenate(among) if among else np.zeros((0, 3), np.float32)
 
 
-def has_centre_inside(boxes: Float64[np.ndarray, "n 7"], area: Float64[np.ndarray, "4"]) -> Bool[np.ndarray, " n"]:
+def has_centre_inside(boxes: BoxRows, area: Float64[np.ndarray, "4"]) -> Mask:
     """Mask of boxes with their centre in the area."""
     (x, y), (xmin, ymin, xmax, ymax) = boxes[:, :2].T, area.tolist()
     return (x >= xmin) & (x <= xmax) & (y >= ymin) & (y <= ymax)
 
 
-def is_beyond(
-    points: Float[np.ndarray, "n 3"],
-    sensor: Sensor | Float[np.ndarray, "4 4"],
-    radius: float,
-    metric: Distance = "horizontal",
-) -> Bool[np.ndarray, " n"]:
+def is_beyond(points: Points, sensor: Sensor | Pose, radius: float, metric: Distance = "horizontal") -> Mask:
     """Mask of points outside a circle of `radius` (m) about a sensor or a camera's pose (paper section II-E).
     "horizontal" measures in the world's horizontal plane, as the paper says; "published" in the plane of the sensor's
-    forward and sideways axes, tilted with it, as its code does.
-    """
+    forward and sideways axes, tilted with it, as its code does."""
     if not radius >= 0:
         raise ValueError(f"radius must be at least 0 m, got {radius}")
     if metric == "horizontal":  # a sensor stands where its body does

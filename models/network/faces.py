@@ -21,7 +21,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from toolkit.arrays import Float, Float32, Int64
+from toolkit.arrays import BoxRows, Float, Float32, Int64, Points
 from toolkit.boxes import rows_in_boxes
 from toolkit.objects import LABELS, Detections, label_index
 
@@ -37,7 +37,6 @@ _OWN = BINS * ZONES
 _EXTRAS = 2 + 3 + len(LABELS)  # numbers of points, size of the box, its class
 
 
-_Boxes = Float[np.ndarray, "n 7"]
 _BothSides = Float[np.ndarray, " 2*n"]
 
 
@@ -83,9 +82,7 @@ class FaceNetworks(nn.Module):
         return found
 
 
-def measure_faces(
-    networks: FaceNetworks, found: Detections, points: Float[np.ndarray, "n 3"], labels: Sequence[str]
-) -> Detections:
+def measure_faces(networks: FaceNetworks, found: Detections, points: Points, labels: Sequence[str]) -> Detections:
     """Move the faces of all boxes with these labels."""
     rows = np.flatnonzero(np.isin(found.labels, [label_index(label) for label in labels]))
     if not len(rows):
@@ -96,7 +93,7 @@ def measure_faces(
     return Detections(boxes, found.scores, found.labels)
 
 
-def move_faces(boxes: _Boxes, end: _BothSides, side: _BothSides, top: Float[np.ndarray, " n"]) -> _Boxes:
+def move_faces(boxes: BoxRows, end: _BothSides, side: _BothSides, top: Float[np.ndarray, " n"]) -> BoxRows:
     """Move faces of boxes outwards (m), or inwards to a fifth of the size; the floor stays.
 
     >>> box = np.array([[0, 0, 1, 4, 2, 2, 0.0]])
@@ -115,7 +112,7 @@ def move_faces(boxes: _Boxes, end: _BothSides, side: _BothSides, top: Float[np.n
     return boxes
 
 
-def face_offsets(boxes: _Boxes, truths: _Boxes) -> tuple[_BothSides, _BothSides, Float[np.ndarray, " n"]]:
+def face_offsets(boxes: BoxRows, truths: BoxRows) -> tuple[_BothSides, _BothSides, Float[np.ndarray, " n"]]:
     """Arguments of `move_faces` that turn boxes into true boxes, which may face the other way."""
     (dx, dy), cos, sin = (truths - boxes)[:, :2].T, np.cos(boxes[:, 6]), np.sin(boxes[:, 6])
     ahead, aside, grown = dx * cos + dy * sin, dy * cos - dx * sin, truths[:, 3:6] - boxes[:, 3:6]
@@ -124,7 +121,7 @@ def face_offsets(boxes: _Boxes, truths: _Boxes) -> tuple[_BothSides, _BothSides,
     return end, side, truths[:, 2] - boxes[:, 2] + grown[:, 2] / 2
 
 
-def face_features(points: Float[np.ndarray, "k 3"], boxes: _Boxes, labels: Int64[np.ndarray, " n"]) -> FaceFeatures:
+def face_features(points: Float[np.ndarray, "k 3"], boxes: BoxRows, labels: Int64[np.ndarray, " n"]) -> FaceFeatures:
     """Count points about each face of each box."""
     count, reach = len(boxes), NEAREST + STEP * BINS  # of the counts, beyond a face
     found = rows_in_boxes(points, boxes + np.array([0, 0, reach / 2, 2 * reach, 2 * reach, reach, 0]))

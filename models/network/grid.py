@@ -18,10 +18,10 @@ import torch
 from torch import Tensor
 
 from models.config import VoxelNetConfig
-from toolkit.arrays import Bool, Float, Float32, Int64
+from toolkit.arrays import Bool, Float, Float32, Int64, Points, Rng
 
 _Boxes = Float[Tensor, "*n 7"]
-_Random = np.random.Generator | int
+_Random = Rng | int
 
 
 class Voxels(NamedTuple):
@@ -37,9 +37,7 @@ class Voxels(NamedTuple):
         return Voxels(self.points.to(device), self.voxel.to(device), self.cells.to(device), self.items)
 
 
-def voxelise(
-    points: Float[np.ndarray, "n 3"] | Float[Tensor, "n 3"], config: VoxelNetConfig, *, rng: _Random = 0
-) -> Voxels:
+def voxelise(points: Points | Float[Tensor, "n 3"], config: VoxelNetConfig, *, rng: _Random = 0) -> Voxels:
     """Group points (x y z, m) by voxel.
 
     Points outside the area or the height range, or on their borders, are ignored (the paper keeps 0 < height < 4 m). In

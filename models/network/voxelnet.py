@@ -75,10 +75,8 @@ class VoxelFeatures(nn.Module):
         super().__init__()
         self.config = config
         widths = (6, *(2 * width for width in config.vfe_widths))
-        layers = (
-            {"linear": nn.Linear(width, output), "norm": nn.BatchNorm1d(output), "relu": nn.ReLU()}
-            for width, output in zip(widths, (*config.vfe_widths, config.voxel_width), strict=True)
-        )
+        sizes = zip(widths, (*config.vfe_widths, config.voxel_width), strict=True)
+        layers = ({"linear": nn.Linear(*two), "norm": nn.BatchNorm1d(two[1]), "relu": nn.ReLU()} for two in sizes)
         self.layers = nn.ModuleList(nn.Sequential(OrderedDict(layer)) for layer in layers)
 
     def forward(self, voxels: Voxels) -> Float[Tensor, "v C"]:
@@ -130,8 +128,7 @@ class MiddleLayers(nn.Module):
 class HeightFold(nn.Module):
     """Light middle: a sum over a column's voxels, with a linear map per height.
 
-    It equals a 1x1 convolution of the grid with its height folded into channels, at the cost of the occupied voxels.
-    """
+    It equals a 1x1 convolution of the grid with its height folded into channels, at the cost of the occupied voxels."""
 
     def __init__(self, config: VoxelNetConfig) -> None:
         super().__init__()
@@ -187,10 +184,8 @@ class RegionProposal(nn.Module):
             layers = (nn.Conv2d(width if i else before, width, 3, 1 if i else 2, 1) for i in range(max(order) + 1))
             self.blocks.append(nn.ModuleList(map(conv_norm_relu, layers)))
         lateral = (1, 1, 0) if self.add else (3, 1, 1)  # kernel, stride, padding of the first block's output
-        self.upsample = nn.ModuleList(
-            nn.ConvTranspose2d(width, out, *kernel, bias=not self.add)
-            for width, kernel in zip(widths, (lateral, (2, 2, 0), (4, 4, 0)), strict=True)
-        )
+        sizes = zip(widths, (lateral, (2, 2, 0), (4, 4, 0)), strict=True)
+        self.upsample = nn.ModuleList(nn.ConvTranspose2d(width, out, *each, bias=not self.add) for width, each in sizes)
         if self.add:
             self.norm = nn.BatchNorm2d(out)
         self.width = out if self.add else 3 * out

@@ -9,7 +9,7 @@ from __future__ import annotations
 import csv
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal
@@ -47,18 +47,11 @@ class Preset:
     seed: int = 0
 
 
+_OBJECTS = SampleRecipe(subsets=0.0, augmentation="object", positive=0.6, negative=0.6, sampled=256, seen=0)
+_PAPER = Preset(optimiser="sgd", schedule="step", loss="published", examples=_OBJECTS)
 PRESETS = {
     "fast": Preset(),
-    "paper": Preset(
-        epochs=30.0,
-        batch=1,
-        optimiser="sgd",
-        learning_rate=1e-3,
-        weight_decay=1e-4,
-        schedule="step",
-        loss="published",
-        examples=SampleRecipe(subsets=0.0, augmentation="object", positive=0.6, negative=0.6, sampled=256, seen=0),
-    ),
+    "paper": replace(_PAPER, epochs=30.0, batch=1, learning_rate=1e-3, weight_decay=1e-4),
     "general": Preset(examples=SampleRecipe(augmentation="scene", errors=0.4, thinned=0.3, tilted=0.3, elsewhere=0.2)),
     "varied": Preset(examples=SampleRecipe(errors=0.4, thinned=0.2, tilted=0.3, elsewhere=0.2)),
 }
@@ -68,8 +61,7 @@ def make_config(area: Area, preset: str, size: str = "light", classes: Sequence[
     """Return the network that a preset trains for an area, light or published in size, with the head of its loss.
 
     The light one knows no absolute coordinates, so it learns on a `window` of the area; `models.detector.relocate` puts
-    the result on all of it.
-    """
+    the result on all of it."""
     head: dict[str, Any] = {"head": "quality", "anchor_z": 0.8, "quality_power": 1.0, "averaging": 0.75}
     if PRESETS[preset].loss == "published":
         head = {"head": "published", "anchor_z": 1.6, "quality_power": 0.0, "averaging": 0.0}
@@ -199,8 +191,7 @@ def train(
     start: a network of the same shape, on any area, to start from instead of random weights; machine: the CPU by
     default; validate: called with the network after each epoch, and its figures are logged; progress: called with the
     step, the number of steps, and the losses of the step or the figures of `validate`. Raises ValueError if preset and
-    network do not fit, or if `out` holds a run with other settings.
-    """
+    network do not fit, or if `out` holds a run with other settings."""
     machine = machine or Machine()
     device, bfloat16 = machine.device, machine.bfloat16
     check_fit(config, preset)

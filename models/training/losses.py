@@ -14,13 +14,11 @@ from torch.nn import functional as F
 from models.config import AnchorKind
 from models.network.grid import decode, encode, faces_back, per_anchor
 from models.network.voxelnet import Prediction
-from toolkit.arrays import Bool, Float, Int64, Shaped
+from toolkit.arrays import Bool, BoxRows, Float, Int64, Mask, Rng, Shaped
 from toolkit.objects import label_index
 
 _Labels = Shaped[Tensor, "B H W A"]
 _Targets = Float[Tensor, "B H W A 7"]
-_Boxes = Float[np.ndarray, "n 7"]
-_Mask = Bool[np.ndarray, " n"]
 _Grid = Float[np.ndarray, "H W A 7"]
 NEGATIVE, POSITIVE, IGNORED = 0, 1, -1
 
@@ -34,7 +32,7 @@ class Assignment(NamedTuple):
 
 def assign(
     anchors: _Grid,
-    boxes: _Boxes,
+    boxes: BoxRows,
     *,
     positive: float = 0.6,
     negative: float = 0.6,
@@ -81,12 +79,11 @@ def assign(
 
 
 def assign_by_kind(
-    anchors: _Grid, kinds: Sequence[AnchorKind], boxes: _Boxes, labels: Int64[np.ndarray, " n"], asked: _Mask
+    anchors: _Grid, kinds: Sequence[AnchorKind], boxes: BoxRows, labels: Int64[np.ndarray, " n"], asked: Mask
 ) -> Assignment:
     """Match anchors to objects of their own class; owners are rows of `boxes`.
 
-    asked: objects that should be found; negatives on the others of that class are ignored.
-    """
+    asked: objects that should be found; negatives on the others of that class are ignored."""
     parts, first = [], 0
     for kind in kinds:
         last, own = first + len(kind.yaws), labels == label_index(kind.label)
@@ -99,7 +96,7 @@ def assign_by_kind(
     return Assignment(*(np.concatenate(column, axis=2) for column in zip(*parts, strict=True)))
 
 
-def sample(assignment: Assignment, rng: np.random.Generator, *, size: int = 256, positives: int = 128) -> Assignment:
+def sample(assignment: Assignment, rng: Rng, *, size: int = 256, positives: int = 128) -> Assignment:
     """Keep `size` random anchors, as in the published training."""
     flat, labels = assignment.labels.ravel(), np.full(assignment.labels.size, IGNORED, assignment.labels.dtype)
     for kind, most in ((POSITIVE, positives), (NEGATIVE, size)):
@@ -124,8 +121,7 @@ def _snap_size(boxes: np.ndarray) -> np.ndarray:
 def paper_loss(prediction: Prediction, labels: _Labels, boxes: _Targets, anchors: Tensor) -> dict[str, Tensor]:
     """Published loss of sampled anchors: cross-entropy, and smooth L1 (σ = 3) of residuals.
 
-    labels: of an `Assignment`; boxes: target of each positive anchor; anchors: (H, W, A, 7).
-    """
+    labels: of an `Assignment`; boxes: target of each positive anchor; anchors: (H, W, A, 7)."""
     count = anchors.shape[2]
     logits = per_anchor(prediction.class_logits, count)
     counted = torch.nonzero(labels != IGNORED, as_tuple=True)
@@ -143,8 +139,7 @@ def quality_loss(
     """Loss of class, box, direction and predicted IoU.
 
     Focal loss (Lin et al. 2017) for the class; smooth L1 of residuals and 1 - IoU for the box. A class's sums are
-    divided by the number of its positive anchors. classes: class of each anchor of a cell (None: one class).
-    """
+    divided by the number of its positive anchors. classes: class of each anchor of a cell (None: one class)."""
     if prediction.direction_logits is None or prediction.quality_logits is None:
         raise ValueError('the quality loss needs a network with head="quality"')
     count = anchors.shape[2]
@@ -185,8 +180,7 @@ def nearly_aligned_iou(boxes: Float[Tensor, "n 7"], wanted: Float[Tensor, "n 7"]
     """3D IoU of box pairs, differentiable in any overlap, and exact for equal yaws.
 
     A yaw difference δ takes a quarter of the other side times sin δ off each shared side: the first-order loss of two
-    rectangles turned about a common centre.
-    """
+    rectangles turned about a common centre."""
     cos, sin = torch.cos(wanted[:, 6]), torch.sin(wanted[:, 6])
     dx, dy, dz = (boxes - wanted)[:, :3].unbind(1)
     gap = torch.stack((dx * cos + dy * sin, dy * cos - dx * sin, dz), 1).abs()

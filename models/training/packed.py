@@ -27,7 +27,7 @@ from typing import SupportsFloat
 import h5py
 import numpy as np
 
-from toolkit.arrays import Bool, Float32, Shaped
+from toolkit.arrays import Float32, Mask, Rng, Shaped
 from toolkit.boxes import check_boxes
 from toolkit.geometry import LEVEL, Slope, check_slope, level_rows
 from toolkit.objects import Objects
@@ -47,8 +47,7 @@ Area = tuple[float, float, float, float]  # xmin ymin xmax ymax, m
 class PackedFrames:
     """Packed file in memory. Points and objects of frame k are in its site's frame.
 
-    Raises FileNotFoundError; ValueError if the file is damaged or not a packed file.
-    """
+    Raises FileNotFoundError; ValueError if the file is damaged or not a packed file."""
 
     def __init__(self, path: Path | str) -> None:
         if not Path(path).is_file():
@@ -123,13 +122,10 @@ class PackedFrames:
         slices = [slice(*self._ends[k, s : s + 2]) for s in range(len(self.rig(k).sensors))]
         return [self._pixels[each] for each in slices], [self._steps[each] for each in slices]
 
-    def points(
-        self, k: int, rng: np.random.Generator | None, sensors: Iterable[int] | None = None
-    ) -> list[Float32[np.ndarray, "_ 3"]]:
+    def points(self, k: int, rng: Rng | None, sensors: Iterable[int] | None = None) -> list[Float32[np.ndarray, "_ 3"]]:
         """Points of frame k inside the crop, of each chosen sensor (None: all), on level ground.
 
-        rng: of fresh noise, None for none.
-        """
+        rng: of fresh noise, None for none."""
         rig, clouds = self.rig(k), []
         for s in range(len(rig.sensors)) if sensors is None else sensors:
             if self.is_recorded(k):
@@ -174,12 +170,11 @@ class Rig:
         return replace(rig, pixels=tuple(pixels), depth=tuple(depth))
 
     def measure(
-        self, s: int, changed: np.ndarray, measured: np.ndarray, rng: np.random.Generator | None
+        self, s: int, changed: np.ndarray, measured: np.ndarray, rng: Rng | None
     ) -> tuple[_Points, Shaped[np.ndarray, " n"], Float32[np.ndarray, " n"]]:
         """Noisy points in the crop, their pixels and measurements.
 
-        Pixels `changed` have measured this (0: nothing), the others the empty site.
-        """
+        Pixels `changed` have measured this (0: nothing), the others the empty site."""
         rows, columns = self.sensors[s].model.shape
         still = np.ones(rows * columns, bool)
         still[changed] = False
@@ -200,7 +195,7 @@ class Rig:
         rays += sensor.position.astype(np.float32)
         return rays
 
-    def in_crop(self, points: _Points, margin: float = 0.0) -> Bool[np.ndarray, " n"]:
+    def in_crop(self, points: _Points, margin: float = 0.0) -> Mask:
         """Mark points in the crop, widened by a margin (m)."""
         (x, y, z), (xmin, ymin, xmax, ymax) = level_rows(points, self.slope).T, self.area
         inside = (x >= xmin - margin) & (x <= xmax + margin) & (y >= ymin - margin) & (y <= ymax + margin)
@@ -214,10 +209,8 @@ def _read_rig(file: h5py.File, name: str) -> Rig:
     pixels, ends = (hdf5.array(file, f"{name}/{part}", axes=1, kinds="iu") for part in ("pixels", "ends"))
     try:
         models = parse_json(attributes["sensors"])
-        sensors = tuple(
-            Sensor(str(each["name"]), make_model(each["type"], each["model"]), pose)
-            for each, pose in zip(models, poses, strict=True)
-        )
+        described = [(str(each["name"]), make_model(each["type"], each["model"])) for each in models]
+        sensors = tuple(Sensor(*each, pose) for each, pose in zip(described, poses, strict=True))
         xmin, ymin, xmax, ymax = (float(side) for side in attributes["area"])
         height = float(attributes["height"])
         slope = check_slope(attributes.get("slope", LEVEL), "slope")

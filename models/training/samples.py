@@ -17,9 +17,9 @@ from models.config import VoxelNetConfig
 from models.network.grid import Voxels, anchors, collate, voxelise
 from models.training.losses import assign, assign_by_kind, sample
 from models.training.packed import STEPS_PER_METRE, PackedFrames, Rig
-from toolkit.arrays import Float, Float32, Float64
+from toolkit.arrays import Float, Float32, Float64, Rng
 from toolkit.boxes import count_points, points_in_boxes
-from toolkit.geometry import level_rows
+from toolkit.geometry import level_rows, plane_rotation
 from toolkit.objects import HEAVY, Objects, label_index
 from toolkit.points import has_centre_inside
 from toolkit.sensors import error_terms
@@ -37,7 +37,7 @@ SLOPE = 0.006  # deviation of the ground's slope along x and along y; at 20 m th
 BEYOND = 150.0  # m, assumed distance of surfaces outside the crop, which a packed file leaves out
 
 
-def random_errors(rng: np.random.Generator) -> ErrorProfile:
+def random_errors(rng: Rng) -> ErrorProfile:
     """Draw sensor errors, from none to beyond `poor`."""
 
     def strength(chance: float, most: float) -> float:
@@ -101,12 +101,12 @@ def _draw_velocities(objects: Objects, seed: int) -> Float64[np.ndarray, "n 3"]:
     return np.column_stack([speed * np.cos(yaw), speed * np.sin(yaw), np.zeros(len(yaw))])
 
 
-def thin(points: _Points, rng: np.random.Generator) -> Float32[np.ndarray, "k 3"]:
+def thin(points: _Points, rng: Rng) -> Float32[np.ndarray, "k 3"]:
     """Keep a tenth to all of the points at random."""
     return points[rng.random(len(points)) < rng.uniform(FEWEST_KEPT, 1.0)]
 
 
-def tilt(points: _Points, boxes: _Boxes, centre: _Place, rng: np.random.Generator) -> tuple[_Points, _Boxes]:
+def tilt(points: _Points, boxes: _Boxes, centre: _Place, rng: Rng) -> tuple[_Points, _Boxes]:
     """Lift the ground by N(0, 7 cm) and tilt it about `centre` by N(0, 0.6 %) along x and y. Boxes stay upright."""
     lift, slope = rng.normal(0, LIFT), rng.normal(0, SLOPE, 2)
     points, boxes = points.copy(), boxes.copy()
@@ -175,7 +175,7 @@ class Samples(torch.utils.data.Dataset[Batch]):
         voxels = voxelise(points, self.config, rng=rng)
         return Batch(voxels, torch.from_numpy(found.labels)[None], targets[torch.from_numpy(found.owner)][None])
 
-    def _scene(self, k: int, rng: np.random.Generator) -> tuple[_Points, Objects, np.ndarray]:
+    def _scene(self, k: int, rng: Rng) -> tuple[_Points, Objects, np.ndarray]:
         """Points and objects of frame k in the grid's frame, and a mask of objects in the detection area."""
         recipe = self.recipe
         points = read_points(self.frames, k, rng, subsets=recipe.subsets, errors=recipe.errors)
@@ -204,12 +204,11 @@ class Samples(torch.utils.data.Dataset[Batch]):
         return points, Objects(boxes, objects.labels, objects.ids), inside
 
 
-def read_points(frames: PackedFrames, k: int, rng: np.random.Generator, *, subsets: float, errors: float) -> _Points:
+def read_points(frames: PackedFrames, k: int, rng: Rng, *, subsets: float, errors: float) -> _Points:
     """Read points of frame k in the crop.
 
     subsets: chance of a random set of sensors instead of all; errors: chance of random errors instead of the sensor
-    models' own noise.
-    """
+    models' own noise."""
     total, sensors = len(frames.rig(k).sensors), None
     if subsets and rng.random() < subsets:
         sensors = sorted(rng.choice(total, int(rng.integers(1, total + 1)), replace=False).tolist())
@@ -226,12 +225,11 @@ def stack(batch: list[Batch]) -> Batch:
 
 
 def jitter_objects(
-    points: _Points, boxes: _Boxes, rng: np.random.Generator, *, yaw: float = np.deg2rad(18.0), shift: float = 0.5
+    points: _Points, boxes: _Boxes, rng: Rng, *, yaw: float = np.deg2rad(18.0), shift: float = 0.5
 ) -> tuple[np.ndarray, np.ndarray]:
     """Turn each object with its points by up to ±yaw (rad), and shift it by N(0, shift) (m) in the plane.
 
-    An object that would then touch another stays put (paper, training process).
-    """
+    An object that would then touch another stays put (paper, training process)."""
     points, boxes = points.copy(), boxes.copy()
     reach = np.linalg.norm(boxes[:, 3:5], axis=1) / 2
     owned = points_in_boxes(points, boxes)
@@ -242,22 +240,18 @@ def jitter_objects(
         if (np.linalg.norm(boxes[others, :2] - (old + move), axis=1) < reach[others] + reach[index]).any():
             continue
         mine = owned[:, index]
-        points[mine, :2] = (points[mine, :2] - old) @ _rotation(turn).T + old + move
+        points[mine, :2] = (points[mine, :2] - old) @ plane_rotation(turn).T + old + move
         boxes[index, :2] += move
         boxes[index, 6] += turn
     return points, boxes
 
 
-def turn_scene(points: _Points, boxes: _Boxes, centre: _Place, rng: np.random.Generator) -> tuple[_Points, _Boxes]:
+def turn_scene(points: _Points, boxes: _Boxes, centre: _Place, rng: Rng) -> tuple[_Points, _Boxes]:
     """Turn the scene about `centre`, every second one mirrored."""
     angle, mirror = rng.uniform(-np.pi, np.pi), rng.random() < 0.5
-    matrix = _rotation(angle) @ np.diag([1.0, -1.0 if mirror else 1.0])
+    matrix = plane_rotation(angle) @ np.diag([1.0, -1.0 if mirror else 1.0])
     points, boxes = points.copy(), boxes.copy()
     points[:, :2] = (points[:, :2] - centre) @ matrix.T + centre
     boxes[:, :2] = (boxes[:, :2] - centre) @ matrix.T + centre
     boxes[:, 6] = angle + (-boxes[:, 6] if mirror else boxes[:, 6])
     return points, boxes
-
-
-def _rotation(angle: float) -> np.ndarray:
-    return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])

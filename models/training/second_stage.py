@@ -23,14 +23,12 @@ from models.network.faces import SORTS, FaceNetworks, face_features, face_offset
 from models.network.voxelnet import VoxelNet
 from models.training.packed import Area, PackedFrames
 from models.training.samples import read_points
-from toolkit.arrays import Bool, Float, Float32, Int64
+from toolkit.arrays import BoxRows, Float, Float32, Int64, Mask, Rng
 from toolkit.boxes import count_points, iou_bev
 from toolkit.detection.metrics import TRUE_IOU, evaluate, matches
 from toolkit.objects import HEAVY, LABELS, VEHICLE, Detections, Detector, Objects, label_index
 from toolkit.points import has_centre_inside
 
-_Mask = Bool[np.ndarray, " n"]
-_Boxes = Float[np.ndarray, "n 7"]
 _Scores = Float[np.ndarray, " n"]
 _Hits = Int64[np.ndarray, " n"]
 
@@ -60,11 +58,10 @@ def detect_frames(
     device: str = "cpu",
     subsets: float = 0.0,
     errors: float = 0.0,
-) -> list[tuple[Detections, Objects, _Mask]]:
+) -> list[tuple[Detections, Objects, Mask]]:
     """Detect in the first `count` frames (None: all) by early fusion.
 
-    Returns detections, truth and a mask of objects centred in the frame's area. subsets, errors: see `read_points`.
-    """
+    Returns detections, truth and a mask of objects centred in the frame's area. subsets, errors: see `read_points`."""
     training = network.training
     detector_in, results = detector_by_area(network, device), []
     for k in range(min(len(frames), count or len(frames))):
@@ -82,8 +79,7 @@ def average_precision(
     """AP3D of early fusion over the first `count` frames (None: all), in the protocol "exact".
 
     Names are "AP@0.7" and so on for vehicles, "pedestrian AP@0.5" and so on for others; classes without objects are
-    left out. seed: of the sensors' noise.
-    """
+    left out. seed: of the sensors' noise."""
     judged = detect_frames(network, frames, count=count, seed=seed, device=device)
     detections, truths, counted = zip(*judged, strict=True)
     figures: dict[str, float] = {}
@@ -102,8 +98,7 @@ def widen(network: VoxelNet, config: VoxelNetConfig) -> VoxelNet:
     """Return a network widened to the classes of `config`.
 
     Weights of shared classes are taken over, with their anchors; anchors of new classes start at random, always the
-    same. A network of the same classes without a second stage is returned unchanged.
-    """
+    same. A network of the same classes without a second stage is returned unchanged."""
     known = network.config
     if known.labels == config.labels and not known.faces:
         return network
@@ -151,11 +146,10 @@ _RIDGE = 1.0  # pulls the slope to 1 and the intercept to 0
 _LEAST_SLOPE = 0.05
 
 
-def platt(scores: _Scores, hits: _Mask, rivals: Float[np.ndarray, "n L"] | None = None) -> tuple[float, ...]:
+def platt(scores: _Scores, hits: Mask, rivals: Float[np.ndarray, "n L"] | None = None) -> tuple[float, ...]:
     """Fit slope, intercept and the weights (at least 0) of rivals' scores to hits (Platt 1999).
 
-    They make sigmoid(slope · logit(score) + intercept - Σ weight · rival) the likeliest share of true detections.
-    """
+    They make sigmoid(slope · logit(score) + intercept - Σ weight · rival) the likeliest share of true detections."""
     rivals = np.zeros((len(scores), 0)) if rivals is None else rivals
     rows = np.column_stack([logit(scores), np.ones(len(scores)), -rivals])
     wanted = np.eye(1, rows.shape[1])[0]
@@ -170,7 +164,7 @@ def platt(scores: _Scores, hits: _Mask, rivals: Float[np.ndarray, "n L"] | None 
     return tuple(float(each) for each in found.x)
 
 
-def lowest_threshold(scores: _Scores, hits: _Mask, precision: float) -> float:
+def lowest_threshold(scores: _Scores, hits: Mask, precision: float) -> float:
     """Lowest score above which a share `precision` of detections is true, 0 if that holds for all of them.
 
     If it holds for no `FEWEST` or more, the score above which that many are left; but never a score that loses more
@@ -256,8 +250,7 @@ def face_examples(
     """Collect examples of the first `count` frames (None: all).
 
     Half of them are seen by a random subset of the sensors, some by sensors with errors. network: detects them, without
-    a second stage; None for randomly displaced boxes alone.
-    """
+    a second stage; None for randomly displaced boxes alone."""
     detector_in = None if network is None else detector_by_area(network, score_threshold=LOWEST_SCORE)
     rows, offsets = ({sort: list[np.ndarray]() for sort in SORTS} for _ in range(2))
     wanted = [label_index(label) for label in labels]
@@ -281,10 +274,8 @@ def face_examples(
                 seen = features.counted[number] > 0
                 rows[sort].append(features[number][seen])
                 offsets[sort].append(offset[number][seen])
-    return FaceExamples(
-        {sort: np.concatenate(parts) for sort, parts in rows.items()},
-        {sort: np.concatenate(parts).astype(np.float32) for sort, parts in offsets.items()},
-    )
+    moved = {sort: np.concatenate(parts).astype(np.float32) for sort, parts in offsets.items()}
+    return FaceExamples({sort: np.concatenate(parts) for sort, parts in rows.items()}, moved)
 
 
 def train_faces(
@@ -297,7 +288,7 @@ def train_faces(
     return staged
 
 
-def off_at_random(boxes: _Boxes, rng: np.random.Generator) -> _Boxes:
+def off_at_random(boxes: BoxRows, rng: Rng) -> BoxRows:
     """Displace boxes in place, size and yaw."""
     boxes = boxes.copy()
     floor = boxes[:, 2] - boxes[:, 5] / 2
@@ -315,8 +306,7 @@ def fit_faces(
     """Train the three networks, `STEPS` steps each, on the offsets' Laplace likelihood.
 
     Returns the mean error (m) of each sort of face before and after, over the examples. Raises ValueError for a sort
-    without examples.
-    """
+    without examples."""
     figures: dict[str, float] = {}
     steps = STEPS if steps is None else steps
     for number, sort in enumerate(SORTS):

@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from toolkit.arrays import Float, Float32, Float64, Int, Int32
+from toolkit.arrays import Float, Float32, Float64, Int, Int32, Rng
 from toolkit.mesh import Mesh, merge
 
 
@@ -64,9 +64,9 @@ def include_mirrors(body: Body) -> Body:
     return make_body(body.name, body.label, body.vertices, body.triangles)
 
 
-def stretch_randomly(body: Body, rng: np.random.Generator, spread: float = 0.03) -> Body:
-    """Stretch a body and its box along each axis by a factor N(1, spread), cut at two spreads."""
-    factors = 1 + spread * np.clip(rng.standard_normal(3), -2, 2)
+def stretch_randomly(body: Body, rng: Rng) -> Body:
+    """Stretch a body and its box along each axis by a factor N(1, 0.03), cut at 0.94 and 1.06."""
+    factors = 1 + 0.03 * np.clip(rng.standard_normal(3), -2, 2)
     length, width, height = (np.array(body.size) * factors).tolist()
     truth = None if body.truth is None else (length, width, height)
     return Body(body.name, body.label, (body.vertices * factors).astype(np.float32), body.triangles, truth)

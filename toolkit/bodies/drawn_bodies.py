@@ -13,6 +13,7 @@ from functools import cache
 
 import numpy as np
 
+from toolkit.arrays import Rng
 from toolkit.bodies import drawn_cars, people
 from toolkit.bodies.body import Body, make_boxed_body
 from toolkit.bodies.drawn_cars import mound, plank
@@ -28,13 +29,13 @@ BUSES = ("minibus", "bus", "bendy_bus")
 Built = tuple[str, Mesh, Mesh]  # kind, the body in its box, mirrors outside it
 
 
-def draw_heavy(rng: np.random.Generator) -> Built:
+def draw_heavy(rng: Rng) -> Built:
     """Draw a truck, an articulated truck or a bus. x forward, wheels on z = 0."""
     kinds = (_truck, _semi_trailer, _bus)
     return kinds[int(rng.choice(3, p=(0.55, 0.17, 0.28)))](rng)
 
 
-def _truck(rng: np.random.Generator) -> Built:
+def _truck(rng: Rng) -> Built:
     length = float(rng.uniform(5.2, 11.5))
     width = float(np.clip(1.95 + 0.075 * (length - 5.2) + rng.normal(0, 0.1), 1.85, 2.55))
     cab_height = float(np.clip(2.1 + 0.16 * (length - 5.2) + rng.normal(0, 0.2), 2.0, 3.3))
@@ -46,7 +47,7 @@ def _truck(rng: np.random.Generator) -> Built:
     return f"{kind}_truck", merge([cab, load, *_chassis(length, width, floor, rng)]), mirror
 
 
-def _semi_trailer(rng: np.random.Generator) -> Built:
+def _semi_trailer(rng: Rng) -> Built:
     length, width = float(rng.uniform(12.5, 17.0)), float(rng.uniform(2.4, 2.58))
     cab_height, deep = float(rng.uniform(2.9, 3.9)), float(rng.uniform(1.9, 2.5))
     cab, mirror = _cab(length / 2, width - float(rng.uniform(0, 0.1)), cab_height, deep, rng)
@@ -58,18 +59,13 @@ def _semi_trailer(rng: np.random.Generator) -> Built:
     return f"articulated_{kind}", merge([cab, load, chassis, *make_axles(rows, width - 0.04, radius, 12)]), mirror
 
 
-def _cab(front: float, width: float, height: float, deep: float, rng: np.random.Generator) -> tuple[Mesh, Mesh]:
-    """Cab whose front is at `front`, and its mirrors."""
+def _cab(front: float, width: float, height: float, deep: float, rng: Rng) -> tuple[Mesh, Mesh]:
     low, rake = float(rng.uniform(0.3, 0.6)), float(rng.uniform(0.04, 0.35))
     nose = float(rng.uniform(0.8, 1.3)) if rng.random() < 0.12 else 0.0  # a bonnet
     x, corner = front - nose, float(rng.uniform(0.03, 0.15))
     sill = low + 0.45 * (height - low)
-    rings = [
-        (x - deep + nose, width, low, height),
-        (x - 0.6 * rake - corner, width, low, height),
-        (x - 0.3 * rake, width - corner, low, height - 0.3 * (height - sill)),
-        (x, width - 2 * corner, low, sill),
-    ]
+    rings = [(x - deep + nose, width, low, height), (x - 0.6 * rake - corner, width, low, height)]
+    rings += [(x - 0.3 * rake, width - corner, low, height - 0.3 * (height - sill)), (x, width - 2 * corner, low, sill)]
     parts = [loft_shell(rings, 0.06, 2)]
     if nose:
         parts.append(loft_shell([(x - 0.3, 0.9 * width, low, sill), (front, 0.75 * width, low, sill - 0.25)], 0.06, 2))
@@ -81,9 +77,7 @@ def _cab(front: float, width: float, height: float, deep: float, rng: np.random.
     return merge(parts), merge([mirror, flip_sides(mirror)])
 
 
-def _superstructure(
-    front: float, rear: float, width: float, floor: float, cab: float, rng: np.random.Generator
-) -> tuple[str, Mesh]:
+def _superstructure(front: float, rear: float, width: float, floor: float, cab: float, rng: Rng) -> tuple[str, Mesh]:
     """Load of a truck between `front` and `rear` (m), and its kind."""
     kind = str(rng.choice(list(SUPERSTRUCTURES), p=list(SUPERSTRUCTURES.values())))
     length, middle = front - rear, (front + rear) / 2
@@ -117,7 +111,7 @@ def _superstructure(
     return kind, merge(parts)
 
 
-def _chassis(length: float, width: float, floor: float, rng: np.random.Generator) -> list[Mesh]:
+def _chassis(length: float, width: float, floor: float, rng: Rng) -> list[Mesh]:
     radius = float(np.clip(0.36 + 0.03 * (length - 5.2) + rng.uniform(-0.03, 0.03), 0.34, 0.53))
     last = -length / 2 + float(rng.uniform(0.9, 0.28 * length))
     rows = [length / 2 - float(rng.uniform(1.0, 1.45)), last, *([last + 2.3 * radius + 0.2] if length > 8.5 else [])]
@@ -126,7 +120,7 @@ def _chassis(length: float, width: float, floor: float, rng: np.random.Generator
     return [frame, guard, *make_axles(rows, width - 0.04, radius, 12)]
 
 
-def _bus(rng: np.random.Generator) -> Built:
+def _bus(rng: Rng) -> Built:
     """Minibus, city bus, coach, or bendy bus with its bellows."""
     bendy = rng.random() < 0.18
     length = float(rng.uniform(16.5, 18.5) if bendy else rng.choice([rng.uniform(6.2, 9.0), rng.uniform(9.0, 13.5)]))
@@ -136,14 +130,10 @@ def _bus(rng: np.random.Generator) -> Built:
         height = float(rng.uniform(4.0, 4.4))  # double-decker
     x, low, round_ = length / 2, float(rng.uniform(0.25, 0.4)), float(rng.uniform(0.04, 0.3))
     rake = float(rng.uniform(0.05, 0.5))
-    rings = [
-        (-x, 0.94 * width, low + 0.08, height - round_),
-        (-x + 0.15, width, low, height - 0.03),
-        (-x + 0.5, width, low, height),
-        (x - rake - 0.3, width, low, height),
-        (x - 0.5 * rake, width * 0.99, low, height - 0.35),
-        (x, 0.92 * width, low + 0.05, low + 0.55 * (height - low)),
-    ]
+    rings = [(-x, 0.94 * width, low + 0.08, height - round_), (-x + 0.15, width, low, height - 0.03)]
+    rings += [(-x + 0.5, width, low, height), (x - rake - 0.3, width, low, height)]
+    rings += [(x - 0.5 * rake, width * 0.99, low, height - 0.35)]
+    rings += [(x, 0.92 * width, low + 0.05, low + 0.55 * (height - low))]
     if bendy:
         fold = -0.05 * length
         bellows = [(fold - 0.7, width), (fold - 0.65, 0.9 * width), (fold + 0.65, 0.9 * width), (fold + 0.7, width)]
@@ -166,7 +156,7 @@ def _bus(rng: np.random.Generator) -> Built:
 PEOPLE = ("adult", "child", "pram", "walker", "wheelchair")
 
 
-def draw_person(rng: np.random.Generator) -> tuple[str, Mesh]:
+def draw_person(rng: Rng) -> tuple[str, Mesh]:
     """Draw a person on foot or in a wheelchair, and its kind. Facing +x, soles or wheels on z = 0."""
     chance = rng.random()
     if chance < 0.035:
@@ -197,13 +187,13 @@ def draw_person(rng: np.random.Generator) -> tuple[str, Mesh]:
     return "adult", stand(merge(parts))
 
 
-def draw_pose(rng: np.random.Generator, stout: float) -> Figure:
+def draw_pose(rng: Rng, stout: float) -> Figure:
     """Draw a standing pose: arms hanging or at an ear."""
     figure = Figure(stout=stout)
     return hold(figure, *AT_AN_EAR) if rng.random() < 0.25 else figure
 
 
-def _walking(rng: np.random.Generator, stout: float | None = None, lean: float | None = None) -> Figure:
+def _walking(rng: Rng, stout: float | None = None, lean: float | None = None) -> Figure:
     stout = float(rng.uniform(0.85, 1.2)) if stout is None else float(stout)
     if rng.random() < 0.2:
         return draw_pose(rng, stout)
@@ -212,26 +202,19 @@ def _walking(rng: np.random.Generator, stout: float | None = None, lean: float |
     if rng.random() < 0.5:
         return figure
     joints = (figure.knees, figure.ankles, figure.elbows, figure.hands)
-    knees, ankles, elbows, hands = (
-        ((right[0], -right[1], right[2]), (left[0], -left[1], left[2])) for left, right in joints
-    )
+    flipped = [((c, -d, e), (x, -y, z)) for (x, y, z), (c, d, e) in joints]
+    knees, ankles, elbows, hands = flipped
     return replace(figure, knees=knees, ankles=ankles, elbows=elbows, hands=hands)
 
 
-def _wheelchair(rng: np.random.Generator) -> Mesh:
+def _wheelchair(rng: Rng) -> Mesh:
     """Person seated between two large wheels, sometimes pushed."""
     height, radius = float(rng.uniform(1.5, 1.85)), float(rng.uniform(0.27, 0.31))
     half, seat = float(rng.uniform(0.26, 0.31)), float(rng.uniform(0.45, 0.52))
     hip = seat / height + 0.05
-    figure = Figure(
-        (-0.05, 0.0, hip),
-        (-0.07, 0.0, hip + 0.31),
-        knees=pair(0.19, 0.06, hip + 0.02),
-        ankles=pair(0.26, 0.05, 0.1),
-        elbows=pair(0.0, 0.16, hip + 0.13),
-        hands=pair(0.14, 0.13, hip + 0.09),
-        stout=float(rng.uniform(0.9, 1.2)),
-    )
+    legs, arms = (pair(0.19, 0.06, hip + 0.02), pair(0.26, 0.05, 0.1)), pair(0.0, 0.16, hip + 0.13)
+    hands, stout = pair(0.14, 0.13, hip + 0.09), float(rng.uniform(0.9, 1.2))
+    figure = Figure((-0.05, 0.0, hip), (-0.07, 0.0, hip + 0.31), *legs, arms, hands, stout)
     wheels = [make_wheel(-0.08, half, radius, 0.04, 14), make_wheel(0.38, half - 0.05, 0.08, 0.04, 8)]
     chair = [plank((0.42, 1.7 * half, 0.06), 0.0, 0.0, seat - 0.06), plank((0.05, 1.7 * half, 0.45), -0.24, 0.0, seat)]
     parts = [person(figure, height), *wheels, *(flip_sides(wheel) for wheel in wheels), *chair]
@@ -245,20 +228,20 @@ TWO_WHEELERS = ("bicycle", "cargo_bicycle", "e_scooter", "motorcycle", "scooter"
 _APART, _SCOOTERS_APART = 0.1, 0.15  # shares of riders that are drawn apart
 
 
-def _choose_stream(rng: np.random.Generator, share: float, size: float) -> np.random.Generator:
+def _choose_stream(rng: Rng, share: float, size: float) -> Rng:
     """Choose the generator of a rider. A share once had none, being things now: these have one of their own, so that
     all other bodies of a seed stay as they were."""
     return np.random.default_rng(round(size * 1e9)) if rng.random() < share else rng
 
 
-def draw_two_wheeler(rng: np.random.Generator) -> tuple[str, Mesh]:
+def draw_two_wheeler(rng: Rng) -> tuple[str, Mesh]:
     """Draw a two-wheeler, and its kind. x forward, wheels on z = 0."""
     kinds = (_bicycle, _e_scooter, _motorcycle, _scooter)
     kind, mesh = kinds[int(rng.choice(4, p=(0.55, 0.15, 0.17, 0.13)))](rng)
     return kind, stand(mesh)
 
 
-def _bicycle(rng: np.random.Generator) -> tuple[str, Mesh]:
+def _bicycle(rng: Rng) -> tuple[str, Mesh]:
     if rng.random() < 0.12:
         scale, height = float(rng.uniform(0.55, 0.8)), 0.0
         height = 1.75 * scale + float(rng.uniform(-0.06, 0.06))
@@ -281,8 +264,7 @@ def _bicycle(rng: np.random.Generator) -> tuple[str, Mesh]:
     return kind, merge(parts)
 
 
-def _e_scooter(rng: np.random.Generator) -> tuple[str, Mesh]:
-    """Board on two small wheels, with a standing rider."""
+def _e_scooter(rng: Rng) -> tuple[str, Mesh]:
     half, radius, bar = float(rng.uniform(0.4, 0.52)), float(rng.uniform(0.1, 0.14)), float(rng.uniform(1.0, 1.2))
     parts = [make_wheel(-half, 0.0, radius, 0.05, 10), make_wheel(half, 0.0, radius, 0.05, 10)]
     parts += [plank((1.7 * half, 0.16, 0.06), -0.05, 0.0, radius)]
@@ -298,7 +280,7 @@ def _e_scooter(rng: np.random.Generator) -> tuple[str, Mesh]:
     return "e_scooter", merge(parts)
 
 
-def _motorcycle(rng: np.random.Generator) -> tuple[str, Mesh]:
+def _motorcycle(rng: Rng) -> tuple[str, Mesh]:
     fairing, scale = bool(rng.random() < 0.5), float(rng.uniform(0.88, 1.12))
     bike = scale_mesh(scale_mesh(_bare_motorcycle(fairing), scale), (float(rng.uniform(0.94, 1.1)), 1, 1))
     rng = _choose_stream(rng, _APART, scale)
@@ -308,7 +290,7 @@ def _motorcycle(rng: np.random.Generator) -> tuple[str, Mesh]:
     return "motorcycle", merge([bike, *on, *_second(on, 0.4 * scale, rng)])
 
 
-def _scooter(rng: np.random.Generator) -> tuple[str, Mesh]:
+def _scooter(rng: Rng) -> tuple[str, Mesh]:
     scale = float(rng.uniform(0.9, 1.12))
     bike = scale_mesh(scale_mesh(_bare_scooter(), scale), (float(rng.uniform(0.95, 1.08)), 1, 1))
     rng = _choose_stream(rng, _APART, scale)
@@ -322,7 +304,7 @@ def _scooter(rng: np.random.Generator) -> tuple[str, Mesh]:
     return "scooter", merge([bike, *on, *_second(on[:1], 0.35 * scale, rng)])
 
 
-def _second(on: list[Mesh], behind: float, rng: np.random.Generator) -> list[Mesh]:
+def _second(on: list[Mesh], behind: float, rng: Rng) -> list[Mesh]:
     """Passenger, sometimes: the rider again, farther back and higher."""
     if rng.random() > 0.12:
         return []
@@ -336,7 +318,7 @@ BLOCKS = 0.25  # of the cars are built of plain blocks
 TOWING = 0.1  # of the heavy vehicles are cars with a trailer
 
 
-def draw_body(label: int | str, rng: np.random.Generator) -> Body:
+def draw_body(label: int | str, rng: Rng) -> Body:
     """Draw a body of a class: vehicle, cyclist, pedestrian or heavy. Its name says its kind.
 
     >>> body = draw_body("vehicle", np.random.default_rng(0))
@@ -353,20 +335,13 @@ def possible_names() -> tuple[str, ...]:
     cars = [kind.name for kind in drawn_cars.CAR_KINDS]
     towing = [f"{car}_with_{behind}" for car in cars for behind in drawn_cars.TRAILERS]
     trucks = [name for form in ("{}_truck", "articulated_{}") for name in map(form.format, SUPERSTRUCTURES)]
-    kinds = {
-        VEHICLE: [
-            *cars,
-            *(f"block_{car}" for car in cars),
-            *(f"{car}_{load}" for car in cars for load in drawn_cars.CARRIED),
-        ],
-        CYCLIST: TWO_WHEELERS,
-        PEDESTRIAN: PEOPLE,
-        HEAVY: [*trucks, *BUSES, *towing],
-    }
+    loaded = [f"{car}_{load}" for car in cars for load in drawn_cars.CARRIED]
+    vehicles = [*cars, *(f"block_{car}" for car in cars), *loaded]
+    kinds = {VEHICLE: vehicles, CYCLIST: TWO_WHEELERS, PEDESTRIAN: PEOPLE, HEAVY: [*trucks, *BUSES, *towing]}
     return tuple(f"{LABELS[label]}/{name}" for label, names in kinds.items() for name in names)
 
 
-def _car(rng: np.random.Generator) -> Built:
+def _car(rng: Rng) -> Built:
     shape = drawn_cars.draw_proportions(rng)
     if rng.random() < BLOCKS:
         return f"block_{shape.kind}", drawn_cars.build_block_car(shape, rng), drawn_cars.mirrors(shape, rng)
@@ -375,7 +350,7 @@ def _car(rng: np.random.Generator) -> Built:
     return name, merge([drawn_cars.loft_car(shape), load]), drawn_cars.mirrors(shape, rng)
 
 
-def _heavy(rng: np.random.Generator) -> Built:
+def _heavy(rng: Rng) -> Built:
     if rng.random() >= TOWING:
         return draw_heavy(rng)
     shape = drawn_cars.draw_proportions(rng)

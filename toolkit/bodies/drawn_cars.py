@@ -8,10 +8,11 @@ triangles, as many models of others do. Every mesh is stretched to the length, w
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
-from toolkit.arrays import Float64
+from toolkit.arrays import Float64, Rng
 from toolkit.bodies.vehicles import CAR_PROFILES, Profile, Proportions, loft_parts, make_wheel
 from toolkit.mesh import Mesh, box, ellipsoid, flip_sides, loft, merge, place, stand, tube
 
@@ -61,7 +62,7 @@ CAR_KINDS = tuple(map(_parse_kind, _KINDS.strip().splitlines()))
 _SHARES = np.array([kind.share for kind in CAR_KINDS]) / sum(kind.share for kind in CAR_KINDS)
 
 
-def draw_proportions(rng: np.random.Generator) -> Proportions:
+def draw_proportions(rng: Rng) -> Proportions:
     """Draw the proportions of a car of any kind."""
     kind = CAR_KINDS[int(rng.choice(len(CAR_KINDS), p=_SHARES))]
     along = rng.uniform()
@@ -82,12 +83,11 @@ def draw_proportions(rng: np.random.Generator) -> Proportions:
     clearance, belt, lean, nose, boot, front_end, rear_end, bow, camber, soft = drawn
     size = length, float(np.clip(width, *WIDTHS)), float(np.clip(height, *HEIGHTS))
     axles, plan = (front, length - rear), ((nose, boot), (front_end, rear_end))
-    return Proportions(
-        kind.name, *size, profile, axles, wheel, clearance, belt, lean, *plan, bow, camber, soft, bed=bed
-    )
+    car = partial(Proportions, kind.name, *size, profile, axles, wheel, clearance, belt, lean)
+    return car(*plan, bow, camber, soft, bed=bed)
 
 
-def _profile(kind: Kind, rng: np.random.Generator) -> Float64[np.ndarray, "k 2"]:
+def _profile(kind: Kind, rng: Rng) -> Float64[np.ndarray, "k 2"]:
     """Draw a side profile of a kind, its top at 1, with a little of another kind's mixed in."""
     own = _jitter_corners(kind.profile, rng)
     other = _jitter_corners(CAR_KINDS[int(rng.integers(len(CAR_KINDS)))].profile, rng)
@@ -97,7 +97,7 @@ def _profile(kind: Kind, rng: np.random.Generator) -> Float64[np.ndarray, "k 2"]
     return np.column_stack([stations, heights / heights.max()])
 
 
-def _jitter_corners(profile: Profile, rng: np.random.Generator) -> Float64[np.ndarray, "k 2"]:
+def _jitter_corners(profile: Profile, rng: Rng) -> Float64[np.ndarray, "k 2"]:
     corners = np.array(profile)
     corners[2:-2, 0] += rng.normal(0, 0.012) + rng.normal(0, 0.012, len(corners) - 4)
     corners[:, 1] += np.clip(rng.normal(0, 0.02, len(corners)), -0.04, 0.04) * (corners[:, 1] < 0.93)
@@ -110,7 +110,7 @@ def loft_car(shape: Proportions) -> Mesh:
     return stretch(loft_parts(shape), (shape.length, shape.width, shape.height))
 
 
-def build_block_car(shape: Proportions, rng: np.random.Generator) -> Mesh:
+def build_block_car(shape: Proportions, rng: Rng) -> Mesh:
     """Build the same car of a lower body, a cabin with slanted screens, and wheels of few sides or none."""
     length, half, belt = shape.length, shape.width / 2, shape.belt * shape.height
     tops = shape.profile[:, 1]
@@ -118,16 +118,10 @@ def build_block_car(shape: Proportions, rng: np.random.Generator) -> Mesh:
     floor = float(rng.choice([0.02, shape.clearance], p=[0.25, 0.75]))
     chamfer = float(rng.uniform(0.0, 0.06))
     edge, base = half * (1 - shape.lean), (0.5 - cabin[0] + 0.03, 0.5 - cabin[1] - 0.02)
-    lower = [
-        (floor, 0.5 - 0.01, -0.49, half - chamfer),
-        (floor + chamfer + 0.01, 0.5, -0.5, half),
-        (belt - chamfer - 0.01, 0.5, -0.5, half),
-        (belt, 0.5 - 0.02, -0.49, half - chamfer),
-    ]
-    upper = [
-        (belt - 0.02, max(base[0], 0.5 - roof[0]), min(base[1], 0.5 - roof[1]), half - chamfer),
-        (shape.height, 0.5 - roof[0], 0.5 - roof[1], edge),
-    ]
+    lower = [(floor, 0.5 - 0.01, -0.49, half - chamfer), (floor + chamfer + 0.01, 0.5, -0.5, half)]
+    lower += [(belt - chamfer - 0.01, 0.5, -0.5, half), (belt, 0.5 - 0.02, -0.49, half - chamfer)]
+    front, rear = 0.5 - roof[0], 0.5 - roof[1]
+    upper = [(belt - 0.02, max(base[0], front), min(base[1], rear), half - chamfer), (shape.height, front, rear, edge)]
     sides, breadth = int(rng.choice([4, 8, 12])), float(rng.uniform(0.15, 0.26))
     wheels = []
     for axle in shape.axles if floor > 0.05 or rng.random() < 0.5 else ():
@@ -146,11 +140,8 @@ def stretch(mesh: Mesh, size: tuple[float, float, float]) -> Mesh:
 
 def _blocks(levels: list[tuple[float, float, float, float]], length: float) -> Mesh:
     """Loft upwards through rectangles. levels: z, front and rear as parts of the length, half width."""
-    rings = [
-        [(length * rear, -y, z), (length * front, -y, z), (length * front, y, z), (length * rear, y, z)]
-        for z, front, rear, y in levels
-    ]
-    return loft(np.array(rings))
+    ends = [(length * rear, length * front, y, z) for z, front, rear, y in levels]
+    return loft(np.array([[(a, -y, z), (b, -y, z), (b, y, z), (a, y, z)] for a, b, y, z in ends]))
 
 
 def plank(size: tuple[float, float, float], x: float, y: float, z: float) -> Mesh:
@@ -172,7 +163,7 @@ TRAILERS["caravan"] = (3.8, 6.6), (2.0, 2.4)
 _TAXIS, _RACKS = ("sedan", "estate", "minivan", "hatchback", "suv"), ("van", "minivan", "pickup")
 
 
-def mirrors(shape: Proportions, rng: np.random.Generator) -> Mesh:
+def mirrors(shape: Proportions, rng: Rng) -> Mesh:
     """Draw wing mirrors that stick out 8 to 25 cm. None on 3 cars of 10, one on 1 of 50."""
     chance = rng.random()
     if chance < 0.3:
@@ -194,7 +185,7 @@ def mirrors(shape: Proportions, rng: np.random.Generator) -> Mesh:
     return mirror if chance > 0.98 else merge([mirror, flip_sides(mirror)])
 
 
-def draw_load(shape: Proportions, rng: np.random.Generator) -> tuple[str, Mesh]:
+def draw_load(shape: Proportions, rng: Rng) -> tuple[str, Mesh]:
     """Draw a load on a car's roof or bed, mostly none, and its kind."""
     flat = shape.profile[shape.profile[:, 1] > 0.965, 0]
     front, rear = (shape.length * (0.5 - float(s)) for s in flat[[0, -1]])
@@ -224,7 +215,7 @@ def draw_load(shape: Proportions, rng: np.random.Generator) -> tuple[str, Mesh]:
     return "", NOTHING
 
 
-def trailer(shape: Proportions, rng: np.random.Generator) -> tuple[str, Mesh]:
+def trailer(shape: Proportions, rng: Rng) -> tuple[str, Mesh]:
     """Draw a trailer with its drawbar: open, boxed, or a caravan."""
     kind = list(TRAILERS)[int(rng.integers(3))]
     length, width = (float(rng.uniform(*ends)) for ends in TRAILERS[kind])
@@ -253,7 +244,7 @@ def trailer(shape: Proportions, rng: np.random.Generator) -> tuple[str, Mesh]:
     return kind, merge([*parts, *wheels, *(flip_sides(wheel) for wheel in wheels)])
 
 
-def _bed_load(shape: Proportions, bed: tuple[float, float, float], rng: np.random.Generator) -> tuple[str, Mesh]:
+def _bed_load(shape: Proportions, bed: tuple[float, float, float], rng: Rng) -> tuple[str, Mesh]:
     """Load on a pick-up's bed, a hard top over it, or nothing."""
     front, rear = (shape.length * (0.5 - s) for s in bed[:2])
     middle, room, width = (front + rear) / 2, 0.9 * (front - rear), 0.78 * shape.width * (1 - shape.lean)
@@ -265,15 +256,13 @@ def _bed_load(shape: Proportions, bed: tuple[float, float, float], rng: np.rando
         return "load", mound((room, width, float(rng.uniform(0.4, 0.9))), middle, floor)
     if chance < 0.45:
         sizes = rng.uniform((0.3, 0.3, 0.4), (0.6, 0.9, 1.1), (2, 3)) * [room, width, 1.0]
-        boxes = [
-            plank((a, b, c), middle + side * (room - a) / 2, rng.uniform(-1, 1) * (width - b) / 2, floor)
-            for (a, b, c), side in zip(sizes.tolist(), (-1, 1), strict=True)
-        ]
-        return "load", merge(boxes)
+        ends = zip(sizes.tolist(), (-1, 1), strict=True)
+        places = [(size, middle + side * (room - size[0]) / 2, rng.uniform(-1, 1)) for size, side in ends]
+        return "load", merge([plank(tuple(size), x, y * (width - size[1]) / 2, floor) for size, x, y in places])
     return "", NOTHING
 
 
-def _roof_box(x: float, width: float, z: float, rng: np.random.Generator) -> Mesh:
+def _roof_box(x: float, width: float, z: float, rng: Rng) -> Mesh:
     length, wide, high = rng.uniform(1.3, 2.2), rng.uniform(0.5, 0.85), rng.uniform(0.26, 0.42)
     y = float(rng.uniform(-0.5, 0.5)) * max(width - wide - 0.2, 0.0)
     ring = np.array([[-0.5, 0.1], [0.5, 0.1], [0.5, 0.6], [0.4, 1.0], [-0.4, 1.0], [-0.5, 0.6]]) * [wide, high]
@@ -283,7 +272,7 @@ def _roof_box(x: float, width: float, z: float, rng: np.random.Generator) -> Mes
     return merge([loft(np.stack(rings)), *bars])
 
 
-def _rack(x: float, length: float, width: float, z: float, rng: np.random.Generator) -> Mesh:
+def _rack(x: float, length: float, width: float, z: float, rng: Rng) -> Mesh:
     """Cross bars and, mostly, ladders or pipes on them."""
     high = float(rng.uniform(0.05, 0.14))
     parts = [plank((0.05, 0.9 * width, 0.04), x + t * length, 0.0, z + high - 0.02) for t in (-0.4, 0.0, 0.4)]

@@ -8,8 +8,7 @@ from itertools import cycle, islice
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
+from toolkit.arrays import Rng
 from toolkit.bodies.body import Body, include_mirrors, make_body, make_boxed_body
 from toolkit.bodies.people import pedestrians, two_wheelers
 from toolkit.bodies.vehicles import CAR_NAMES, cars, trucks
@@ -58,7 +57,7 @@ class Fleet:
 
         return tuple(body.name for body in self.fixed) + (possible_names() if self.drawn else ())
 
-    def bodies(self, frames: int, rng: np.random.Generator) -> tuple[Body, ...]:
+    def bodies(self, frames: int, rng: Rng) -> tuple[Body, ...]:
         """Bodies for `frames` frames of traffic; drawn ones suffice for `LARGEST_DRAW`, each used once."""
         if not self.drawn:
             return self.fixed
@@ -86,8 +85,7 @@ def fleet_named(
     and catalogue if held-out cars are asked for. held_out: see `catalogue`; mirrors: count wing mirrors into ground
     truth boxes, also of meshes where they are seen to stick out.
 
-    Raises ValueError for another name, a folder missing or given in vain, and arguments that exclude each other.
-    """
+    Raises ValueError for another name, a folder missing or given in vain, and arguments that exclude each other."""
     if name is None:
         name = "catalogue" if held_out else "own" if meshes is None else "meshes"
     if name not in FLEETS:

@@ -119,8 +119,7 @@ def surface_points(mesh: Mesh) -> Float64[np.ndarray, "n 3"]:
 def mirror_span(mesh: Mesh) -> Span | None:
     """Range of y (m) of a vehicle's body without wing mirrors; None where none sticks out by 3 cm or more.
 
-    A mirror sticks out within 30 cm of the outermost point, above the wheels, in the front six tenths.
-    """
+    A mirror sticks out within 30 cm of the outermost point, above the wheels, in the front six tenths."""
     points = surface_points(mesh)
     low, size = mesh.vertices.min(axis=0), np.ptp(mesh.vertices, axis=0)
     x, z = points[:, 0], points[:, 2] - low[2]
@@ -187,8 +186,7 @@ class MeshEntry:
 def read_mesh_table(folder: Path) -> dict[Path, MeshEntry]:
     """Read `meshes.toml` in a folder, by file; empty if there is none.
 
-    Raises ValueError, naming the table and the entry, for damaged TOML and impossible entries.
-    """
+    Raises ValueError, naming the table and the entry, for damaged TOML and impossible entries."""
     path = folder / TABLE
     if not lexists(path):
         return {}
@@ -231,12 +229,8 @@ def _entry(row: dict[str, Any], where: str) -> MeshEntry:
 SUFFIXES = (".obj", ".ply", ".stl", ".off", ".glb", ".gltf")
 
 # Smallest and largest length, width and height (m) of a body of each class.
-PLAUSIBLE = {
-    VEHICLE: ((2.2, 6.6), (1.2, 2.7), (0.9, 2.9)),
-    CYCLIST: ((0.9, 3.0), (0.25, 1.3), (0.8, 2.4)),
-    PEDESTRIAN: ((0.15, 2.0), (0.15, 2.0), (0.6, 2.5)),
-    HEAVY: ((4.0, 25.0), (1.7, 3.6), (1.7, 4.8)),
-}
+PLAUSIBLE = {VEHICLE: ((2.2, 6.6), (1.2, 2.7), (0.9, 2.9)), CYCLIST: ((0.9, 3.0), (0.25, 1.3), (0.8, 2.4))}
+PLAUSIBLE |= {PEDESTRIAN: ((0.15, 2.0), (0.15, 2.0), (0.6, 2.5)), HEAVY: ((4.0, 25.0), (1.7, 3.6), (1.7, 4.8))}
 _TYPICAL = {VEHICLE: (4.5, 1.85, 1.55), CYCLIST: (1.75, 0.6, 1.7), PEDESTRIAN: (0.5, 0.5, 1.7), HEAVY: (9.0, 2.45, 3.1)}
 _FRONT_CLEAR = 0.1  # `Shape.ahead` from which a vehicle's profile says where its front is
 _Y_UP_Z_FORWARD = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])  # glTF
@@ -366,10 +360,8 @@ def _remedy(mesh: Mesh, named: int | None) -> str:
     """Describe units or orientation that would make it plausible, if any."""
     best, remedy = (np.inf, np.inf), ""
     for (unit, scale), (axes, turn) in product([("", 1.0), *_UNITS.items()], [("", np.eye(3)), *_TURNS.items()]):
-        what = (
-            f"in {unit}, {axes} forward: scale it by {scale} and turn it" if axes else f"in {unit}, scale it by {scale}"
-        )
-        what = what if unit else f"{axes} forward, turn it"
+        ways = f"{axes} forward: scale it by {scale} and turn it" if axes else f"scale it by {scale}"
+        what = f"in {unit}, {ways}" if unit else f"{axes} forward, turn it"
         read = Mesh(mesh.vertices @ turn.T * scale, mesh.triangles)
         size = np.ptp(read.vertices, axis=0)
         for label in PLAUSIBLE if named is None else (named,):

@@ -27,8 +27,7 @@ AT_AN_EAR = ((0.08, 0.13, 0.66), (0.10, -0.12, 0.68)), ((0.16, 0.05, 0.80), (0.0
 class Figure:
     """Joints of a person 1 unit tall facing +x, y left.
 
-    stout: breadth of trunk and limbs relative to an average adult.
-    """
+    stout: breadth of trunk and limbs relative to an average adult."""
 
     hip: Vector = (0.0, 0.0, 0.52)
     neck: Vector = (0.01, 0.0, 0.83)
@@ -46,15 +45,12 @@ def hold(figure: Figure, elbows: Pair, hands: Pair) -> Figure:
 
 def striding(step: float, swing: float = 0.6, lean: float = 0.02, stout: float = 1.0) -> Figure:
     """Figure in mid-stride. step: between the ankles; swing: of the hands; both parts of the height."""
-    return Figure(
-        hip=(0.0, 0.0, 0.52 - 0.18 * step**2),
-        neck=(lean, 0.0, 0.83 - 0.18 * step**2),
-        knees=((0.45 * step + 0.02, 0.05, 0.28), (-0.15 * step, -0.05, 0.27)),
-        ankles=((0.5 * step, 0.05, 0.035), (-0.5 * step, -0.05, 0.055)),
-        elbows=((-0.25 * swing * step - 0.03, 0.14, 0.64), (0.2 * swing * step, -0.14, 0.64)),
-        hands=((-0.5 * swing * step, 0.15, 0.48), (0.6 * swing * step + 0.03, -0.15, 0.50)),
-        stout=stout,
-    )
+    hip, neck = (0.0, 0.0, 0.52 - 0.18 * step**2), (lean, 0.0, 0.83 - 0.18 * step**2)
+    knees = (0.45 * step + 0.02, 0.05, 0.28), (-0.15 * step, -0.05, 0.27)
+    ankles = (0.5 * step, 0.05, 0.035), (-0.5 * step, -0.05, 0.055)
+    elbows = (-0.25 * swing * step - 0.03, 0.14, 0.64), (0.2 * swing * step, -0.14, 0.64)
+    hands = (-0.5 * swing * step, 0.15, 0.48), (0.6 * swing * step + 0.03, -0.15, 0.50)
+    return Figure(hip, neck, knees, ankles, elbows, hands, stout)
 
 
 def person(figure: Figure, height: float) -> Mesh:
@@ -187,20 +183,17 @@ def rider(
     """Person on a saddle, hands at `grip` and its mirror image.
 
     height: of the person; saddle: height of the saddle at x = -0.2 (m); upright: sine of the back's slope; rest: x and
-    z of the foot rests (m), None for pedals, one up and one down.
-    """
+    z of the foot rests (m), None for pedals, one up and one down."""
     back, x0 = 0.31, -0.2 / height
     hip = (x0, 0.0, saddle / height + 0.045)
     neck = (x0 + back * math.sqrt(1 - upright**2) + 0.03, 0.0, hip[2] + back * upright)
     hands = pair(grip[0] / height, grip[1] / height, grip[2] / height)
     elbows = pair((neck[0] + hands[0][0]) / 2 - 0.02, 0.155, (neck[2] + hands[0][2]) / 2 - 0.05)
     left, right = ((0.14, 0.13), (-0.10, 0.36)) if rest is None else (rest, rest)
-    ankles = (
-        ((left[0] - 0.02) / height, 0.11 / height, left[1] / height + 0.035),
-        ((right[0] - 0.02) / height, -0.11 / height, right[1] / height + 0.035),
-    )
-    knees = _knee(hip, ankles[0]), _knee(hip, ankles[1])
-    return person(Figure(hip, neck, knees, ankles, elbows, hands, stout), height)
+    ankle = (left[0] - 0.02) / height, 0.11 / height, left[1] / height + 0.035
+    other = (right[0] - 0.02) / height, -0.11 / height, right[1] / height + 0.035
+    knees = _knee(hip, ankle), _knee(hip, other)
+    return person(Figure(hip, neck, knees, (ankle, other), elbows, hands, stout), height)
 
 
 def _knee(hip: Vector, ankle: Vector) -> Vector:
@@ -228,12 +221,9 @@ def _tyre(x: float, radius: float, thickness: float) -> Mesh:
     """Ring of a wheel, open between the spokes, standing on z = 0."""
     around, across = np.arange(21) * 2 * np.pi / 20, np.arange(5) * 2 * np.pi / 5
     distance = radius - thickness * (1 - np.cos(across))
-    rings = (
-        x + np.sin(around)[:, None] * distance,
-        np.sin(across)[None] * thickness + 0 * around[:, None],
-        radius - np.cos(around)[:, None] * distance,
-    )
-    return loft(np.stack(rings, axis=-1))
+    y = np.sin(across)[None] * thickness + 0 * around[:, None]
+    x_and_z = x + np.sin(around)[:, None] * distance, radius - np.cos(around)[:, None] * distance
+    return loft(np.stack([x_and_z[0], y, x_and_z[1]], axis=-1))
 
 
 def motorcycle(fairing: bool = False) -> Mesh:

@@ -31,8 +31,7 @@ _ACROSS = (1.0, 0.9, 0.7, 0.38, 0.0)  # of the roof, 1 its edge
 class Proportions:
     """Proportions of one car; lengths in metres, stations from 0 (front) to 1.
 
-    belt, lean, rounding and ends are parts of height, half width, length and width.
-    """
+    belt, lean, rounding and ends are parts of height, half width, length and width."""
 
     kind: str
     length: float
@@ -121,23 +120,24 @@ def make_wheel(x: float, y: float, radius: float, breadth: float, sides: int = 1
     return stand(tube(line, np.array([0.86, 1, 1, 0.86]) * radius, sides))
 
 
+_PROFILES = """
+kei        0 0.34, 0.02 0.44, 0.15 0.53, 0.3 0.96, 0.42 1, 0.93 0.985, 0.985 0.66, 1 0.42
+city       0 0.36, 0.02 0.46, 0.22 0.61, 0.41 0.965, 0.55 1, 0.87 0.955, 0.97 0.62, 1 0.48
+hatchback  0 0.38, 0.02 0.47, 0.24 0.62, 0.43 0.965, 0.56 1, 0.85 0.955, 0.965 0.62, 1 0.5
+sedan      0 0.38, 0.02 0.48, 0.27 0.63, 0.42 0.965, 0.53 1, 0.68 0.955, 0.85 0.7, 0.98 0.66, 1 0.5
+estate     0 0.38, 0.02 0.48, 0.26 0.63, 0.4 0.965, 0.52 1, 0.9 0.95, 0.985 0.63, 1 0.48
+suv        0 0.42, 0.015 0.54, 0.24 0.64, 0.37 0.965, 0.48 1, 0.89 0.96, 0.975 0.62, 1 0.5
+offroader  0 0.44, 0.01 0.58, 0.27 0.63, 0.335 0.97, 0.4 1, 0.96 0.985, 0.985 0.8, 1 0.4
+minivan    0 0.36, 0.02 0.45, 0.16 0.57, 0.35 0.96, 0.48 1, 0.91 0.965, 0.98 0.6, 1 0.46
+van        0 0.3, 0.015 0.42, 0.1 0.53, 0.24 0.955, 0.33 1, 0.975 0.985, 0.99 0.7, 1 0.4
+blunt_van  0 0.32, 0.015 0.42, 0.1 0.53, 0.24 0.955, 0.33 1, 0.975 0.985, 0.99 0.7, 1 0.4
+pickup     0 0.46, 0.015 0.58, 0.23 0.655, 0.34 0.97, 0.44 1, 0.555 0.97, 0.61 0.62, 0.985 0.61, 1 0.5
+coupe      0 0.36, 0.03 0.48, 0.34 0.7, 0.5 0.975, 0.56 1, 0.66 0.965, 0.9 0.74, 0.985 0.71, 1 0.52
+sports     0 0.38, 0.03 0.48, 0.34 0.7, 0.5 0.975, 0.56 1, 0.66 0.965, 0.9 0.74, 0.985 0.71, 1 0.52
+"""
 CAR_PROFILES: dict[str, Profile] = {
-    style: tuple((float(x), float(z)) for x, z in map(str.split, text.split(",")))
-    for style, text in {
-        "kei": "0 0.34, 0.02 0.44, 0.15 0.53, 0.3 0.96, 0.42 1, 0.93 0.985, 0.985 0.66, 1 0.42",
-        "city": "0 0.36, 0.02 0.46, 0.22 0.61, 0.41 0.965, 0.55 1, 0.87 0.955, 0.97 0.62, 1 0.48",
-        "hatchback": "0 0.38, 0.02 0.47, 0.24 0.62, 0.43 0.965, 0.56 1, 0.85 0.955, 0.965 0.62, 1 0.5",
-        "sedan": "0 0.38, 0.02 0.48, 0.27 0.63, 0.42 0.965, 0.53 1, 0.68 0.955, 0.85 0.7, 0.98 0.66, 1 0.5",
-        "estate": "0 0.38, 0.02 0.48, 0.26 0.63, 0.4 0.965, 0.52 1, 0.9 0.95, 0.985 0.63, 1 0.48",
-        "suv": "0 0.42, 0.015 0.54, 0.24 0.64, 0.37 0.965, 0.48 1, 0.89 0.96, 0.975 0.62, 1 0.5",
-        "offroader": "0 0.44, 0.01 0.58, 0.27 0.63, 0.335 0.97, 0.4 1, 0.96 0.985, 0.985 0.8, 1 0.4",
-        "minivan": "0 0.36, 0.02 0.45, 0.16 0.57, 0.35 0.96, 0.48 1, 0.91 0.965, 0.98 0.6, 1 0.46",
-        "van": "0 0.3, 0.015 0.42, 0.1 0.53, 0.24 0.955, 0.33 1, 0.975 0.985, 0.99 0.7, 1 0.4",
-        "blunt_van": "0 0.32, 0.015 0.42, 0.1 0.53, 0.24 0.955, 0.33 1, 0.975 0.985, 0.99 0.7, 1 0.4",
-        "pickup": "0 0.46, 0.015 0.58, 0.23 0.655, 0.34 0.97, 0.44 1, 0.555 0.97, 0.61 0.62, 0.985 0.61, 1 0.5",
-        "coupe": "0 0.36, 0.03 0.48, 0.34 0.7, 0.5 0.975, 0.56 1, 0.66 0.965, 0.9 0.74, 0.985 0.71, 1 0.52",
-        "sports": "0 0.38, 0.03 0.48, 0.34 0.7, 0.5 0.975, 0.56 1, 0.66 0.965, 0.9 0.74, 0.985 0.71, 1 0.52",
-    }.items()
+    style: tuple((float(x), float(z)) for x, z in map(str.split, points.split(",")))
+    for style, points in (row.split(maxsplit=1) for row in _PROFILES.strip().splitlines())
 }
 
 
@@ -217,7 +217,8 @@ def trucks() -> dict[str, tuple[Mesh, Mesh]]:
         "city_bus": [_bus(*city), *make_axles((3.3, -2.6), 2.5, 0.48)],
         "midibus": [_bus(*midi), *make_axles((2.25, -2.15), 2.3, 0.42)],
     }
-    mirrors = [*(_cab_mirror(*cab) for cab in (large, small, tipper)), *(_bus_mirror(*bus) for bus in (city, midi))]
+    places = [(x / 2 - 0.15, width / 2 + 0.12, height * 0.72) for x, width, height in (large, small, tipper)]
+    mirrors = [*(box((0.12, 0.16, 0.42), place) for place in places), _bus_mirror(*city), _bus_mirror(*midi)]
     pairs = zip(built.items(), mirrors, strict=True)
     return {name: (merge(parts), merge([mirror, flip_sides(mirror)])) for (name, parts), mirror in pairs}
 
@@ -228,12 +229,9 @@ def loft_shell(stations: list[tuple[float, float, float, float]], corner: float,
     for x, width, z0, z1 in stations:
         y, r = width / 2, corner
         middles = ((y - r, z1 - r), (r - y, z1 - r), (r - y, z0 + r), (y - r, z0 + r))
-        turns = [k * np.pi / 2 + quarter for k in range(4)]
-        arcs = [
-            np.column_stack([0 * turn + x, cy + r * np.cos(turn), cz + r * np.sin(turn)])
-            for (cy, cz), turn in zip(middles, turns, strict=True)
-        ]
-        rings.append(np.concatenate(arcs))
+        corners = zip(middles, (k * np.pi / 2 + quarter for k in range(4)), strict=True)
+        arcs = [(0 * turn + x, cy + r * np.cos(turn), cz + r * np.sin(turn)) for (cy, cz), turn in corners]
+        rings.append(np.concatenate([np.column_stack(arc) for arc in arcs]))
     return loft(np.stack(rings))
 
 
@@ -243,10 +241,6 @@ def _cab(length: float, width: float, height: float, deep: float = 2.0) -> Mesh:
     stations = [(front - deep, width, 0.55, height), (front - 0.55, width, 0.45, height)]
     stations += [(front - 0.25, width, 0.40, height - 0.12), (front - 0.07, width * 0.96, 0.40, height - 0.75)]
     return loft_shell([*stations, (front, width * 0.88, 0.45, height - 1.25)], 0.09)
-
-
-def _cab_mirror(length: float, width: float, height: float) -> Mesh:
-    return box((0.12, 0.16, 0.42), (length / 2 - 0.15, width / 2 + 0.12, height * 0.72))
 
 
 def _cargo(length: float, deep: float, width: float, top: float) -> Mesh:

@@ -26,7 +26,7 @@ import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from hashlib import sha256
 from itertools import chain, islice, product
 from pathlib import Path
@@ -34,7 +34,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from toolkit.arrays import Float, Float32, Float64, ImageMask, ImageRanges
+from toolkit.arrays import Float, Float32, Float64, ImageMask, ImageRanges, Pose
 from toolkit.datasets.lidar_grid import CloudImage, LidarGrid, find_grid, rasterize_cloud
 from toolkit.frame import Frame, Frames, SensorCloud
 from toolkit.runtime.files import parse_json, read_arrays, write_arrays
@@ -61,8 +61,7 @@ _AT_ONCE = 256  # pixels whose measurements are compared in pairs at once
 class EmptyScene:
     """Empty scene of one sensor, by its name and model.
 
-    Raises ValueError for an image that does not fit the model's shape, or is negative or infinite.
-    """
+    Raises ValueError for an image that does not fit the model's shape, or is negative or infinite."""
 
     name: str
     model: SensorModel
@@ -77,9 +76,9 @@ class EmptyScene:
     def __post_init__(self) -> None:
         for name in _IMAGES:
             image: Float[np.ndarray, "..."] = getattr(self, name)
-            if image.shape != self.model.shape or image.dtype != np.float32:
+            if image.shape != (shape := self.model.shape) or image.dtype != np.float32:
                 got = f"{image.dtype} of {image.shape}"
-                raise ValueError(f"{name} of {self.name!r} must be float32 of {self.model.shape}, got {got}")
+                raise ValueError(f"{name} of {self.name!r} must be float32 of {shape}, got {got}")
             known = image[~np.isnan(image)] if name == "second" else image
             if not (np.isfinite(known).all() and (known >= 0).all()):
                 raise ValueError(f"{name} of {self.name!r} must be finite and 0 or more: learn the scene again")
@@ -167,8 +166,7 @@ def learn_empty_scenes(recording: Frames, sample: int = SAMPLE, *, frames: int |
     """Learn the empty scene of every sensor of a recording, in their order.
 
     sample: images that are looked at, spread over the first `frames` frames, all if None. Raises ValueError without
-    frames, and for frames of clouds.
-    """
+    frames, and for frames of clouds."""
     count = min(len(recording), len(recording) if frames is None else frames)
     if count < 1:
         raise ValueError(f"there must be a frame to learn the empty scene from, got {frames} of {len(recording)}")
@@ -224,8 +222,7 @@ class Scenes:
 
     given: scenes in place of those the recording shows, found by the sensors' names; sample: images kept of each sensor
     at most. Raises ValueError, when asked, for an unknown sensor, one that moves, and clouds that make no image; warns
-    if frames of clouds are few.
-    """
+    if frames of clouds are few."""
 
     recording: Frames
     given: Sequence[EmptyScene] | None = None
@@ -277,8 +274,7 @@ class Scenes:
 def learn_sample_scenes(samples: Iterable[Frame], *, sample: int = SAMPLE) -> dict[str, LearntScene]:
     """Learn the grid and empty scene of every sensor by name, from frames one after another.
 
-    sample: images kept of each at most. Raises ValueError as `Scenes`.
-    """
+    sample: images kept of each at most. Raises ValueError as `Scenes`."""
     coming = iter(samples)
     first = list(islice(coming, GRID_SAMPLES))
     clouds: dict[str, list[SensorCloud]] = {}
@@ -294,11 +290,8 @@ def learn_sample_scenes(samples: Iterable[Frame], *, sample: int = SAMPLE) -> di
     if not learners:
         raise ValueError("no cloud has a point: there is no empty scene to learn")
     if count < FEW_SAMPLES:
-        warnings.warn(
-            f"empty scenes are learnt from {count} samples, so who stands still in them is part of the scene: give "
-            f"{FEW_SAMPLES} or more, spread over minutes",
-            stacklevel=2,
-        )
+        few = f"empty scenes are learnt from {count} samples, so who stands still in them is part of the scene"
+        warnings.warn(f"{few}: give {FEW_SAMPLES} or more, spread over minutes", stacklevel=2)
     made = learners.items()
     return {name: LearntScene(own.learner.scene(), own.grid, own.points, own.left_out) for name, own in made}
 
@@ -310,7 +303,7 @@ class _Learner:
         kept = max(16, _KEPT_PIXELS // (grid.model.shape[0] * grid.model.shape[1]))
         self.learner = SceneLearner(Sensor(name, grid.model, np.eye(4)), max(2, min(sample, kept)))
 
-    def add(self, cloud: SensorCloud, map_SE3_sensor: Float64[np.ndarray, "4 4"]) -> None:
+    def add(self, cloud: SensorCloud, map_SE3_sensor: Pose) -> None:
         """One more cloud."""
         place = map_SE3_sensor[:3, 3]
         self._place = place if self._place is None else self._place
@@ -342,8 +335,7 @@ class SceneAdaptation:
     farthest.
 
     A message names its scene by digest, so a new scene is sent before it is used: read `scene` only as often as that is
-    worth it. Raises ValueError for times that are not above 0.
-    """
+    worth it. Raises ValueError for times that are not above 0."""
 
     def __init__(
         self, scene: EmptyScene, *, seconds: float = SECONDS, settle: float = SETTLE, reveal: float = REVEAL
@@ -453,10 +445,9 @@ def _clusters(images: Float32[np.ndarray, "n rows columns"], model: SensorModel)
     share = present.mean(axis=1)
     comes = (present[:, 1:] & ~present[:, :-1]).sum(axis=1) + present[:, 0]
     flickers = rivals[near] & (comes >= LEAST_FLICKER * share * (1 - share) * n)
-    far_mode, near_mode = (
-        _Mode(*(each.reshape(shape) for each in _measure_mode(solid.ravel(), starts, ends, chosen, n, model)))
-        for chosen in (far, np.where(rivals[near], near, -1))
-    )
+    measure = partial(_measure_mode, solid.ravel(), starts, ends, n=n, model=model)
+    modes = (measure(chosen) for chosen in (far, np.where(rivals[near], near, -1)))
+    far_mode, near_mode = (_Mode(*(each.reshape(shape) for each in mode)) for mode in modes)
     return far_mode, near_mode, flickers.reshape(shape)
 
 
@@ -475,13 +466,9 @@ def _measure_mode(
     typical = (deviation[row, (size - 1) // 2] + deviation[row, size // 2]) / 2
     spread = np.maximum(_MAD_TO_SIGMA * typical, np.asarray(model.deviation(median)))
     there = chosen >= 0
-    return _Mode(
-        np.where(there, median, np.nan).astype(np.float32),
-        np.where(there & (median > 0), spread, 0).astype(np.float32),
-        np.where(there, size / n, 0).astype(np.float32),
-        np.where(there, values[first], 0),
-        np.where(there, values[last - 1], 0),
-    )
+    figures = (there, median, np.nan), (there & (median > 0), spread, 0), (there, size / n, 0)
+    ends_of = (np.where(there, values[each], 0) for each in (first, last - 1))
+    return _Mode(*(np.where(*figure).astype(np.float32) for figure in figures), *ends_of)
 
 
 def _usual_spread(far: _Mode, model: SensorModel) -> Callable[[ImageRanges], ImageRanges]:
@@ -525,9 +512,8 @@ def _narrow_broad(mode: _Mode, usual: ImageRanges, images: Sequence[ImageRanges]
 
 
 def _continuation_mask(near: _Mode, far: ImageRanges) -> ImageMask:
-    """Mark pixels whose nearer surface continues a neighbour's farthest, at most `NEIGHBOURS` off."""
-    # It must not be the pixel's own farthest surface going on, as the ground does below the foot of a car: planes have
-    # inverse depths that are linear in the image.
+    """Mark pixels whose nearer surface continues a neighbour's farthest, at most `NEIGHBOURS` off, but not their own,
+    as ground goes on below the foot of a car: planes have inverse depths that are linear in the image."""
     within = np.maximum(SIGMAS * near.spread, GAP_SHARE * near.median)
     inverse = np.where(far > 0, 1 / np.where(far > 0, far, 1), 0)
     padded = np.pad(far, NEIGHBOURS, constant_values=np.nan)

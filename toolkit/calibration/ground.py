@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from toolkit.arrays import Bool, Float, Float64
+from toolkit.arrays import Bool, BoxRows, Float, Float64, Points, Pose
 from toolkit.boxes import check_boxes
 from toolkit.geometry import invert, transform
 
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from toolkit.clouds import PointCloud
 
 _Plane = Float64[np.ndarray, "3"]
-_Points = Float[np.ndarray, "n 3"]
 _Cells = Float64[np.ndarray, "m 3"]
 
 GROUND_CELL = 1.0  # m
@@ -42,7 +41,7 @@ _BANDS = (0.25, 0.15, 0.10, 0.10)  # m about the plane; points within are used t
 _SLOPE_PRIOR = 1e-3  # weight of "level" in the fit, per cell: matters only where the cells lie on one line
 
 
-def fit_plane(points: _Points, *, max_tilt: float = MAX_TILT, seed: int = 0) -> _Plane:
+def fit_plane(points: Points, *, max_tilt: float = MAX_TILT, seed: int = 0) -> _Plane:
     """Fit the ground plane a, b, c to points.
 
     max_tilt: limit (rad) on the lean of its normal. Raises ValueError if no three cells of the grid make such a plane.
@@ -86,7 +85,7 @@ def fit_plane(points: _Points, *, max_tilt: float = MAX_TILT, seed: int = 0) -> 
     return plane
 
 
-def heights_above_plane(plane: _Plane, points: _Points) -> Float64[np.ndarray, " n"]:
+def heights_above_plane(plane: _Plane, points: Points) -> Float64[np.ndarray, " n"]:
     """Height (m, along z) of each point above a plane.
 
     >>> heights_above_plane(np.array([0.1, 0.0, 1.0]), np.array([[10.0, 0.0, 5.0]]))
@@ -95,7 +94,7 @@ def heights_above_plane(plane: _Plane, points: _Points) -> Float64[np.ndarray, "
     return points[:, 2] - points[:, :2].astype(np.float64) @ plane[:2] - plane[2]
 
 
-def low_points(points: _Points, cell: float, share: float = 0.1) -> _Cells:
+def low_points(points: Points, cell: float, share: float = 0.1) -> _Cells:
     """Return one point for each cell of a grid, with a fraction `share` of the cell's points below it.
 
     >>> low_points(np.array([[0.2, 0.2, 5.0], [0.4, 0.2, 1.0], [9.0, 0.0, 2.0]]), 1.0).tolist()
@@ -129,8 +128,7 @@ def support_mask(cells: _Cells, step: float, slope: float, *, others: int) -> Bo
 def lowest_mask(cells: _Cells, slope: float, step: float, *, window: float = STEP_WINDOW) -> Bool[np.ndarray, " m"]:
     """Mark cells than which none within the window (m) lies lower by more than slope and step.
 
-    Raises ValueError if the cells reach too far for an image of them.
-    """
+    Raises ValueError if the cells reach too far for an image of them."""
     from scipy.ndimage import grey_erosion
 
     if not len(cells):
@@ -180,11 +178,10 @@ class HeightMap:
         return map_coordinates(self.heights, place.T, order=1, mode="nearest")
 
 
-def fit_map(points: _Points, *, reach: float = MAP_REACH) -> HeightMap:
+def fit_map(points: Points, *, reach: float = MAP_REACH) -> HeightMap:
     """Fit a map of heights to points with ground near z = 0.
 
-    reach: distance (m) from the middle of the points that the map covers. Raises ValueError unless it is above 0.
-    """
+    reach: distance (m) from the middle of the points that the map covers. Raises ValueError unless it is above 0."""
     if not 0 < reach < np.inf:
         raise ValueError(f"reach must be above 0 m, got {reach}")
     near = points[np.abs(points[:, 2]) < _BAND]
@@ -246,7 +243,7 @@ class Ground:
         return float(np.arctan(np.hypot(self.plane[0], self.plane[1])))
 
     @cached_property
-    def level_SE3_frame(self) -> Float64[np.ndarray, "4 4"]:
+    def level_SE3_frame(self) -> Pose:
         """Rigid motion (4, 4) from the ground's frame to level."""
         a, b, c = self.plane.tolist()
         normal = np.array([-a, -b, 1.0]) / np.sqrt(1 + a * a + b * b)
@@ -262,19 +259,19 @@ class Ground:
         on_plane = np.column_stack([xy, xy @ self.plane[:2] + self.plane[2]])
         return on_plane[:, 2] + self._deviation(transform(self.level_SE3_frame, on_plane)[:, :2])
 
-    def points(self, points: _Points) -> _Points:
+    def points(self, points: Points) -> Points:
         """Return points with z as height above the ground."""
         level = transform(self.level_SE3_frame, np.asarray(points, np.float64))
         level[:, 2] -= self._deviation(level[:, :2])
         return level.astype(points.dtype)
 
-    def points_back(self, points: _Points) -> _Points:
+    def points_back(self, points: Points) -> Points:
         """Undo `points`."""
         raised = np.array(points, np.float64)
         raised[:, 2] += self._deviation(raised[:, :2])
         return transform(invert(self.level_SE3_frame), raised).astype(points.dtype)
 
-    def boxes(self, boxes: Float[np.ndarray, "n 7"]) -> Float64[np.ndarray, "n 7"]:
+    def boxes(self, boxes: BoxRows) -> BoxRows:
         """Return boxes in the level frame, turned with the plane."""
         rows = check_boxes(boxes).copy()
         ahead = np.column_stack([np.cos(rows[:, 6]), np.sin(rows[:, 6])])
@@ -282,7 +279,7 @@ class Ground:
         rows[:, :3], rows[:, 6] = self.points(rows[:, :3]), np.arctan2(ahead[:, 1], ahead[:, 0])
         return rows
 
-    def boxes_back(self, boxes: Float[np.ndarray, "n 7"]) -> Float64[np.ndarray, "n 7"]:
+    def boxes_back(self, boxes: BoxRows) -> BoxRows:
         """Undo `boxes`."""
         rows = check_boxes(boxes).copy()
         ahead = np.column_stack([np.cos(rows[:, 6]), np.sin(rows[:, 6]), np.zeros(len(rows))])
@@ -295,7 +292,7 @@ class Ground:
 
 
 def level(
-    cloud: PointCloud | _Points,
+    cloud: PointCloud | Points,
     *,
     method: Levelling = "map",
     max_tilt: float = MAX_TILT,
@@ -325,7 +322,7 @@ def level(
     return Ground(ground.plane, fit_map(ground.points(points.astype(np.float64)), reach=reach))
 
 
-def level_warning(cloud: PointCloud | _Points, *, height: float = 4.0, seed: int = 0) -> str | None:
+def level_warning(cloud: PointCloud | Points, *, height: float = 4.0, seed: int = 0) -> str | None:
     """Return a warning in one line if less than half of the ground lies within `TOLERANCE` of z = 0, else None.
 
     It also warns of no ground with hardly a point between 0 and `height` (m), but not of a cloud cropped to that slice.
@@ -347,7 +344,7 @@ def level_warning(cloud: PointCloud | _Points, *, height: float = 4.0, seed: int
     return f"{counted}: {seems}: level the points first"
 
 
-def plain_points(cloud: object) -> _Points:
+def plain_points(cloud: object) -> Points:
     """Return the points (n, 3) of a cloud of any kind: Open3D's, tensor or legacy, or an array (n, 3) or (n, 4).
 
     A fourth column, such as intensity, is left out.

@@ -16,11 +16,11 @@ from itertools import combinations
 
 import numpy as np
 
-from toolkit.arrays import Bool, Float64, Int64
+from toolkit.arrays import Bool, BoxRows, Float64, Int64, Pose
 from toolkit.calibration import registration
 from toolkit.calibration.registration import LEVER, Surface, resistance
 from toolkit.frame import Frame
-from toolkit.geometry import Pose, invert, transform
+from toolkit.geometry import invert, transform
 from toolkit.objects import Detector
 from toolkit.points import detect_on_ground, frame_points
 from toolkit.sites.site import Site
@@ -72,8 +72,7 @@ class Alignment:
 
     covariance: of the motions of all sensors, six numbers each (rad and m), that of the usual errors where nothing is
     observed; unobserved: unit motions of all sensors, turns times `LEVER`, other than the common ones; shared: number
-    of rows that each two sensors share; scatter: robust standard deviation (m) of each sensor's rows.
-    """
+    of rows that each two sensors share; scatter: robust standard deviation (m) of each sensor's rows."""
 
     poses: tuple[Pose, ...]
     covariance: Float64[np.ndarray, "m m"]
@@ -95,8 +94,7 @@ def align(
 
     surfaces: each sensor's empty scene in its own frame, normals towards the sensor; held: numbers of sensors that
     stay; more: returns further pairs for poses and a search radius. Raises ValueError for fewer than two sensors, and
-    for an unknown held one.
-    """
+    for an unknown held one."""
     count = len(surfaces)
     if count != len(believed) or count < 2:
         got = f"got {count} surfaces and {len(believed)} poses"
@@ -247,7 +245,7 @@ class SeenBoxes:
     ahead: Float64[np.ndarray, "n 3"]
 
     @classmethod
-    def of(cls, boxes: Float64[np.ndarray, "n 7"], believed: Pose) -> SeenBoxes:
+    def of(cls, boxes: BoxRows, believed: Pose) -> SeenBoxes:
         """Return boxes of the world in the sensor's axes."""
         ahead = np.column_stack([np.cos(boxes[:, 6]), np.sin(boxes[:, 6]), np.zeros(len(boxes))])
         return cls(transform(invert(believed), boxes[:, :3]), ahead @ believed[:3, :3])
@@ -255,13 +253,12 @@ class SeenBoxes:
 
 def seen_objects(frames: Sequence[Frame], detector: Detector, site: Site) -> list[list[SeenBoxes]]:
     """Detect objects in each sensor's cloud alone, per frame."""
-    return [
-        [
-            SeenBoxes.of(detect_on_ground(detector, cloud, site).boxes, sensor.pose)
-            for cloud, sensor in zip(frame_points(frame, area=site), frame.sensors, strict=True)
-        ]
-        for frame in frames
-    ]
+    seen: list[list[SeenBoxes]] = []
+    for frame in frames:
+        clouds = zip(frame_points(frame, area=site), frame.sensors, strict=True)
+        found = ((detect_on_ground(detector, cloud, site).boxes, sensor.pose) for cloud, sensor in clouds)
+        seen.append([SeenBoxes.of(*each) for each in found])
+    return seen
 
 
 def object_pairs(seen: Sequence[Sequence[SeenBoxes]], poses: Poses, radius: float) -> list[Pairs]:
@@ -273,10 +270,8 @@ def object_pairs(seen: Sequence[Sequence[SeenBoxes]], poses: Poses, radius: floa
         if count := len(here):
             axes = np.repeat(np.eye(3), count, axis=0)
             about_z = np.tile([0.0, 0.0, 1 / LEVER, 0.0, 0.0, 0.0], (count, 1))
-            mine, theirs = (
-                np.concatenate([resistance(np.tile(centres, (3, 1)), poses[sensor][:3, 3], axes), about_z])
-                for sensor, centres in ((one, here), (other, there))
-            )
+            places = ((np.tile(here, (3, 1)), poses[one][:3, 3]), (np.tile(there, (3, 1)), poses[other][:3, 3]))
+            mine, theirs = (np.concatenate([resistance(*place, axes), about_z]) for place in places)
             residual = np.concatenate([(here - there).T.ravel(), turn])
             deviation = np.repeat([np.sqrt(2) * _CENTRE, np.sqrt(2) * _HEADING], [3 * count, count])
             limit = np.repeat([gate, _WORST_HEADING], [3 * count, count])
@@ -295,9 +290,8 @@ def _match_boxes(
     nearest = apart.argmin(axis=1)
     row = np.arange(len(here))
     mutual = (apart[:, nearest].argmin(axis=0) == row) & (apart[row, nearest] < gate)
-    heading, other_heading = (
-        np.arctan2(*(boxes.ahead @ at[:3, :3].T)[:, 1::-1].T) for boxes, at in ((mine, pose), (theirs, other_pose))
-    )
+    ways = (boxes.ahead @ at[:3, :3].T for boxes, at in ((mine, pose), (theirs, other_pose)))
+    heading, other_heading = (np.arctan2(way[:, 1], way[:, 0]) for way in ways)
     turn = (heading - other_heading[nearest] + np.pi / 2) % np.pi - np.pi / 2
     some = mutual & (np.abs(turn) < _WORST_HEADING)
     return here[some], there[nearest[some]], turn[some]

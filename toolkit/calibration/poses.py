@@ -12,17 +12,17 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from toolkit.arrays import Float64
+from toolkit.arrays import Float64, Points, Pose
 from toolkit.calibration import registration as reference_fit
 from toolkit.calibration.empty_scene import GRID_SAMPLES, SAMPLE, STANDS_STILL, learn_empty_scenes, learn_sample_scenes
 from toolkit.calibration.joint import MorePairs, align, face_sensor, object_pairs, seen_objects
-from toolkit.calibration.registration import LEVER, Points, Registration, Surface, motion_between, scene_points
+from toolkit.calibration.registration import LEVER, Registration, Surface, motion_between, scene_points
 from toolkit.datasets import published_layout as published
 from toolkit.datasets.dataset import CoopDataset, list_cameras
 from toolkit.datasets.doctor import Finding
 from toolkit.datasets.recordings import write_recording
 from toolkit.frame import Frame, Frames, Recording, RecordingView, SensorCloud, select_sensors
-from toolkit.geometry import Pose, check_pose, invert
+from toolkit.geometry import check_pose, invert
 from toolkit.objects import Detector
 from toolkit.runtime.files import parse_json, replace_infinite, write_text, writing
 from toolkit.runtime.hdf5 import hdf5_file
@@ -86,24 +86,18 @@ class FoundPose:
     def described(self) -> dict[str, object]:
         """Return its figures for files, in degrees and metres about the world's axes.
 
-        Standard deviations are infinite for motions that are not observed.
-        """
-        poses = {"world_SE3_sensor": self.pose.tolist(), "believed_world_SE3_sensor": self.sensor.pose.tolist()}
+        Standard deviations are infinite for motions that are not observed."""
+        poses: dict[str, object] = {"world_SE3_sensor": self.pose.tolist()}
+        poses["believed_world_SE3_sensor"] = self.sensor.pose.tolist()
         if self.registration is None:
             return {**poses, "found": False, "why": self.refusal}
         turn, move = np.split(self.registration.deviations, 2)
-        return {
-            **poses,
-            "found": True,
-            "turned_deg": float(np.rad2deg(self.turn)),
-            "moved_m": self.distance,
-            "drifted": self.drifted,
-            "standard_deviation": {"turn_deg": np.rad2deg(turn).tolist(), "move_m": move.tolist()},
-            "covariance_rad_m": self.registration.covariance.tolist(),
-            "unobserved": [describe_motion(motion) for motion in self.registration.unobserved],
-            "overlap": self.registration.overlap,
-            "scatter_m": self.registration.scatter,
-        }
+        said = poses | {"found": True, "turned_deg": float(np.rad2deg(self.turn)), "moved_m": self.distance}
+        said["drifted"] = self.drifted
+        said["standard_deviation"] = {"turn_deg": np.rad2deg(turn).tolist(), "move_m": move.tolist()}
+        said["covariance_rad_m"] = self.registration.covariance.tolist()
+        said["unobserved"] = [describe_motion(motion) for motion in self.registration.unobserved]
+        return said | {"overlap": self.registration.overlap, "scatter_m": self.registration.scatter}
 
 
 def describe_motion(motion: Float64[np.ndarray, "6"]) -> str:
@@ -143,8 +137,7 @@ def find_poses(
     progress: called with the number of sensors done.
 
     Raises ValueError for too few frames of images, clouds without points, fewer than two sensors without a surface, and
-    unknown sensors.
-    """
+    unknown sensors."""
     count, more = min(len(recording), len(recording) if frames is None else frames), None
     if len(recording) and not recording[0].has_images:
         sensors, seen = _seen_in_clouds(recording, count)
@@ -197,8 +190,7 @@ def align_clouds(
 ) -> tuple[FoundPose, ...]:
     """Fit the poses of sensors to each other by clouds of the same standing scene, each in its sensor's frame.
 
-    held: numbers of sensors that stay; more: see `toolkit.calibration.joint.align`.
-    """
+    held: numbers of sensors that stay; more: see `toolkit.calibration.joint.align`."""
     surfaces = [face_sensor(reference_fit.cloud_surface(points)) for points in clouds]
     alignment, found = align(surfaces, [sensor.pose for sensor in sensors], held=held, more=more), []
     for k, sensor in enumerate(sensors):
@@ -267,8 +259,7 @@ def _seen_in_clouds(recording: Frames, count: int) -> tuple[tuple[Sensor, ...], 
 def check_drift(path: str | Path, reference: str | Path, site: Site | None = None) -> list[Finding]:
     """Warn of each sensor that disagrees with the reference (see `read_surface`), or of a recording without poses.
 
-    Raises ValueError and OSError if the reference cannot be read.
-    """
+    Raises ValueError and OSError if the reference cannot be read."""
     surface = reference_fit.read_surface(reference)
     try:
         with CoopDataset(path, site) as recording:
@@ -286,10 +277,9 @@ def drift_findings(found: Sequence[FoundPose], reference: str) -> list[Finding]:
             suspected = f"its pose cannot be checked against {reference}"
             findings.append(Finding("warning", where, suspected, each.refusal, "check by hand"))
         elif each.drifted:
-            off = (
-                f"turned by {np.rad2deg(each.turn):.2f}° and moved by {each.distance * 100:.1f} cm against {reference}"
-            )
-            evidence = f"{off}, to within {np.rad2deg(turn):.2f}° and {move * 100:.1f} cm"
+            off = f"turned by {np.rad2deg(each.turn):.2f}° and moved by {each.distance * 100:.1f} cm"
+            within = f"to within {np.rad2deg(turn):.2f}° and {move * 100:.1f} cm"
+            evidence = f"{off} against {reference}, {within}"
             said = "it hangs crooked or has drifted", evidence, "write its pose by coview calibrate"
             findings.append(Finding("warning", where, *said))
     return findings
@@ -311,8 +301,7 @@ def copy_corrected(
 
     The extrinsics, the sensors of the site in the file and the plan it was made from change, nothing else. note: kept
     as JSON in the attribute `calibration` of the file. Raises ValueError for an unknown sensor and for a pose that is
-    not rigid.
-    """
+    not rigid."""
     names = [sensor.name for sensor in recording.sensors]
     for name, pose in poses.items():
         if name not in names:

@@ -22,11 +22,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from toolkit.arrays import Float, Float64, ImageMask, Int64
+from toolkit.arrays import Float, Float64, ImageMask, Int64, Points, Pose
 from toolkit.calibration.empty_scene import EmptyScene, learn_empty_scenes
 from toolkit.datasets.cloud_files import read_points
 from toolkit.datasets.dataset import CoopDataset
-from toolkit.geometry import Pose, transform
+from toolkit.geometry import transform
 from toolkit.rendering.static_scene import build_scenery
 from toolkit.sensors.error_terms import make_rotation
 from toolkit.sites.files import load_site
@@ -35,7 +35,6 @@ from toolkit.sites.site import Site
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
 
-Points = Float64[np.ndarray, "n 3"]
 Motion = Float64[np.ndarray, "6"]  # turns times `LEVER` and moves, m
 _Deviations = Float[np.ndarray, " n"]
 _Levels = Sequence[tuple[float, float, float]]
@@ -94,8 +93,7 @@ def read_surface(reference: str | Path, *, frames: int | None = None) -> Surface
 
     The ending of a file decides: a recording (.hdf5, .h5), a site (.json, .geojson), else a cloud in the frame of the
     site (see `toolkit.datasets.cloud_files`). A recording gives what its sensors saw in its first `frames` frames, from
-    their believed poses, noise-free. Raises ValueError and OSError as the readers do.
-    """
+    their believed poses, noise-free. Raises ValueError and OSError as the readers do."""
     ending = Path(reference).suffix.lower()
     if ending in (".hdf5", ".h5"):
         with CoopDataset(reference) as recording:
@@ -127,11 +125,10 @@ def site_surface(site: Site, *, seed: int = 0) -> Surface:
     return Surface(points, across[chosen] / size[chosen, None], np.zeros(len(points)))
 
 
-def cloud_surface(points: Float[np.ndarray, "n 3"]) -> Surface:
+def cloud_surface(points: Points) -> Surface:
     """Return the thinned surface of a cloud, without points off flat surfaces.
 
-    Raises ValueError if fewer than `LEAST_FLAT` are left.
-    """
+    Raises ValueError if fewer than `LEAST_FLAT` are left."""
     import open3d as o3d
 
     points = np.asarray(points, np.float64)
@@ -156,8 +153,7 @@ def _check_flat(count: int) -> None:
 def scene_points(scene: EmptyScene, *, least_share: float = 0.5) -> tuple[Points, Float64[np.ndarray, " n"]]:
     """Points of an empty scene in the sensor's frame, and their standard deviations (m).
 
-    Pixels that show something else in more than `least_share` of the frames are left out.
-    """
+    Pixels that show something else in more than `least_share` of the frames are left out."""
     model = scene.model
     seen: ImageMask = (scene.first > 0) & (scene.share >= least_share)
     rays = model.rays().astype(np.float64)[seen]
@@ -183,14 +179,11 @@ class Registration:
         return np.where(hidden, np.inf, np.sqrt(np.diag(self.covariance)))
 
 
-def register(
-    points: Float[np.ndarray, "n 3"], surface: Surface, believed: Pose, *, deviation: _Deviations | None = None
-) -> Registration:
+def register(points: Points, surface: Surface, believed: Pose, *, deviation: _Deviations | None = None) -> Registration:
     """Find the pose world_SE3_sensor near the believed one.
 
     points: measured, in the sensor's own frame; deviation: of each point (m), which lowers its weight. Raises
-    ValueError if fewer than 50 points have a counterpart within 3 m.
-    """
+    ValueError if fewer than 50 points have a counterpart within 3 m."""
     points = np.asarray(points, np.float64)
     noise = np.full(len(points), _LEAST_SCALE) if deviation is None else np.maximum(deviation, _LEAST_SCALE)
     believed = np.array(believed, np.float64)
@@ -202,10 +195,8 @@ def register(
             coarse.append(pose)
     fine = [_align_levels(points, noise, surface, pose, _FINE) for pose in coarse]
     best = max(system.agreement for _, system in fine)
-    pose, system = min(
-        (each for each in fine if each[1].agreement >= best - _AS_GOOD),
-        key=lambda each: float(np.linalg.norm(motion_between(believed, each[0]))),
-    )
+    as_good = [each for each in fine if each[1].agreement >= best - _AS_GOOD]
+    pose, system = min(as_good, key=lambda each: float(np.linalg.norm(motion_between(believed, each[0]))))
     if len(system.hidden_motions):  # a coarse level may have gone astray along these
         motion = motion_between(believed, pose)
         motion -= system.hidden_motions.T @ (system.hidden_motions @ motion)

@@ -24,8 +24,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from toolkit.arrays import Float64
-from toolkit.geometry import MOST_DISTANT, Pose, check_pose, invert, transform
+from toolkit.arrays import Float64, Pose
+from toolkit.geometry import MOST_DISTANT, check_pose, invert, transform
 from toolkit.point_files import Attributes, missing_axes, name_attributes
 from toolkit.runtime.files import (
     MOST_CLOUD,
@@ -48,8 +48,7 @@ def fuse_files(paths: Sequence[str | Path], poses: Sequence[Pose]) -> PointCloud
     """Return one float64 cloud in the poses' common frame: sensor k recorded paths[k] and stood at poses[k].
 
     Normals turn with their pose. Attributes that all files have stay; a warning names the others, see `fuse`. Raises
-    FileNotFoundError, and ValueError for a file without points or an invalid pose.
-    """
+    FileNotFoundError, and ValueError for a file without points or an invalid pose."""
     from toolkit.clouds import from_attributes, fuse
 
     if len(paths) != len(poses):

@@ -7,6 +7,7 @@ import os
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields, replace
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import NamedTuple, SupportsIndex, overload
@@ -54,8 +55,7 @@ class CoopDataset(DisplayedRecording, Sequence[Frame]):
     reading the frame of the first such row raises ValueError.
 
     Raises FileNotFoundError; OSError for a file that is cut off or not HDF5; ValueError, which names what is wrong in
-    the file, for another layout; IndexError for an unknown frame.
-    """
+    the file, for another layout; IndexError for an unknown frame."""
 
     def __init__(self, path: str | Path, site: Site | None = None, *, drop_invalid: bool = False) -> None:
         self.path, self.drop_invalid = Path(path), drop_invalid
@@ -147,14 +147,9 @@ class CoopDataset(DisplayedRecording, Sequence[Frame]):
         except ValueError as error:
             raise type(error)(f"{self.path}: frame {k}: {error}") from None
         time = 0.0 if self.times is None else float(self.times[k])
+        frame = partial(Frame, complete=self._area, map_SE3_world=self.site.map_SE3_site)
         categories = tuple(LABELS[label] for label in objects.labels.tolist())
-        return Frame(
-            *(self.sensors, measurements, objects, time, k),
-            name=f"{k:06d}",
-            categories=categories,
-            complete=self._area,
-            map_SE3_world=self.site.map_SE3_site,
-        )
+        return frame(self.sensors, measurements, objects, time, k, name=f"{k:06d}", categories=categories)
 
     def _objects(self, file: h5py.File, k: int) -> Objects:
         name, ids = f"objects/{k}", None
@@ -177,11 +172,9 @@ class CoopDataset(DisplayedRecording, Sequence[Frame]):
             count = sum(int((words != "").sum()) for words in faults.values())
             first = faults[frames[0]]
             row = int((first != "").argmax())
-            warnings.warn(
-                f"{self.path}: {count} objects in {len(frames)} frames are left out, the first is objects/{frames[0]} "
-                f"row {row}, which {first[row]}",
-                stacklevel=4,
-            )
+            said = f"objects/{frames[0]} row {row}, which {first[row]}"
+            left_out = f"{self.path}: {count} objects in {len(frames)} frames are left out"
+            warnings.warn(f"{left_out}, the first is {said}", stacklevel=4)
 
 
 def open_file(path: str | Path) -> h5py.File:
@@ -256,10 +249,8 @@ def _channels(file: h5py.File, cameras: Sequence[str], site: Site) -> tuple[Stor
         if depth.ndim != 4 or depth.dtype.kind != "f":
             raise ValueError(f"dslices must be floats of shape [T, C, H, W], got {depth.dtype} of shape {depth.shape}")
         if len(cameras) != depth.shape[1]:
-            raise ValueError(
-                f"dslices has {depth.shape[1]} depth images a frame, but cameras/ has {len(cameras)} whose name starts"
-                f" with d: {', '.join(cameras) or 'none'}"
-            )
+            there = f"{len(cameras)} whose name starts with d: {', '.join(cameras) or 'none'}"
+            raise ValueError(f"dslices has {depth.shape[1]} depth images a frame, but cameras/ has {there}")
         for place, name in enumerate(cameras):
             sensor, stride = _camera(file[f"cameras/{name}"], depth.shape[2:], site)
             every.append(StoredChannel(sensor, "dslices", place, stride))
@@ -271,8 +262,8 @@ def _channels(file: h5py.File, cameras: Sequence[str], site: Site) -> tuple[Stor
             raise ValueError(f"{name} must be [T, *{sensor.model.shape}], got {images.shape}")
         every.append(StoredChannel(sensor, name))
     if not has_images and not every:
-        there = hdf5.child_names(file, "/") or "nothing"
-        raise ValueError(f"dataset 'dslices' (depth images [T, C, H, W]) is missing: it holds {there}")
+        held = hdf5.child_names(file, "/") or "nothing"
+        raise ValueError(f"dataset 'dslices' (depth images [T, C, H, W]) is missing: it holds {held}")
     channels = {channel.sensor.name: channel for channel in every}
     if len(channels) < len(every):
         names = ", ".join(channel.sensor.name for channel in every)
@@ -301,8 +292,7 @@ def _camera(group: h5py.Group, shape: tuple[int, int], site: Site) -> tuple[Sens
         ours = _own_sensor(attributes, where)
         camera = ours.model
         if not isinstance(camera, DepthCamera):
-            kind = type(camera).__name__
-            raise ValueError(f"{where} is a {kind}, which dslices cannot hold: write the file again")
+            raise ValueError(f"{where} is a {type(camera).__name__}, which dslices cannot hold: write the file again")
         stride = camera.stride
         written = published.intrinsic(camera), published.extrinsic(ours.pose, site.map_SE3_site)
         pairs = zip(written, (intrinsic, extrinsic), strict=True)
@@ -326,5 +316,5 @@ def _own_sensor(attributes: Mapping[str, object], where: str) -> Sensor:
         values = {name: np.asarray(attributes[name]).tolist() for name in entries}
         return Sensor(str(attributes["name"]), make_model(kind, values), np.asarray(attributes["site_SE3_sensor"]))
     except (TypeError, AttributeError, ValueError, OverflowError) as error:
-        reason = f"attributes of {where} describe no sensor ({error}): the file is damaged, restore it"
-        raise ValueError(reason) from None
+        wrong = f"attributes of {where} describe no sensor ({error})"
+        raise ValueError(f"{wrong}: the file is damaged, restore it") from None

@@ -114,15 +114,10 @@ def check_measurements(
         words = f"depth in {_UNITS.get(units[best], 'another unit')} instead of metres"
         findings.append(_error("dslices", words, evidence, f"multiply by {units[best]:g}"))
     exam = examined[best]
-    return [
-        *findings,
-        *_no_points(exam.views, frames),
-        *exam.disagreements(),
-        *_posture(exam),
-        *_ground(exam),
-        *_unseen(exam),
-        *(Finding("warning", *said) for said in failing_sensors(exam.views, exam.rows, dataset.site, frames)),
-    ]
+    findings += [*_no_points(exam.views, frames), *exam.disagreements()]
+    findings += [*_posture(exam), *_ground(exam), *_unseen(exam)]
+    failing = failing_sensors(exam.views, exam.rows, dataset.site, frames)
+    return findings + [Finding("warning", *said) for said in failing]
 
 
 class _Examination:
@@ -244,8 +239,7 @@ def _misplaced(rows: list[np.ndarray], site: Site) -> tuple[list[Finding], list[
         remedy = "pass the site where this was recorded, or check the coordinates"
         return [_error("objects", "objects elsewhere than the site", evidence, remedy)], rows
     evidence += f", {nearby['y']:.0%} with y negated"
-    remedy = "negate columns 1 (y) and 5 (yaw) of objects"
-    return [_error("objects", "mirrored y axis", evidence, remedy)], [table * flips["y"] for table in rows]
+    return [_error("objects", "mirrored y axis", evidence, mistakes.MIRROR_Y)], [table * flips["y"] for table in rows]
 
 
 def _ground(exam: _Examination) -> Iterator[Finding]:
@@ -318,9 +312,8 @@ def suspect_times(times: Float64[np.ndarray, " frames"]) -> Iterator[Finding]:
         yield _error("frames", "times that repeat or go back", evidence, "check the times, or sort the frames")
     elif len(steps) and not SHORTEST_STEP < np.median(steps) < LONGEST_STEP:
         evidence = f"{np.median(steps):g} s from frame to frame, median of {len(steps)}"
-        yield Finding(
-            "warning", "frames", "times in another unit than seconds", evidence, "check the unit of the times"
-        )
+        said = "times in another unit than seconds", evidence, "check the unit of the times"
+        yield Finding("warning", "frames", *said)
 
 
 def _depth_units(file: h5py.File) -> tuple[float, ...]:

@@ -21,7 +21,7 @@ from functools import cached_property
 
 import numpy as np
 
-from toolkit.arrays import Bool, Float32, Float64, Int64
+from toolkit.arrays import Float32, Float64, Int64, Mask
 from toolkit.frame import SensorCloud
 from toolkit.sensors.models import RowLidar
 
@@ -184,8 +184,8 @@ class CloudImage:
     grid: LidarGrid
     measurement: Float32[np.ndarray, "rows columns"]
     cells: Int64[np.ndarray, " n"]
-    inside: Bool[np.ndarray, " n"]
-    shown: Bool[np.ndarray, " n"]
+    inside: Mask
+    shown: Mask
 
     @property
     def left_out(self) -> dict[str, int]:

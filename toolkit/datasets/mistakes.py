@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from toolkit.arrays import Bool, Float, Float32, Float64
+from toolkit.arrays import Bool, Float, Float32, Float64, Pose
 from toolkit.datasets import published_layout as published
 from toolkit.geometry import invert, transform
 from toolkit.objects import HEAVY, VEHICLE
@@ -85,56 +85,31 @@ class Mistake(NamedTuple):
 
 
 _COLUMNS = ("x", "y", "z", "pitch", "roll", "yaw", "l", "w", "h", "label")
+_FULL = "full extents stored where half extents belong: the boxes are twice too large"
+_HALVED = "half of the half extents stored: the boxes are half as large as their objects"
+_RADIANS, _TWICE = "yaw in radians where degrees belong", "yaw turned from radians to degrees twice"
+_NEGATE_YAW = "negate column 5 of objects: CARLA's y points the other way, so does its yaw"
+MIRROR_Y = "negate columns 1 (y) and 5 (yaw) of objects"
+_MIRRORED = "mirrored y axis: a right-handed world where CARLA's left-handed one belongs"
+_MIRROR_X = "negate column 0 (x) of objects and take 180 degrees minus column 5 (yaw)"
+_SWAP = "swap columns 0 and 1 of objects and take 90 degrees minus column 5 (yaw)"
+_END = "the centre of the {} stored where the centre of the box belongs: the boxes {} by half their height"
+_ADD = "add column 8 (half height) to column 2 (z) of objects"
+_SUBTRACT = "subtract column 8 (half height) from column 2 (z) of objects"
 OBJECT_MISTAKES = (
-    Mistake(
-        "full extents stored where half extents belong: the boxes are twice too large",
-        "halve columns 6 to 8 of objects",
-        lambda o: {key: o[key] / 2 for key in "lwh"},
-    ),
-    Mistake(
-        "half of the half extents stored: the boxes are half as large as their objects",
-        "double columns 6 to 8 of objects",
-        lambda o: {key: o[key] * 2 for key in "lwh"},
-    ),
+    Mistake(_FULL, "halve columns 6 to 8 of objects", lambda o: {key: o[key] / 2 for key in "lwh"}),
+    Mistake(_HALVED, "double columns 6 to 8 of objects", lambda o: {key: o[key] * 2 for key in "lwh"}),
     Mistake("length and width swapped", "swap columns 6 and 7 of objects", lambda o: {"l": o["w"], "w": o["l"]}),
-    Mistake(
-        *("yaw in radians where degrees belong", "multiply column 5 of objects by 180 / pi"),
-        lambda o: {"yaw": np.rad2deg(o["yaw"])},
-    ),
-    Mistake(
-        *("yaw turned from radians to degrees twice", "multiply column 5 of objects by pi / 180"),
-        lambda o: {"yaw": np.deg2rad(o["yaw"])},
-    ),
-    Mistake(
-        "yaw counted the other way round",
-        "negate column 5 of objects: CARLA's y points the other way, so does its yaw",
-        lambda o: {"yaw": -o["yaw"]},
-    ),
+    Mistake(_RADIANS, "multiply column 5 of objects by 180 / pi", lambda o: {"yaw": np.rad2deg(o["yaw"])}),
+    Mistake(_TWICE, "multiply column 5 of objects by pi / 180", lambda o: {"yaw": np.deg2rad(o["yaw"])}),
+    Mistake("yaw counted the other way round", _NEGATE_YAW, lambda o: {"yaw": -o["yaw"]}),
     Mistake("yaw a quarter turn off", "add 90 degrees to column 5 of objects", lambda o: {"yaw": o["yaw"] + 90}),
-    Mistake(
-        "mirrored y axis: a right-handed world where CARLA's left-handed one belongs",
-        "negate columns 1 (y) and 5 (yaw) of objects",
-        lambda o: {"y": -o["y"], "yaw": -o["yaw"]},
-    ),
+    Mistake(_MIRRORED, MIRROR_Y, lambda o: {"y": -o["y"], "yaw": -o["yaw"]}),
     Mistake("mirrored y axis, of the positions alone", "negate column 1 (y) of objects", lambda o: {"y": -o["y"]}),
-    Mistake(
-        *("mirrored x axis", "negate column 0 (x) of objects and take 180 degrees minus column 5 (yaw)"),
-        lambda o: {"x": -o["x"], "yaw": 180 - o["yaw"]},
-    ),
-    Mistake(
-        *("x and y swapped", "swap columns 0 and 1 of objects and take 90 degrees minus column 5 (yaw)"),
-        lambda o: {"x": o["y"], "y": o["x"], "yaw": 90 - o["yaw"]},
-    ),
-    Mistake(
-        "the centre of the floor stored where the centre of the box belongs: the boxes are sunk by half their height",
-        "add column 8 (half height) to column 2 (z) of objects",
-        lambda o: {"z": o["z"] + o["h"]},
-    ),
-    Mistake(
-        "the centre of the roof stored where the centre of the box belongs: the boxes float by half their height",
-        "subtract column 8 (half height) from column 2 (z) of objects",
-        lambda o: {"z": o["z"] - o["h"]},
-    ),
+    Mistake("mirrored x axis", _MIRROR_X, lambda o: {"x": -o["x"], "yaw": 180 - o["yaw"]}),
+    Mistake("x and y swapped", _SWAP, lambda o: {"x": o["y"], "y": o["x"], "yaw": 90 - o["yaw"]}),
+    Mistake(_END.format("floor", "are sunk"), _ADD, lambda o: {"z": o["z"] + o["h"]}),
+    Mistake(_END.format("roof", "float"), _SUBTRACT, lambda o: {"z": o["z"] - o["h"]}),
 )
 
 
@@ -162,7 +137,7 @@ def witnesses(views: Sequence[SensorImages]) -> list[Witness]:
     return chosen
 
 
-def fit(clouds: Sequence[np.ndarray], rows: Sequence[Rows], map_SE3_site: Float[np.ndarray, "4 4"]) -> float:
+def fit(clouds: Sequence[np.ndarray], rows: Sequence[Rows], map_SE3_site: Pose) -> float:
     """Share of points on the boxes of their frame. clouds: (n, 3) in the site's frame, one for each frame."""
     on_boxes = 0
     for points, table in zip(clouds, rows, strict=True):
@@ -190,7 +165,7 @@ def collect_clouds(
 
 
 def suspect_objects(
-    chosen: Sequence[Witness], sensors: Sequence[Sensor], rows: Sequence[Rows], map_SE3_site: Float[np.ndarray, "4 4"]
+    chosen: Sequence[Witness], sensors: Sequence[Sensor], rows: Sequence[Rows], map_SE3_site: Pose
 ) -> tuple[list[Suspicion], list[Rows], float]:
     """Find the mistake, or pair of mistakes, in the objects. Returns it, the rows without it, and the fit of these."""
     clouds = collect_clouds(chosen, sensors, len(rows))
@@ -217,8 +192,20 @@ def _without(mistakes: Sequence[Mistake], rows: Rows) -> Rows:
     return rows
 
 
+_FOR_ANOTHER = "its extrinsic is for a right-handed world and a camera with"
+_SENSOR_MISTAKES = {  # with their remedies
+    "its extrinsic is camera → world, the inverse of what belongs there": "store the inverse of extrinsic",
+    f"{_FOR_ANOTHER} x right, y down, z forward": "turn extrinsic into CARLA's world (y negated) and a camera with X "
+    "forward, Y right, Z up",
+    f"{_FOR_ANOTHER} x forward, y left, z up": "negate y of the world and of the camera in extrinsic",
+    "its depth is the distance along the ray, not along the optical axis": "divide each depth by the length of its ray "
+    "whose X is 1",
+    "it looks away: in the opposite direction": "turn extrinsic by 180 degrees about the camera's Z",
+}
+
+
 def suspect_sensor(
-    chosen: Sequence[Witness], sensor: Sensor, rows: Sequence[Rows], map_SE3_site: Float[np.ndarray, "4 4"]
+    chosen: Sequence[Witness], sensor: Sensor, rows: Sequence[Rows], map_SE3_site: Pose
 ) -> tuple[Suspicion | None, float]:
     """Find the pose or depth mistake of one sensor by its witnesses. Returns its fit too."""
     stored = published.extrinsic(sensor.pose, map_SE3_site)
@@ -234,33 +221,14 @@ def suspect_sensor(
         return None, current
     right_handed = published.MAP_FROM_CARLA
     undone = (
-        (
-            "its extrinsic is camera → world, the inverse of what belongs there",
-            "store the inverse of extrinsic",
-            measure_fit(invert(stored)),
-        ),
-        (
-            "its extrinsic is for a right-handed world and a camera with x right, y down, z forward",
-            "turn extrinsic into CARLA's world (y negated) and a camera with X forward, Y right, Z up",
-            measure_fit(_FORWARD_FIRST @ stored @ right_handed),
-        ),
-        (
-            "its extrinsic is for a right-handed world and a camera with x forward, y left, z up",
-            "negate y of the world and of the camera in extrinsic",
-            measure_fit(right_handed @ stored @ right_handed),
-        ),
-        (
-            "its depth is the distance along the ray, not along the optical axis",
-            "divide each depth by the length of its ray whose X is 1",
-            measure_fit(stored, along_ray=True),
-        ),
-        (
-            "it looks away: in the opposite direction",
-            "turn extrinsic by 180 degrees about the camera's Z",
-            measure_fit(np.diag([-1.0, -1, 1, 1]) @ stored),
-        ),
+        measure_fit(invert(stored)),
+        measure_fit(_FORWARD_FIRST @ stored @ right_handed),
+        measure_fit(right_handed @ stored @ right_handed),
+        measure_fit(stored, along_ray=True),
+        measure_fit(np.diag([-1.0, -1, 1, 1]) @ stored),
     )
-    attempts = [Suspicion(mistake, remedy, current, after) for mistake, remedy, after in undone]
+    named = zip(_SENSOR_MISTAKES.items(), undone, strict=True)
+    attempts = [Suspicion(mistake, remedy, current, after) for (mistake, remedy), after in named]
     best = max(attempts, key=lambda suspicion: suspicion.after)
     return (best if best.after >= max(FITS, current + CLEAR) else None), current
 
@@ -270,10 +238,7 @@ CLEARLY = 0.2  # least gain in fit that raises suspicion of shifted frames
 
 
 def suspect_frames(
-    clouds: Sequence[Float[np.ndarray, "_ 3"]],
-    tables: Sequence[Rows],
-    frames: Sequence[int],
-    map_SE3_site: Float[np.ndarray, "4 4"],
+    clouds: Sequence[Float[np.ndarray, "_ 3"]], tables: Sequence[Rows], frames: Sequence[int], map_SE3_site: Pose
 ) -> tuple[Suspicion | None, list[Rows]]:
     """Find the number of frames by which objects are off. Returns it and the rows that belong to `frames`. clouds:
     moving points of `frames`, site frame; tables: rows of all frames of the file."""

@@ -14,7 +14,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from toolkit.arrays import Float, Float32, Float64, Shaped
+from toolkit.arrays import Float, Float32, Float64, Pose, Shaped
 from toolkit.geometry import check_pose, invert, transform
 from toolkit.objects import LABELS, Objects
 from toolkit.sensors.models import DepthCamera
@@ -34,16 +34,12 @@ class InvalidObjects(ValueError):
     """A table row that no object can have, see `wrong_rows`."""
 
 
-def extrinsic(
-    site_SE3_sensor: Float[np.ndarray, "4 4"], map_SE3_site: Float[np.ndarray, "4 4"]
-) -> Float64[np.ndarray, "4 4"]:
+def extrinsic(site_SE3_sensor: Pose, map_SE3_site: Pose) -> Pose:
     """Published extrinsic (CARLA world → forward-first camera) of a camera's pose in the site frame."""
     return invert(MAP_FROM_CARLA @ map_SE3_site @ site_SE3_sensor @ _OPENCV_FROM_PUBLISHED)
 
 
-def parse_extrinsic(
-    published: Float[np.ndarray, "rows columns"], map_SE3_site: Float[np.ndarray, "4 4"], name: str = "extrinsic"
-) -> Float64[np.ndarray, "4 4"]:
+def parse_extrinsic(published: Float[np.ndarray, "rows columns"], map_SE3_site: Pose, name: str = "extrinsic") -> Pose:
     """Pose site_SE3_sensor behind a published extrinsic. Raises ValueError unless it is a rigid motion.
 
     >>> pose = np.diag([1.0, -1, -1, 1])
@@ -87,7 +83,7 @@ def parse_intrinsic(
     return camera
 
 
-def format_objects(objects: Objects, map_SE3_site: Float[np.ndarray, "4 4"]) -> Float64[np.ndarray, "n 10"]:
+def format_objects(objects: Objects, map_SE3_site: Pose) -> Float64[np.ndarray, "n 10"]:
     """Return objects of the site frame as published rows, see `OBJECT_COLUMNS`."""
     rows = np.zeros((len(objects), len(OBJECT_COLUMNS)))
     rows[:, :3] = transform(MAP_FROM_CARLA @ map_SE3_site, objects.boxes[:, :3])
@@ -98,10 +94,7 @@ def format_objects(objects: Objects, map_SE3_site: Float[np.ndarray, "4 4"]) -> 
 
 
 def parse_rows(
-    rows: Shaped[np.ndarray, "..."],
-    map_SE3_site: Float[np.ndarray, "4 4"],
-    ids: np.ndarray | None = None,
-    name: str = "objects",
+    rows: Shaped[np.ndarray, "..."], map_SE3_site: Pose, ids: np.ndarray | None = None, name: str = "objects"
 ) -> Objects:
     """Return published rows as objects of the site frame, without pitch and roll, yaw in -pi..pi. Raises ValueError if
     the rows have another width, and InvalidObjects for a row that is no object, see `wrong_rows`.

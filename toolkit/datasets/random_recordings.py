@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import numpy as np
 
-from toolkit.arrays import Float32
+from toolkit.arrays import Float32, Rng
 from toolkit.frame import Frame
 from toolkit.runtime.code_digest import code_digest
 from toolkit.runtime.resumable import ShardFolder, make_shards
@@ -51,9 +51,7 @@ def random_recording(seed: int, number: int, frames: int, *, fleet: Fleet | None
     return record_randomly(random_site(rng), rng, frames, fleet=fleet)
 
 
-def record_randomly(
-    site: Site, rng: np.random.Generator, frames: int, *, fleet: Fleet | None = None
-) -> RandomRecording:
+def record_randomly(site: Site, rng: Rng, frames: int, *, fleet: Fleet | None = None) -> RandomRecording:
     """Simulate a site as `random_recording` does, with random sensors on its mounts and random traffic."""
     from toolkit.bodies.body import stretch_randomly
     from toolkit.bodies.fleet import fleet_named
@@ -71,11 +69,11 @@ def record_randomly(
     mix = Mix(most, parked, strays=float(rng.uniform(0, MOST_STRAYS)))
     snapshots = simulate(site, bodies, frames=frames, seed=rng, mix=mix, once=bool(fleet.drawn))
     renderer = Renderer(site, bodies, sensors, threads=1)
-    recorded = tuple(
-        Frame(sensors, renderer.render(snapshot).measurements, snapshot.objects, snapshot.time, index)
-        for index, snapshot in enumerate(snapshots)
-    )
-    return RandomRecording(site, recorded, renderer.background)
+    recorded = []
+    for index, snapshot in enumerate(snapshots):
+        measurements = renderer.render(snapshot).measurements
+        recorded.append(Frame(sensors, measurements, snapshot.objects, snapshot.time, index))
+    return RandomRecording(site, tuple(recorded), renderer.background)
 
 
 def random_recordings_file(

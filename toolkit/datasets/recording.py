@@ -109,9 +109,8 @@ def join(header: Header, parts: Sequence[Path], out: Path) -> None:
         for path, frames, count in zip(parts, lengths, objects, strict=True):
             with h5py.File(path) as part:
                 joined["coview/time"][first : first + frames] = part["coview/time"][:]
-                joined["coview/object_start"][first : first + frames + 1] = (
-                    first_object + part["coview/object_start"][:]
-                )
+                starts = first_object + part["coview/object_start"][:]
+                joined["coview/object_start"][first : first + frames + 1] = starts
                 for column in ("coview/object_ids", "coview/object_bodies"):
                     joined[column][first_object : first_object + count] = part[column][:]
                 for k in range(frames):

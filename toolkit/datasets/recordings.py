@@ -4,8 +4,10 @@ an entry point of the group `coview.layouts`, whose name is the layout's and who
 from __future__ import annotations
 
 import inspect
+import itertools
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib import import_module
@@ -24,9 +26,8 @@ GROUP = "coview.layouts"
 
 @dataclass(frozen=True)
 class Layout:
-    """A way to write recordings down. module: where its functions are; reader: from a path to a recording; writer: from
-    frames and a path to their number, None for a layout that is only read; file: it writes one file instead of a
-    folder."""
+    """A way to write recordings down. module: where its functions are; reader: from a path to a recording; writer: of
+    frames at a path, None for a layout that is only read; file: it writes one file instead of a folder."""
 
     name: str
     module: str
@@ -41,16 +42,19 @@ class Layout:
 
     @property
     def write(self) -> Callable[[Iterable[Frame], Path], int]:
-        """The writer; a folder appears whole. Raises ValueError for a read-only layout."""
+        """The writer, which returns the number of frames; a folder appears whole. ValueError for a read-only layout."""
         if self.writer is None:
             raise ValueError(f"layout {self.name} is only read: write another, such as folder")
         writer = getattr(import_module(self.module), self.writer)
 
         def write_whole(frames: Iterable[Frame], path: Path) -> int:
-            with writing_folder(path) as unfinished:
-                return int(writer(frames, unfinished))
+            numbers = itertools.count()
+            counted = (frame for frame, _ in zip(frames, numbers, strict=False))
+            with nullcontext(path) if self.file else writing_folder(path) as unfinished:
+                writer(counted, unfinished)
+            return next(numbers)
 
-        return writer if self.file else write_whole
+        return write_whole
 
 
 _BUILT_IN = "folder kitti openlabel dair opv2v v2xset v2xreal rcooper nuscenes argoverse sustech rosbag hdf5"
@@ -135,8 +139,7 @@ def open_recording(path: str | Path, layout: str | None = None, **options: objec
     left out, and counted in `Frame.problems`.
 
     Raises FileNotFoundError for a missing recording; ValueError for an unknown layout, an option that its
-    reader does not have, and a damaged file.
-    """
+    reader does not have, and a damaged file."""
     path, name = Path(path), layout or guess_layout(path)
     if layout is None and name not in ("folder", "hdf5"):
         warnings.warn(f"{path} is read as layout {name}: say --layout for another", stacklevel=2)
@@ -171,8 +174,7 @@ def write_recording(frames: Iterable[Frame], path: str | Path, layout: str) -> i
     """Write frames in a layout; return how many.
 
     Boxes come back within a millimetre and a hundredth of a degree; classes get the layout's names for ours. Raises
-    ValueError for a read-only layout.
-    """
+    ValueError for a read-only layout."""
     return find_layout(layout).write(frames, Path(path))
 
 

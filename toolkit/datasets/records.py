@@ -15,7 +15,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from toolkit.arrays import Float64, Int64, Shaped
+from toolkit.arrays import Float64, Int64, Pose, Shaped
 from toolkit.datasets.cloud_files import check_extent, read_recorded
 from toolkit.datasets.published_layout import FARTHEST_OBJECT
 from toolkit.frame import DisplayedRecording, Frame, Frames, OtherObjects, RecordingView, SensorCloud
@@ -37,8 +37,7 @@ class Listing(DisplayedRecording):
     """A recording of named frames, read on demand.
 
     labelled: names, times or tokens by which labels say what they belong to, also of clouds that are not there;
-    known: those that have a cloud, `names` if None. The first frame counts the others in its problems.
-    """
+    known: those that have a cloud, `names` if None. The first frame counts the others in its problems."""
 
     names: tuple[str, ...]
     load: Callable[[str], Frame]
@@ -81,14 +80,11 @@ def check_labels(recording: Frames, frames: int | None = None) -> None:
     while isinstance(recording, RecordingView):
         recording = recording.recording
     if isinstance(recording, Listing) and recording.strays and len(recording.strays) == len(set(recording.labelled)):
-        raise ValueError(
-            f"no label can be used: {recording.describe_strays()}; name both alike, times in the same unit"
-        )
+        strays = recording.describe_strays()
+        raise ValueError(f"no label can be used: {strays}; name both alike, times in the same unit")
     if site is None and not any(len(frame.objects) or len(frame.others.boxes) for frame in some):
-        raise ValueError(
-            "the recording has no label, so nothing can be scored: take coview detect, or give labels, such as the "
-            "labels.json of layout folder"
-        )
+        remedy = "take coview detect, or give labels, such as the labels.json of layout folder"
+        raise ValueError(f"the recording has no label, so nothing can be scored: {remedy}")
 
 
 @contextmanager
@@ -162,7 +158,7 @@ def as_list(content: Unchecked, name: str = "it") -> list[Unchecked]:
     return content
 
 
-def rigid(rotation: Unchecked, translation: Unchecked, name: str = "pose") -> Float64[np.ndarray, "4 4"]:
+def rigid(rotation: Unchecked, translation: Unchecked, name: str = "pose") -> Pose:
     """Pose of a 3×3 rotation, the nearest true one (SVD) if it is a little off, and a translation.
 
     >>> rigid([[1, 0, 0], [0, 1, 0.001], [0, 0, 1]], [["1"], ["2"], ["3"]]).round(3)[:, 3].tolist()
@@ -180,14 +176,14 @@ def rigid(rotation: Unchecked, translation: Unchecked, name: str = "pose") -> Fl
     return check_pose(pose, name)
 
 
-def rigid_matrix(values: Unchecked, name: str = "pose") -> Float64[np.ndarray, "4 4"]:
+def rigid_matrix(values: Unchecked, name: str = "pose") -> Pose:
     """Pose of 16 or 12 numbers by rows, as `rigid`."""
     flat = np.asarray(values, dtype=object).ravel()
     matrix = numbers(values, 16 if flat.size == 16 else 12, name).reshape(-1, 4)
     return rigid(matrix[:3, :3], matrix[:3, 3], name)
 
 
-def heading(target_SE3_source: Float64[np.ndarray, "4 4"], yaw: object) -> Float64[np.ndarray, "*n"]:
+def heading(target_SE3_source: Pose, yaw: object) -> Float64[np.ndarray, "*n"]:
     """Yaw (rad) in the target frame of source-frame headings: that of the turned forward direction, from above.
 
     >>> heading(np.eye(4), [0.5])
@@ -270,16 +266,17 @@ def labelled(
     add_problem(problems, OTHER_KINDS, len(others))
     tracks = np.array([track_number(k if ids is None else ids[k]) for k in rows.tolist()], np.int64)
     known, known_others = (None if counts is None or (own[some] < 0).any() else own[some] for some in (rows, others))
-    return Labelled(
-        Objects(boxes[rows], classes[rows], tracks),
-        tuple(str(categories[k]) for k in rows.tolist()),
-        known,
-        OtherObjects(boxes[others], tuple(str(categories[k]) for k in others.tolist()), known_others),
-    )
+    own_names, other_names = (tuple(str(categories[k]) for k in some.tolist()) for some in (rows, others))
+    found = Objects(boxes[rows], classes[rows], tracks)
+    return Labelled(found, own_names, known, OtherObjects(boxes[others], other_names, known_others))
 
 
-def move_boxes(target_SE3_source: Float64[np.ndarray, "4 4"], boxes: Shaped[np.ndarray, "n 7"]) -> np.ndarray:
-    """Boxes of the source frame in the target frame."""
+def move_boxes(target_SE3_source: Pose, boxes: Shaped[np.ndarray, "n 7"]) -> np.ndarray:
+    """Boxes of the source frame in the target frame, whose z is up as well.
+
+    >>> move_boxes(np.diag([-1.0, -1, 1, 1]), np.array([[1.0, 2, 3, 4, 2, 1, 0.5]])).round(3).tolist()
+    [[-1.0, -2.0, 3.0, 4.0, 2.0, 1.0, -2.642]]
+    """
     with np.errstate(all="ignore"):
         centres = transform(target_SE3_source, boxes[:, :3])
         return np.column_stack([centres, boxes[:, 3:6], heading(target_SE3_source, boxes[:, 6])])
@@ -338,9 +335,7 @@ _MOST_RINGS = 1 << 16  # that are believed where they are written as floats, as 
 _TIMES = ("offset_ns", "t", "time", "timestamp", "time_stamp", "offset_time")
 
 
-def read_cloud(
-    path: str | Path, name: str, world_SE3_sensor: Float64[np.ndarray, "4 4"], problems: Problems
-) -> SensorCloud:
+def read_cloud(path: str | Path, name: str, world_SE3_sensor: Pose, problems: Problems) -> SensorCloud:
     """Read the cloud of a file. Raises FileNotFoundError, and ValueError for a file without readable points."""
     return build_cloud(read_recorded(path), name, world_SE3_sensor, problems)
 
@@ -348,7 +343,7 @@ def read_cloud(
 def build_cloud(
     attributes: Mapping[str, np.ndarray],
     name: str,
-    world_SE3_sensor: Float64[np.ndarray, "4 4"],
+    world_SE3_sensor: Pose,
     problems: Problems,
     *,
     frame: Literal["sensor", "world"] = "sensor",
@@ -377,12 +372,10 @@ def build_cloud(
     rings = (each for each in columns(_RINGS) if each.dtype.kind in "iu" or (np.abs(each) < _MOST_RINGS).all())
     ring = next((each for each in rings if (each % 1 == 0).all()), None)
     time = next(columns(_TIMES), None)
-    return SensorCloud(
-        *(name, recorded[keep].astype(np.float32), world_SE3_sensor, frame),
-        time=None if time is None else _seconds(time),
-        intensity=None if intensity is None else intensity.astype(np.float32),
-        ring=None if ring is None else ring.astype(np.int64),
-    )
+    kept = recorded[keep].astype(np.float32), world_SE3_sensor, frame
+    seconds = None if time is None else _seconds(time)
+    intensity = None if intensity is None else intensity.astype(np.float32)
+    return SensorCloud(name, *kept, seconds, intensity, None if ring is None else ring.astype(np.int64))
 
 
 def _seconds(time: np.ndarray) -> np.ndarray:

@@ -10,7 +10,7 @@ import json
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from hashlib import sha256
 from pathlib import Path
 
@@ -52,13 +52,11 @@ def simulate_dataset(
     seed and processes, which change no byte; with several, a script must call it under `if __name__ == "__main__":`;
     sensors: None for the site's own; fleet: all bodies drawn by default, afresh for every block of frames; interval:
     seconds between frames, 5 or e.g. 0.1; traffic begins anew every `BLOCK` frames; strays: share of road users that
-    are anywhere, see `toolkit.traffic.strays`; overwrite: replace a file, or drop
-    an unfinished simulation, with another plan.
+    are anywhere, see `toolkit.traffic.strays`; overwrite: replace a file, or drop an unfinished run, of another plan.
 
     Returns the number of frames simulated now: 0 if `out` was complete already. Raises ValueError for arguments that do
     not fit; FileExistsError if `out`, or an unfinished run, has another plan; OSError, with the number of frames that
-    are safe, if the disk is full.
-    """
+    are safe, if the disk is full."""
     site = site if isinstance(site, Site) else load_site(site)
     chosen = tuple(site.sensors if sensors is None else sensors)
     frames = int(run.frames_or(FRAMES))
@@ -137,16 +135,13 @@ class Job:
         if self.fleet.drawn:
             code, mirrors = code_digest("toolkit.bodies.drawn_bodies")[:12], "with" if self.fleet.mirrors else "without"
             drawn = f" and drawn {' '.join(LABELS[label] for label in self.fleet.drawn)} {mirrors} mirrors {code}"
-        return {
-            "site": f"{self.site.name} {_digest(format_site(self.site))}",
-            "frames": int(self.frames),
-            "seed": int(self.seed),
-            "sensors": f"{len(self.sensors)} {_digest(json.dumps(sensors))}",
-            "bodies": f"{len(self.fleet.fixed)} {bodies.hexdigest()[:12]}{drawn}",
-            "schema": RECORDING_SCHEMA,
-            **({} if self.interval == INTERVAL else {"interval": self.interval}),
-            **({"strays": self.strays} if self.strays else {}),
-        }
+        site = f"{self.site.name} {_digest(format_site(self.site))}"
+        plan: dict[str, object] = {"site": site, "frames": int(self.frames), "seed": int(self.seed)}
+        plan["sensors"] = f"{len(self.sensors)} {_digest(json.dumps(sensors))}"
+        plan["bodies"] = f"{len(self.fleet.fixed)} {bodies.hexdigest()[:12]}{drawn}"
+        plan["schema"] = RECORDING_SCHEMA
+        plan |= {} if self.interval == INTERVAL else {"interval": self.interval}
+        return plan | ({"strays": self.strays} if self.strays else {})
 
     @property
     def header(self) -> Header:
@@ -168,15 +163,8 @@ class Job:
                 bodies = self.fleet.bodies(len(frames), np.random.default_rng([self.seed, block, 1]))
                 renderer, once = empty.of(bodies), True
                 numbers = np.array([number_of[body.name] for body in bodies])
-            snapshots = simulate(
-                self.site,
-                renderer.bodies,
-                frames=len(frames),
-                seed=seed,
-                once=once,
-                interval=self.interval,
-                mix=self.mix,
-            )
+            traffic = partial(simulate, self.site, interval=self.interval, mix=self.mix)
+            snapshots = traffic(renderer.bodies, frames=len(frames), seed=seed, once=once)
             for index, snapshot in zip(frames, snapshots, strict=True):
                 seen = snapshot.objects
                 objects = Objects(seen.boxes, seen.labels, seen.ids + block * 1_000_000)  # other blocks, other tracks

@@ -15,7 +15,7 @@ from functools import cached_property
 
 import numpy as np
 
-from toolkit.arrays import Bool, Float, Float32, Float64
+from toolkit.arrays import Bool, Float, Float32, Float64, Mask, Points
 from toolkit.boxes import count_points
 from toolkit.datasets.dataset import CoopDataset
 from toolkit.detection.provenance import detector_origin
@@ -39,8 +39,7 @@ class Background:
     """Voxels of the empty site and its ground height.
 
     origin: (3,) lowest corner of the grid (m); voxel: edge of a voxel (m); occupied: (nx, ny, nz), including one layer
-    round the occupied voxels; cell: edge of a ground cell (m); ground: (kx, ky) height of the ground (m).
-    """
+    round the occupied voxels; cell: edge of a ground cell (m); ground: (kx, ky) height of the ground (m)."""
 
     origin: Float64[np.ndarray, "3"]
     voxel: float
@@ -49,7 +48,7 @@ class Background:
     ground: Float64[np.ndarray, "kx ky"]
 
     @staticmethod
-    def learn(points: Float[np.ndarray, "n 3"], voxel: float = VOXEL, cell: float = 1.0) -> Background:
+    def learn(points: Points, voxel: float = VOXEL, cell: float = 1.0) -> Background:
         """Learn from points of the empty site, best several sweeps."""
         if not len(points):
             raise ValueError("the background needs at least one point of the empty site, got none: crop less?")
@@ -64,7 +63,7 @@ class Background:
             occupied |= np.roll(occupied, 1, axis) | np.roll(occupied, -1, axis)
         return Background(origin, voxel, occupied, cell, _ground(points, origin, cell))
 
-    def holds(self, points: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
+    def holds(self, points: Points) -> Mask:
         """Mark points in or beside an empty-site voxel."""
         index = np.clip((points - self.origin) / self.voxel, 0, np.array(self.occupied.shape) - 1)
         return self.occupied[tuple(index.astype(np.int64).T)]  # the outermost layer is never occupied
@@ -112,8 +111,7 @@ class KnownBackground:
     """Detector that leaves out its detections of the background.
 
     Points are in the frame of the background. least: share, above 0 to 1, of the points in a detection's box that must
-    not be background. Raises ValueError for another.
-    """
+    not be background. Raises ValueError for another."""
 
     detector: Detector
     background: Background
@@ -143,7 +141,7 @@ class KnownBackground:
         """Same detector as it compares (`quick_detector`)."""
         return replace(self, detector=quick_detector(self.detector))
 
-    def __call__(self, points: Float[np.ndarray, "n 3"], /) -> Detections:
+    def __call__(self, points: Points, /) -> Detections:
         """Detect in the finite ones of points (n, 3)."""
         found = self.detector(points)
         return self._keep(found, points, self._new(points)) if len(found) else found
@@ -170,8 +168,7 @@ class KnownBackground:
 
 def recording_background(recording: CoopDataset) -> Background:
     """Learn the background of a recording: the scenery of its site if known, else what lies behind all that moves.
-    Objects that park throughout become background.
-    """
+    Objects that park throughout become background."""
     if recording.site.solids:
         return site_background(recording.site)
     return Background.learn(np.concatenate(list(empty_sweeps(recording))))

@@ -25,7 +25,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 import open3d as o3d
 
-from toolkit.arrays import Float, Float64, Int64
+from toolkit.arrays import Float, Float64, Int64, Points, Rng
 from toolkit.boxes import count_points, nms
 from toolkit.calibration.empty_scene import SIGMAS, Scenes
 from toolkit.calibration.ground import level
@@ -33,7 +33,7 @@ from toolkit.datasets.dataset import CoopDataset
 from toolkit.detection.background import SWEEPS, Background, empty_sweeps
 from toolkit.detection.place import Corners, Place, Stand, crop_points
 from toolkit.frame import Frame
-from toolkit.geometry import transform
+from toolkit.geometry import plane_rotation, transform
 from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE, Detections
 
 CAR = np.array([4.4, 1.9])  # length and width (m) to which a car seen in part is completed
@@ -50,8 +50,7 @@ class ClusterDetector:
     """Detector of all classes, learnt from nothing but points of the empty site, world frame. cell: edge of the cells
     that are clustered (m); reach: greatest distance between neighbouring cells of a cluster, tried from the first to
     the last while the cluster is too large for a car (m); fewest: points of a cluster; area: xmin ymin xmax ymax (m),
-    below 4 m, to which points are cropped, None for no crop.
-    """
+    below 4 m, to which points are cropped, None for no crop."""
 
     labels: ClassVar[tuple[str, ...]] = LABELS
     background: Background
@@ -61,10 +60,9 @@ class ClusterDetector:
     area: Corners | None = None
 
     @staticmethod
-    def learn(background_points: Float[np.ndarray, "n 3"] | Iterable[Float[np.ndarray, "_ 3"]]) -> ClusterDetector:
+    def learn(background_points: Points | Iterable[Float[np.ndarray, "_ 3"]]) -> ClusterDetector:
         """Learn from clouds (n, 3) of the empty site, cropped like the points to detect in, world frame. Several sweeps
-        of the same sensors show their noise.
-        """
+        of the same sensors show their noise."""
         clouds = [background_points] if isinstance(background_points, np.ndarray) else list(background_points)
         return ClusterDetector(Background.learn(np.concatenate([np.zeros((0, 3), np.float32), *clouds])))
 
@@ -79,7 +77,7 @@ class ClusterDetector:
         settings = repr((self.cell, self.reach, self.fewest)).encode()
         return self.background.digest_settings(settings) + ("" if self.area is None else f" {self.area}")
 
-    def __call__(self, points: Float[np.ndarray, "n 3"]) -> Detections:
+    def __call__(self, points: Points) -> Detections:
         """Detect in points (n, 3), world frame, that are finite."""
         points = points if self.area is None else crop_points(points, self.area)
         points = points[np.isfinite(points).all(axis=1)]
@@ -166,15 +164,14 @@ def _fit(xy: Float64[np.ndarray, "n 2"]) -> _Rectangle:
     ends = [np.minimum(u - u.min(axis=1, keepdims=True), u.max(axis=1, keepdims=True) - u) for u in (along, across)]
     distance = np.minimum(*ends)
     yaw = float(yaws[(1 / np.maximum(distance, 0.1)).sum(axis=1).argmax()])
-    axes = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
-    own = xy @ axes
+    own = xy @ plane_rotation(yaw)
     low, high = np.quantile(own, [0.005, 0.995], axis=0)
     at_low, at_high = (own < low + 0.2).mean(axis=0), (own > high - 0.2).mean(axis=0)
     rectangle = _Rectangle(yaw, low, high, at_low, at_high)
     return rectangle if rectangle.size[0] >= rectangle.size[1] else rectangle.turn()
 
 
-def _complete(cars: list[_Rectangle], background: Float[np.ndarray, "n 3"]) -> list[_Rectangle]:
+def _complete(cars: list[_Rectangle], background: Points) -> list[_Rectangle]:
     """Complete cars to the usual size where that covers least background; sides with many points rarely grow."""
     ways, doubts, first = list[_Rectangle](), list[float](), [0]
     for seen in cars:
@@ -194,8 +191,7 @@ def _complete(cars: list[_Rectangle], background: Float[np.ndarray, "n 3"]) -> l
 class Clusters:
     """Points that stand out, gathered into objects.
 
-    points: world frame; sensor: number of the cloud of each; of: number of the object of each, -1 for none.
-    """
+    points: world frame; sensor: number of the cloud of each; of: number of the object of each, -1 for none."""
 
     points: Float64[np.ndarray, "n 3"]
     sensor: Int64[np.ndarray, " n"]
@@ -219,8 +215,7 @@ def foreground_clusters(
 
     reach: distance (m) within which points are neighbours; fewest: neighbours, itself among them, from which on a point
     is inside an object; sigmas: spreads of the empty scene within which a measurement shows it. Raises ValueError for a
-    reach that is not above 0, fewer than one point, and a sensor without a scene.
-    """
+    reach that is not above 0, fewer than one point, and a sensor without a scene."""
     if not 0 < reach < np.inf or fewest < 1:
         raise ValueError(f"reach must be above 0 m and fewest at least 1, got {reach} and {fewest}")
     parts, sensors = [np.zeros((0, 3))], [np.zeros(0, np.int64)]
@@ -244,8 +239,7 @@ def cluster_points(
 
 def learn_cluster_detector(scenes: Scenes, frame: Frame, place: Place = Place()) -> ClusterDetector:
     """Return a detector of what stands out from the empty scenes of lidars that stand as in a frame. place: the one it
-    will detect in. Raises ValueError where the empty scenes have no point in the area.
-    """
+    will detect in. Raises ValueError where the empty scenes have no point in the area."""
     rng, sweeps, centre = np.random.default_rng(0), [], place.find_middle(frame)
     for _ in range(SWEEPS):
         parts = [transform(cloud.world_SE3_sensor, _sweep(scenes, cloud.name, rng)) for cloud in frame.clouds]
@@ -256,10 +250,9 @@ def learn_cluster_detector(scenes: Scenes, frame: Frame, place: Place = Place())
     return replace(ClusterDetector.learn([crop_points(stand.lift(sweep), area) for sweep in sweeps]), area=area)
 
 
-def _sweep(scenes: Scenes, name: str, rng: np.random.Generator) -> Float64[np.ndarray, "n 3"]:
+def _sweep(scenes: Scenes, name: str, rng: Rng) -> Float64[np.ndarray, "n 3"]:
     """Draw a sweep of a sensor in its empty scene, in the sensor's own frame. Each pixel takes one of its two
-    measurements, as often as it was met, with its spread.
-    """
+    measurements, as often as it was met, with its spread."""
     scene, model = scenes[name].scene, scenes.grid(name).model
     other = np.isfinite(scene.second) & (rng.random(scene.first.shape) > scene.share)
     median = np.where(other, scene.second, scene.first).astype(np.float64)

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
-from toolkit.arrays import Float, Float32, Float64, ImageRanges, Shaped
+from toolkit.arrays import Float32, Float64, ImageRanges, Points, Shaped
 from toolkit.objects import Detections
 from toolkit.sensors.sensor import Sensor
 
@@ -44,7 +44,7 @@ class Codec(Protocol):
     def digest(self) -> str:
         """Name and parameters, the key of cached results."""
 
-    def encode_points(self, points: Float[np.ndarray, "n 3"], /) -> Message:
+    def encode_points(self, points: Points, /) -> Message:
         """Encode a sensor's points in one frame, world frame (m)."""
 
     def decode_points(self, message: Message, /) -> Float32[np.ndarray, "m 3"]:
@@ -108,7 +108,7 @@ class PaperCodec(Parameters):
             if isinstance(bits, bool) or not isinstance(bits, int | float) or not 0 <= bits < math.inf:
                 raise ValueError(f"{name} must be finite bits, 0 or more, got {bits!r}: the paper has 96, 256")
 
-    def encode_points(self, points: Float[np.ndarray, "n 3"], /) -> Message:
+    def encode_points(self, points: Points, /) -> Message:
         """Return the points as they are."""
         return Message(points, round(len(points) * self.bits_per_point))
 

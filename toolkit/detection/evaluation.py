@@ -67,8 +67,7 @@ Scoring = Literal["exact", "published", "measured"]
 class Row:
     """Figures of one scheme, sensor set (indices), class and IoU threshold.
 
-    recall, precision: at the last detection; kbit and milliseconds are per frame; truths: to find in all frames.
-    """
+    recall, precision: at the last detection; kbit and milliseconds are per frame; truths: to find in all frames."""
 
     scheme: str
     sensors: tuple[int, ...]
@@ -91,8 +90,7 @@ class Row:
 @dataclass(frozen=True)
 class ClassFigures:
     """Worth of the detector's own threshold for one class, with one scheme and sensor set (indices). A detection is
-    true from the IoU `iou` on (`TRUE_IOU`). truths, detections: those that count, in all `frames`.
-    """
+    true from the IoU `iou` on (`TRUE_IOU`). truths, detections: those that count, in all `frames`."""
 
     scheme: str
     sensors: tuple[int, ...]
@@ -121,8 +119,7 @@ class Comparison:
     each (`toolkit.detection.metrics.USUAL_IOUS`); protocol: None for exact at a known site, else measured; metric: see
     `toolkit.detection.metrics.evaluate`; codec: of what is sent; radius: in place of the site's hybrid radius (m);
     rate: of frames (Hz), to say what is put on a link; breakdown: by range, points and other sets' protocols, None for
-    where no site is known.
-    """
+    where no site is known."""
 
     schemes: Sequence[Scheme | str | None] = PAPER_SCHEMES
     sensor_sets: Sequence[Sequence[int | str] | None] = (None,)
@@ -143,8 +140,7 @@ class Evaluation(Sequence[Row]):
 
     classes: worth of the detector's threshold; loads: on a link, if a rate was given; schemes: frames, detections,
     problems and median milliseconds of each; breakdown: by range, points and other sets' protocols; poses: of the
-    sensors, where they were found before.
-    """
+    sensors, where they were found before."""
 
     rows: tuple[Row, ...]
     provenance: dict[str, object]
@@ -183,17 +179,12 @@ class Evaluation(Sequence[Row]):
 
     def as_dict(self) -> dict[str, Any]:
         """Return all but the provenance for JSON, undefined as None."""
-        figures = {
-            "rows": [row.as_dict() for row in self.rows],
-            "classes": [figures.as_dict() for figures in self.classes],
-            "schemes": self.schemes,
-        }
-        optional = {
-            "loads": [load.as_dict() for load in self.loads],
-            "breakdown": [vars(row) for row in self.breakdown],
-            "poses": {each.sensor.name: each.described() for each in self.poses},
-        }
-        return replace_infinite(figures | {name: value for name, value in optional.items() if value})
+        rows, classes = [row.as_dict() for row in self.rows], [figures.as_dict() for figures in self.classes]
+        optional: dict[str, Any] = {"loads": [load.as_dict() for load in self.loads]}
+        optional["breakdown"] = [vars(row) for row in self.breakdown]
+        optional["poses"] = {each.sensor.name: each.described() for each in self.poses}
+        known = {name: value for name, value in optional.items() if value}
+        return replace_infinite({"rows": rows, "classes": classes, "schemes": self.schemes, **known})
 
 
 def evaluate_recording(
@@ -213,8 +204,7 @@ def evaluate_recording(
     unless a scheme's messages can only be read after others.
 
     Raises ValueError for a scheme, sensor, class or error profile that does not exist, a class that the detector does
-    not know, two schemes of one name, and a recording without frames.
-    """
+    not know, two schemes of one name, and a recording without frames."""
     total, errors = reads.count(recording), reads.profile()
     labels = [LABELS[k] for k in dict.fromkeys(map(label_index, asked.classes))]
     ious = {label: _thresholds(asked.iou_thresholds, label) for label in labels}
@@ -282,21 +272,15 @@ def evaluate_recording(
             judged = [truth.judge(each) for truth, each in zip(truths, found, strict=True)]
             every = chain.from_iterable(group_rows(judged, label, asked.iou_thresholds) for label in labels)
             groups += [replace(row, scheme=title) for row in every]
-        own = figures[title] = {
-            "samples": total,
-            "detections": sum(len(each.detections.boxes) for each in fused),
-            "problems": dict(problems),
-            "level_ms": float(np.median([each.level_ms for each in scored])),
-            "detect_ms": ms,
-            "kbit_per_sensor": kbit if any(map(len, bits)) else None,
-        }
+        own = figures[title] = {"samples": total, "detections": sum(len(each.detections.boxes) for each in fused)}
+        own |= {"problems": dict(problems), "level_ms": float(np.median([each.level_ms for each in scored]))}
+        own |= {"detect_ms": ms, "kbit_per_sensor": kbit if any(map(len, bits)) else None}
         if asked.rate is not None and len({*map(len, bits)}) == 1 and len(bits[0]):
             loads.append(SetLoad(name, chosen, link_load(np.array(bits), asked.rate)))
             own["load"] = vars(loads[-1].load)
         if not known and _sends_images(named[name], asked.codec):
-            own["images"] = {
-                sensor: {"points": learnt.points, **learnt.left_out} for sensor, learnt in images.every.items()
-            }
+            learnt = images.every.items()
+            own["images"] = {sensor: {"points": each.points, **each.left_out} for sensor, each in learnt}
 
     placed = {"site": site and site.name, "hybrid_radius": site and site.hybrid_radius, "frames": total}
     drawn: dict[str, object] = {"noise_seed": reads.noise_seed, "errors": errors.origin, "nms_iou": asked.nms_iou}
@@ -397,8 +381,7 @@ class _Job:
 def format_table(rows: Iterable[Row]) -> str:
     """Format rows like the paper's first table, class by class.
 
-    Each scheme and sensor set has a line, each IoU threshold a column of AP.
-    """
+    Each scheme and sensor set has a line, each IoU threshold a column of AP."""
     by_class: dict[str, list[Row]] = {}
     for row in rows:
         by_class.setdefault(row.label, []).append(row)
@@ -466,8 +449,7 @@ def save_evaluation(rows: Evaluation, folder: str | Path) -> None:
 def draw_example(recording: CoopDataset, detector: Detector, out: str | Path, *, seed: int = 0) -> None:
     """Draw the frame with the most objects, and hits, misses and false alarms of vehicles at `EXAMPLE_IOU`, from above.
 
-    Objects centred outside the area do not count. seed: of the sensors' noise.
-    """
+    Objects centred outside the area do not count. seed: of the sensors' noise."""
     from toolkit.plots.plan_view import FrameOutcome, draw_frame
 
     site = recording.site
@@ -475,12 +457,8 @@ def draw_example(recording: CoopDataset, detector: Detector, out: str | Path, *,
     truth, found = frame.objects, fuse_frame("early", frame, detector, site=site).detections
     (result,) = matches(found, truth, [EXAMPLE_IOU], counted=has_centre_inside(truth.boxes, site.area))
     sensors = f"{len(frame.sensors)} sensor{'s' * (len(frame.sensors) != 1)}"
-    draw_frame(
-        site,
-        out,
-        clouds=frame_points(frame, area=site),
-        truth=truth,
-        detections=found,
-        outcome=FrameOutcome(EXAMPLE_IOU, result.hit, ~result.scored, result.truth >= 0, result.ignored),
-        title=f"{site.name}, frame {frame.index}: early fusion of {sensors}, {detector_origin(detector)['detector']}",
-    )
+    outcome = FrameOutcome(EXAMPLE_IOU, result.hit, ~result.scored, result.truth >= 0, result.ignored)
+    name = detector_origin(detector)["detector"]
+    title = f"{site.name}, frame {frame.index}: early fusion of {sensors}, {name}"
+    clouds = frame_points(frame, area=site)
+    draw_frame(site, out, clouds=clouds, truth=truth, detections=found, outcome=outcome, title=title)

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from toolkit.arrays import Float, Float64, Int64
+from toolkit.arrays import BoxRows, Float, Float64, Int64, Points, Pose
 from toolkit.boxes import count_points
 from toolkit.calibration.ground import Ground, level
 from toolkit.datasets import records
@@ -63,7 +63,7 @@ def fits(some: Sequence[Seen], boxes: Sequence[np.ndarray]) -> Float64[np.ndarra
     return np.concatenate([np.zeros(0), *parts])
 
 
-def measure_fits(points: Float[np.ndarray, "n 3"], boxes: Float[np.ndarray, "m 7"]) -> Float64[np.ndarray, " m"]:
+def measure_fits(points: Points, boxes: Float[np.ndarray, "m 7"]) -> Float64[np.ndarray, " m"]:
     """Fit of boxes to points that stand on the ground."""
     around = np.array([0, 0, 0.5, 2, 2, 1, 0])  # one metre more on all sides and above
     hollow = boxes * [1, 1, 1, HOLLOW, HOLLOW, 1, 1] - np.array([0, 0, SLACK, 0, 0, 2 * SLACK, 0])
@@ -86,8 +86,7 @@ class LabelMistake:
     """Mistake that boxes may have.
 
     Undone, columns in `order` are multiplied by `factor`, and `turn` (rad) is added to yaw. axes: True if it depends on
-    the frame's axes.
-    """
+    the frame's axes."""
 
     name: str
     remedy: str
@@ -96,7 +95,7 @@ class LabelMistake:
     factor: tuple[int | float, ...] = (1, 1, 1, 1, 1, 1, 1)
     turn: float = 0.0
 
-    def undo(self, boxes: Float64[np.ndarray, "n 7"]) -> Float64[np.ndarray, "n 7"]:
+    def undo(self, boxes: BoxRows) -> BoxRows:
         """Boxes without the mistake."""
         return boxes[:, list(self.order)] * np.array(self.factor) + np.array([0, 0, 0, 0, 0, 0, self.turn])
 
@@ -127,30 +126,17 @@ LABEL_MISTAKES = (
 )
 
 
-def undo_mistake(
-    mistake: LabelMistake, boxes: Float64[np.ndarray, "n 7"], frame_SE3_world: Float64[np.ndarray, "4 4"]
-) -> Float64[np.ndarray, "n 7"]:
+def undo_mistake(mistake: LabelMistake, boxes: BoxRows, frame_SE3_world: Pose) -> BoxRows:
     """Undo a mistake made in another frame, of boxes (world)."""
     if np.array_equal(frame_SE3_world, np.eye(4)):
         return mistake.undo(boxes)
-    return boxes_through(mistake.undo(boxes_through(boxes, frame_SE3_world)), invert(frame_SE3_world))
-
-
-def boxes_through(boxes: Float64[np.ndarray, "n 7"], motion: Float64[np.ndarray, "4 4"]) -> Float64[np.ndarray, "n 7"]:
-    """Transform boxes to another frame, whose z is up as well.
-
-    >>> boxes_through(np.array([[1.0, 2, 3, 4, 2, 1, 0.5]]), np.diag([-1.0, -1, 1, 1])).round(3).tolist()
-    [[-1.0, -2.0, 3.0, 4.0, 2.0, 1.0, -2.642]]
-    """
-    headings = np.column_stack([np.cos(boxes[:, 6]), np.sin(boxes[:, 6]), np.zeros(len(boxes))]) @ motion[:3, :3].T
-    yaw = np.arctan2(headings[:, 1], headings[:, 0])
-    return np.column_stack([transform(motion, boxes[:, :3]), boxes[:, 3:6], yaw])
+    own = mistake.undo(records.move_boxes(frame_SE3_world, boxes))
+    return records.move_boxes(invert(frame_SE3_world), own)
 
 
 def degrees_of_turns(yaw: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, "k n"]:
     """All headings (rad, half a turn alike) that, in degrees and taken for radians, point along `yaw`. A file that
-    stores sine and cosine, or a quaternion, of a wrong angle has lost its full turns.
-    """
+    stores sine and cosine, or a quaternion, of a wrong angle has lost its full turns."""
     turns = np.arange(-15, 16)[:, None]  # of 2 pi "degrees" each: a quarter turn either way
     return np.deg2rad(np.mod(yaw, 2 * np.pi)[None] + 2 * np.pi * turns)
 
@@ -177,8 +163,7 @@ def find_shift(some: Sequence[Seen]) -> Shift | None:
     """Find the delay of labels, None if it cannot be told.
 
     Moving labels are moved along their tracks. Where that shows nothing, labels are tried in other clouds; only those
-    that are not in the same place in both frames count.
-    """
+    that are not in the same place in both frames count."""
     from scipy.spatial import cKDTree
 
     samples = [each.sample for each in some]
@@ -199,7 +184,7 @@ def find_shift(some: Sequence[Seen]) -> Shift | None:
         own, there = [], []
         for labels, cloud in pairs:
             to_cloud = invert(cloud.sample.map_SE3_world) @ labels.sample.map_SE3_world
-            boxes, others = boxes_through(labels.sample.objects.boxes, to_cloud), cloud.sample.objects.boxes
+            boxes, others = records.move_boxes(to_cloud, labels.sample.objects.boxes), cloud.sample.objects.boxes
             moving = np.ones(len(boxes), bool)  # those farther than `STANDING` from all labels of that cloud
             if len(boxes) and len(others):
                 moving = np.asarray(cKDTree(others[:, :3]).query(boxes[:, :3])[0] > STANDING)
@@ -235,7 +220,7 @@ def against_their_way(
 class Movers(NamedTuple):
     """Moving boxes of a frame, their velocities (m/s) and tracks."""
 
-    boxes: Float64[np.ndarray, "n 7"]
+    boxes: BoxRows
     velocities: Float64[np.ndarray, "n 2"]
     ids: Int64[np.ndarray, " n"]
 
@@ -261,15 +246,10 @@ SUNK = 0.3  # fraction of its height that the median box may be off its place ab
 ALIKE = 0.04  # difference in mean fit within which the first mistake in the list is named
 TURNED_TOO_FAR = 0.2  # share of yaws beyond a full turn that is suspected
 _UNIT = "check their unit, metres are read"
-_REMEDIES = {  # of what reading counts and no sound recording has
-    records.STRAY: "name clouds and labels alike, times in the same unit",
-    records.NOT_FINITE: "restore them, or remove them",
-    records.NO_SIZE: _UNIT,
-    records.TOO_LARGE: _UNIT,
-    AWAY: "check their unit, and the frame they are in",
-    records.EMPTY: "check their sensor, or leave these frames out",
-    records.FAR_POINTS: _UNIT,
-}
+_ALIKE = "name clouds and labels alike, times in the same unit"  # remedies of what no sound recording has
+_REMEDIES = {records.STRAY: _ALIKE, records.NOT_FINITE: "restore them, or remove them"}
+_REMEDIES |= {records.NO_SIZE: _UNIT, records.TOO_LARGE: _UNIT, AWAY: "check their unit, and the frame they are in"}
+_REMEDIES |= {records.EMPTY: "check their sensor, or leave these frames out", records.FAR_POINTS: _UNIT}
 FREER = 0.1  # gain in mean fit that explanations which choose a sensor for each box need
 TURNED_GAIN = 0.15  # gain in mean fit that explanations which turn each box freely need
 
@@ -286,8 +266,7 @@ def diagnose(path: str | Path, layout: str | None = None, *, site: Site | None =
     """Check a recording for the classic mistakes.
 
     Raises what opening a recording of clouds raises. Files of images are checked as they are stored
-    (`toolkit.datasets.doctor`). Labels of clouds are checked by how the points of the first frames lie in them.
-    """
+    (`toolkit.datasets.doctor`). Labels of clouds are checked by how the points of the first frames lie in them."""
     if (layout or guess_layout(path)) == "hdf5":
         try:
             clouds = Path(path).is_file() and holds_clouds(path)
@@ -377,9 +356,10 @@ def _find_best(some: Sequence[Seen], current: np.ndarray) -> _Undone | None:
     """Find the mistake whose undoing raises the fits most; choices for each box must fit clearly better."""
 
     def undo(mistake: LabelMistake, frames: Callable[[Frame], Sequence[np.ndarray]]) -> _Undone:
-        return _undo_each(
-            mistake, some, lambda it: [undo_mistake(mistake, it.objects.boxes, frame) for frame in frames(it)]
-        )
+        def choose(sample: Frame) -> list[np.ndarray]:
+            return [undo_mistake(mistake, sample.objects.boxes, frame) for frame in frames(sample)]
+
+        return _undo_each(mistake, some, choose)
 
     def in_sensors(sample: Frame) -> list[np.ndarray]:
         return [invert(cloud.world_SE3_sensor) for cloud in sample.clouds] or [np.eye(4)]

@@ -38,7 +38,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from toolkit.arrays import Bool, Float, Float64, Int64
+from toolkit.arrays import Bool, Float, Float64, Int64, Mask
 from toolkit.boxes import FACE_TOLERANCE, Overlap, check_boxes, footprint_overlap, iou_3d, iou_bev
 from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE, Detections, Objects, label_index
 
@@ -54,12 +54,11 @@ MOSTLY = 0.5  # share of a footprint on an unscored object above which a detecti
 class Match:
     """Outcome of n detections of a frame against m truths, in the rows of the input. truth: row of the truth that a
     detection hit, -1 for none; iou: its IoU with that truth, 0 for none; ignored: detections that do not count (of
-    another label, or on an object that is not scored); hit: truths that were hit; scored: truths that count.
-    """
+    another label, or on an object that is not scored); hit: truths that were hit; scored: truths that count."""
 
     truth: Int64[np.ndarray, " n"]
     iou: Float64[np.ndarray, " n"]
-    ignored: Bool[np.ndarray, " n"]
+    ignored: Mask
     hit: Bool[np.ndarray, " m"]
     scored: Bool[np.ndarray, " m"]
 
@@ -85,7 +84,7 @@ class DetectionScore:
     truths: int
     curve: Curve = field(repr=False)
     scores: Float64[np.ndarray, " n"] = field(repr=False, compare=False)
-    hits: Bool[np.ndarray, " n"] = field(repr=False, compare=False)
+    hits: Mask = field(repr=False, compare=False)
 
 
 @dataclass(frozen=True)
@@ -104,7 +103,7 @@ class Reliability:
         return float((gap * self.count[filled]).sum() / max(self.count.sum(), 1))
 
 
-def reliability(scores: Float[np.ndarray, " n"], hits: Bool[np.ndarray, " n"], bins: int = 10) -> Reliability:
+def reliability(scores: Float[np.ndarray, " n"], hits: Mask, bins: int = 10) -> Reliability:
     """Build the reliability diagram, NaN in empty bins.
 
     >>> reliability(np.array([0.92, 0.96, 0.1]), np.array([True, False, False]), bins=2).true
@@ -155,17 +154,9 @@ def evaluate(
     for threshold, frames in pooled.items():
         every, hit = (np.concatenate(column) for column in zip(*frames, strict=True))
         curve, tp = precision_recall(every, hit, to_find), int(hit.sum())
-        results[threshold] = DetectionScore(
-            average_precision(curve) if to_find else np.nan,
-            precision=tp / len(hit) if len(hit) else np.nan,
-            recall=tp / to_find if to_find else np.nan,
-            tp=tp,
-            fp=len(hit) - tp,
-            truths=to_find,
-            curve=curve,
-            scores=every,
-            hits=hit,
-        )
+        ap, recall = (average_precision(curve), tp / to_find) if to_find else (np.nan, np.nan)
+        counts = tp / len(hit) if len(hit) else np.nan, recall, tp, len(hit) - tp, to_find
+        results[threshold] = DetectionScore(ap, *counts, curve, every, hit)
     return results
 
 
@@ -191,13 +182,9 @@ def matches(
     for threshold in thresholds:
         taken, ignored = overlaps.resolve(threshold)
         hitting = np.flatnonzero(taken >= 0)
-        result = Match(
-            truth=np.full(len(detections), -1),
-            iou=np.zeros(len(detections)),
-            ignored=np.ones(len(detections), bool),
-            hit=np.zeros(len(truths), bool),
-            scored=np.isin(np.arange(len(truths)), columns),
-        )
+        n, m = len(detections), len(truths)
+        scored = np.isin(np.arange(m), columns)
+        result = Match(np.full(n, -1), np.zeros(n), np.ones(n, bool), np.zeros(m, bool), scored)
         result.truth[rows[hitting]] = columns[taken[hitting]]
         result.iou[rows[hitting]] = overlaps.iou[hitting, taken[hitting]]
         result.ignored[rows] = ignored
@@ -205,17 +192,16 @@ def matches(
         yield result
 
 
-def precision_recall(scores: Float64[np.ndarray, " n"], hits: Bool[np.ndarray, " n"], truths: int) -> Curve:
+def precision_recall(scores: Float64[np.ndarray, " n"], hits: Mask, truths: int) -> Curve:
     """Return the curve of n pooled detections, in any order. truths: the number to find.
 
     >>> precision_recall(np.array([0.9, 0.8, 0.7]), np.array([True, False, True]), truths=4).recall
     array([0.25, 0.25, 0.5 ])
     """
     if truths < 0 or truths != int(truths) or np.shape(scores) != np.shape(hits) or np.ndim(scores) != 1:
-        raise ValueError(
-            "precision_recall needs one score and one hit for each detection, and 0 or more truths, "
-            f"got {np.shape(scores)}, {np.shape(hits)} and {truths} truths"
-        )
+        needs = "one score and one hit for each detection, and 0 or more truths"
+        got = f"{np.shape(scores)}, {np.shape(hits)} and {truths} truths"
+        raise ValueError(f"precision_recall needs {needs}, got {got}")
     if np.sum(hits) > truths:
         raise ValueError(f"more detections hit ({np.sum(hits)}) than there are truths ({truths}): count all truths")
     best_first = np.argsort(-scores, kind="stable")
@@ -260,8 +246,7 @@ def claim_then_test(iou: Float64[np.ndarray, "n m"], threshold: float) -> Int64[
 
 def sample_iou(detected: ArrayLike, truths: ArrayLike, metric: Overlap = "3d") -> Float64[np.ndarray, "n m"]:
     """Estimate IoU of boxes (n, 7) and (m, 7) by 50 × 50 points in each truth's footprint, edges included. For "3d" it
-    is multiplied by (overlap of the heights / greater height), which is not the IoU of the volumes.
-    """
+    is multiplied by (overlap of the heights / greater height), which is not the IoU of the volumes."""
     a, b = check_boxes(detected, "detected"), check_boxes(truths, "truths")
     half = a[:, 3:5] / 2 + FACE_TOLERANCE
     share = np.zeros((len(a), len(b)))

@@ -15,7 +15,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from toolkit.arrays import Float, Float32, Float64
+from toolkit.arrays import Float, Float32, Float64, Points
 from toolkit.calibration.ground import Ground, level, level_warning
 from toolkit.frame import Frame
 from toolkit.objects import Detections, Objects
@@ -36,8 +36,7 @@ class Stand:
 
     area: a site, or xmin ymin xmax ymax (m) about the middle; middle: x and y, world frame, that points are counted
     from; ground: below the points counted so, None where z = 0 already. warning: of ground that is not level; ms: time
-    that finding the ground took.
-    """
+    that finding the ground took."""
 
     area: Area
     middle: Float64[np.ndarray, "2"]
@@ -121,7 +120,7 @@ class Place:
             yield frame, Stand(np.array([-x, -y, x, y]), middle, ground, warning, 1e3 * (perf_counter() - start))
 
 
-def crop_points(points: Float[np.ndarray, "n 3"], area: Area) -> Float[np.ndarray, "_ 3"]:
+def crop_points(points: Points, area: Area) -> Float[np.ndarray, "_ 3"]:
     """Return the lifted points in an area, below 4 m."""
     return points[Crop.of(area, CROP_HEIGHT).holds(points)]
 
@@ -129,8 +128,7 @@ def crop_points(points: Float[np.ndarray, "n 3"], area: Area) -> Float[np.ndarra
 class LevelFrame(NamedTuple):
     """Frame on level ground, ready to train a network, counted from the middle of the area. sensors: names; clouds:
     points in the area, below 4 m; objects: in the area or close beside it; area: xmin ymin xmax ymax (m), about the
-    origin.
-    """
+    origin."""
 
     sensors: tuple[str, ...]
     clouds: tuple[Float32[np.ndarray, "_ 3"], ...]
@@ -141,8 +139,7 @@ class LevelFrame(NamedTuple):
 def level_frames(frames: Iterable[Frame], place: Place) -> Iterator[LevelFrame]:
     """Yield frames on level ground, but for those without points, or without ground where it is looked for. Points
     where the labels of a set are not complete, in KITTI beside the camera's image, are left out: nobody labelled what
-    is there, so it must not be learnt as background.
-    """
+    is there, so it must not be learnt as background."""
     (x, y), method = place.half, place.level or "map"
     for frame, stand in Place(method, place.still, place.area).stands(frames):
         if not any(len(cloud.points) for cloud in frame.clouds) or (stand.ground is None and method != "none"):

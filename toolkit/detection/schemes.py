@@ -87,10 +87,8 @@ class Hybrid(Parameters):
     def sent_points(self, counts: Counts, /) -> Float32[np.ndarray, "C F"]:
         """Return points beyond the site's radius; ValueError for another."""
         if self.radius is not None or self.metric != "horizontal":
-            raise ValueError(
-                f"far points are counted by the site's hybrid radius, not by {self}: use Hybrid() at "
-                "dataclasses.replace(site, hybrid_radius=...)"
-            )
+            remedy = "use Hybrid() at dataclasses.replace(site, hybrid_radius=...)"
+            raise ValueError(f"far points are counted by the site's hybrid radius, not by {self}: {remedy}")
         return counts.far
 
     def mask_pooled(self, distance: Float32[np.ndarray, "C O"], radius: float, /) -> Bool[np.ndarray, "C O"]:
@@ -105,9 +103,8 @@ class Hybrid(Parameters):
 
 
 PAPER_SCHEMES = ("early", "late", "hybrid")  # order of schemes in tables and observations
-SCHEMES: dict[str, Scheme] = {
-    scheme.name: scheme for scheme in (Early(), Late(), Hybrid(), Foreground(), ForegroundDifferences())
-}
+_BUILT_IN: tuple[Scheme, ...] = Early(), Late(), Hybrid(), Foreground(), ForegroundDifferences()
+SCHEMES = {scheme.name: scheme for scheme in _BUILT_IN}
 
 
 def schemes_in_steps(step: float, *, refers_to: RefersTo = "previous", key_every: int = KEY_EVERY) -> dict[str, Scheme]:
@@ -121,10 +118,8 @@ def find_scheme(scheme: Scheme | str) -> Scheme:
     if isinstance(scheme, str) and scheme in SCHEMES:
         return SCHEMES[scheme]
     if isinstance(scheme, str | type) or not isinstance(scheme, Scheme):
-        raise ValueError(
-            f"scheme must be one of {', '.join(SCHEMES)}, or an object with the members of "
-            f"toolkit.detection.scheme.Scheme, got {scheme!r}"
-        )
+        own = f"an object with the members of toolkit.detection.scheme.Scheme, got {scheme!r}"
+        raise ValueError(f"scheme must be one of {', '.join(SCHEMES)}, or {own}")
     return scheme
 
 
@@ -143,8 +138,7 @@ def fuse_frame(
 
     sensors: indices or names in any order, None for all; site: a site, or its area xmin, ymin, xmax, ymax (m); height:
     of the crop (m), else the site's own, else 4. The frame is taken as it is: draw noise first with
-    `toolkit.datasets.readings`. Raises ValueError for a sensor that the frame does not have or that is named twice.
-    """
+    `toolkit.datasets.readings`. Raises ValueError for a sensor that the frame does not have or that is named twice."""
     chosen = select_sensors(frame.sensors, sensors)
     view = frame_view(frame, detector, site, height=height, codec=check_codec(codec), nms_iou=iou_threshold)
     fused = find_scheme(scheme).fuse(view, sorted(chosen))

@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from toolkit.arrays import Float64, ImageMask, ImageRanges
+from toolkit.arrays import BoxRows, ImageMask, ImageRanges
 from toolkit.calibration.empty_scene import HALF, SIGMAS, EmptyScene
 from toolkit.sensors.sensor import Sensor, is_return
 
@@ -50,8 +50,7 @@ class Shown(NamedTuple):
     """Newest data of a sensor, measured at `time` (s).
 
     image: 0 where nothing returned or nothing was sent; sent: mask of the pixels of a foreground, None for a whole
-    image; missing: mask of those it says are missing.
-    """
+    image; missing: mask of those it says are missing."""
 
     time: float
     image: ImageRanges
@@ -85,8 +84,7 @@ class SensorMonitor:
     def look(self, now: float, shown: Shown | None, covered: Callable[[], ImageMask] | None = None) -> Fault | None:
         """Return the fault of the sensor at a time, None without one. shown: newest data, None before the first;
         covered: returns the mask of the pixels where objects that others see stand before its empty scene, called only
-        if foreground has hardly a pixel. Raises ValueError for an image of another size than the empty scene.
-        """
+        if foreground has hardly a pixel. Raises ValueError for an image of another size than the empty scene."""
         if shown is not None and shown.image.shape != self._scene.first.shape:
             size = self._scene.first.shape
             raise ValueError(f"sensor {self._scene.name!r} measures {size} pixels, got an image of {shown.image.shape}")
@@ -124,7 +122,7 @@ def farther(scene: EmptyScene, image: ImageRanges) -> ImageMask:
     return np.asarray(solid & (image > last + SIGMAS * spread))
 
 
-def standing_before(scene: EmptyScene, sensor: Sensor, boxes: Float64[np.ndarray, "n 7"]) -> ImageMask:
+def standing_before(scene: EmptyScene, sensor: Sensor, boxes: BoxRows) -> ImageMask:
     """Mask of pixels in which a sensor must see one of these boxes, or something nearer, before its empty scene."""
     nothing = np.float32(np.inf)
     behind = np.where(scene.first > 0, np.fmin(scene.first, np.where(scene.second > 0, scene.second, nothing)), nothing)

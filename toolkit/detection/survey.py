@@ -32,8 +32,7 @@ class Survey:
     objects_per_frame: mean by class; kbit_per_sensor: of all points; counts: points of each sensor on each vehicle;
     by_class: the same of each class that was counted; points_per_cloud: mean of each sensor, by name; agreeing: number
     of labelled cuboids that hold as many points as the set says, of those where it says so, None where it does not;
-    problems: labels and points left out in reading, by kind.
-    """
+    problems: labels and points left out in reading, by kind."""
 
     frames: int
     objects_per_frame: dict[str, float]
@@ -72,18 +71,12 @@ class Survey:
                 figures = [None if share is None else float(share) for share in shares]
                 sets[name] = dict(zip(("mean_points", "median_points", "unseen"), figures, strict=True))
             classes[label] = {"objects": len(counts), "sets": sets}
-        return {
-            "frames": self.frames,
-            "objects_per_frame": self.objects_per_frame,
-            "points_per_cloud": self.points_per_cloud,
-            "kbit_per_sensor": float(self.kbit_per_sensor.mean()),
-            "vehicles": len(self.counts),
-            "unseen": {name: self.unseen(chosen) for name, chosen in named.items()},
-            "classes": classes,
-            "counts_that_agree": self.agreeing and list(self.agreeing),
-            "problems": self.problems,
-            "provenance": with_file_digest(self.provenance),
-        }
+        means = {name: getattr(self, name) for name in ("frames", "objects_per_frame", "points_per_cloud")}
+        means |= {"kbit_per_sensor": float(self.kbit_per_sensor.mean()), "vehicles": len(self.counts)}
+        unseen = {name: self.unseen(chosen) for name, chosen in named.items()}
+        agree = {"counts_that_agree": self.agreeing and list(self.agreeing), "problems": self.problems}
+        provenance = with_file_digest(self.provenance)
+        return {**means, "unseen": unseen, "classes": classes, **agree, "provenance": provenance}
 
     def text(self, sensor_sets: Sequence[Sequence[int]]) -> str:
         """Return the figures as lines of text."""
@@ -97,10 +90,9 @@ class Survey:
         ]
         for label, of_class in figures["classes"].items():
             for chosen, each in of_class["sets"].items() if of_class["objects"] else ():
-                lines.append(
-                    f"{label} from {chosen}: {each['unseen']:.1%} of {of_class['objects']} without a point, "
-                    f"mean {each['mean_points']:.1f}, median {each['median_points']:g} points"
-                )
+                unseen = f"{each['unseen']:.1%} of {of_class['objects']} without a point"
+                points = f"mean {each['mean_points']:.1f}, median {each['median_points']:g} points"
+                lines.append(f"{label} from {chosen}: {unseen}, {points}")
         if self.agreeing is not None:
             agree, known = self.agreeing
             lines.append(f"{agree} of {known} labelled cuboids hold as many points as the set says")
@@ -119,8 +111,7 @@ def survey(
 
     classes: whose points are counted beside those of vehicles; reads: errors of the sensors and number of frames;
     codec: of the points; progress: called with the number of frames done. Raises ValueError for an unknown class or
-    error profile, and without frames.
-    """
+    error profile, and without frames."""
     check_codec(codec)
     wanted = sorted({label_index(label) for label in classes})
     total, errors, site = reads.count(recording), reads.profile(), recording.site

@@ -26,18 +26,10 @@ if TYPE_CHECKING:
 
 DPI = 150
 CHART_INCHES = 7.0  # width of a chart
+_AXES = {"titlesize": 11.0, "labelsize": 9.0, "edgecolor": INK, "labelcolor": INK, "linewidth": 0.8}
 _STYLE: dict[str, dict[str, Any]] = {
     "font": {"family": ["DejaVu Sans"], "size": 9.0},  # comes with matplotlib
-    "axes": {
-        "titlesize": 11.0,
-        "labelsize": 9.0,
-        "edgecolor": INK,
-        "labelcolor": INK,
-        "linewidth": 0.8,
-        "axisbelow": True,
-        "unicode_minus": True,
-        "facecolor": "white",
-    },
+    "axes": {**_AXES, "axisbelow": True, "unicode_minus": True, "facecolor": "white"},
     "axes.spines": {"top": False, "right": False},
     "axes.formatter": {"use_mathtext": False, "useoffset": False},
     "figure": {"facecolor": "white", "dpi": 100.0},

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 _ROW = 0.19  # inches of a row of the legend
 FEW = 100.0  # points on an object; the axis is linear up to here
+_Curves = Mapping[str, tuple[Sequence[float] | np.ndarray, Sequence[float] | np.ndarray]]
 
 
 def draw_pr_curves(
@@ -28,13 +29,7 @@ def draw_pr_curves(
     _draw_curves(curves, out, title or "Precision over recall", axes)
 
 
-def _draw_curves(
-    curves: Mapping[str, tuple[Sequence[float] | np.ndarray, Sequence[float] | np.ndarray]],
-    out: Path | str,
-    title: str,
-    look: PlotStyle,
-    marker: str = "",
-) -> None:
+def _draw_curves(curves: _Curves, out: Path | str, title: str, look: PlotStyle, marker: str = "") -> None:
     with house_style():
         figure, axes = curve_axes(title, len(curves))
         for number, (x, y) in enumerate(curves.values()):
@@ -48,10 +43,8 @@ def _draw_curves(
 def draw_density_cdf(counts: Mapping[str, Int[np.ndarray, " _"]], out: Path | str, *, title: str = "") -> None:
     """Draw the share of objects over their points.
 
-    There is one cumulative curve for each sensor set (paper, impact of point density).
-
-    The axis is linear up to `FEW` points and logarithmic beyond.
-    """
+    There is one cumulative curve for each sensor set (paper, impact of point density). The axis is linear up to `FEW`
+    points and logarithmic beyond."""
     with house_style():
         figure, axes = curve_axes(title or "Points on an object", len(counts))
         for number, points in enumerate(counts.values()):

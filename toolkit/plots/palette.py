@@ -20,14 +20,8 @@ SENSORS = ("#279efb", "#f500c7", "#0b921a", "#8a4291", "#f57f7c", "#78683d", "#e
 BAR = SENSORS[7]  # of charts
 CLASS = {"vehicle": "#ae93ab", "cyclist": "#53d9ff", "pedestrian": "#9fca03", "heavy": "#f3d482"}
 GROUND = {"lanes": "#e3e3e6", "footways": "#f3efe6"}
-SOLID = {  # by kind, lowest solid first
-    "pond": "#cfe4ee",
-    "island": "#d9d9d2",
-    "kerb": "#bdb9b0",
-    "building": "#c9c2b8",
-    "hedge": "#cfe0c3",
-    "tree": "#cfe0c3",
-}
+SOLID = {"pond": "#cfe4ee", "island": "#d9d9d2", "kerb": "#bdb9b0", "building": "#c9c2b8"}  # lowest solid first
+SOLID |= dict.fromkeys(("hedge", "tree"), "#cfe0c3")
 OTHER_SOLID = "#9a958c"
 POLE_INK = "#1a1a1a"
 DRAWN_INK, DRAWN_HATCH = "#a05a9c", "//////"  # over solids that coview drew

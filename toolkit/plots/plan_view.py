@@ -15,25 +15,12 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import shapely
 
-from toolkit.arrays import Bool, Float, Float64, Shaped
+from toolkit.arrays import Bool, Float, Float64, Mask, Shaped
 from toolkit.boxes import footprints
 from toolkit.objects import LABELS, Detections, Objects
+from toolkit.plots import palette
 from toolkit.plots.canvas import add_legend, blank_figure, house_style, plain, shorten, write_figure
-from toolkit.plots.palette import (
-    CLASS,
-    DRAWN_HATCH,
-    DRAWN_INK,
-    GROUND,
-    INK,
-    OTHER_SOLID,
-    OUTCOME,
-    PAPER_WHITE,
-    POLE_INK,
-    SOLID,
-    Outcome,
-    PlotStyle,
-    sensor_colour,
-)
+from toolkit.plots.palette import CLASS, GROUND, INK, OUTCOME, PAPER_WHITE, SOLID, Outcome, PlotStyle, sensor_colour
 from toolkit.sensors.sensor import Sensor
 
 if TYPE_CHECKING:
@@ -120,11 +107,12 @@ def draw_ground(axes: Axes, site: Site) -> None:
     for solid in site.solids:
         by_kind[solid.kind if solid.kind in SOLID else "other"].append(shapely.Polygon(solid.footprint))
     for rank, (kind, shapes) in enumerate(by_kind.items()):
-        fill_polygons(axes, shapes, SOLID.get(kind, OTHER_SOLID), order=1.5 + 0.01 * rank)
+        fill_polygons(axes, shapes, SOLID.get(kind, palette.OTHER_SOLID), order=1.5 + 0.01 * rank)
     drawn = shapely.union_all([shapely.Polygon(solid.footprint) for solid in _drawn_solids(site)])
+    hatched: PlotStyle = {"hatch": palette.DRAWN_HATCH, "edgecolor": palette.DRAWN_INK}
     for part in shapely.get_parts(drawn):
-        hatched: PlotStyle = {"hatch": DRAWN_HATCH, "facecolor": "none", "edgecolor": DRAWN_INK, "linewidth": 0.0}
-        axes.fill(*shapely.get_coordinates(part.exterior).T, zorder=1.6, **hatched)
+        outline = shapely.get_coordinates(part.exterior)
+        axes.fill(*outline.T, zorder=1.6, facecolor="none", linewidth=0.0, **hatched)
 
 
 def _drawn_solids(site: Site) -> list[Solid]:
@@ -242,11 +230,9 @@ def draw_wedges(axes: Axes, sensors: Sequence[Sensor], solids: Sequence[Solid] =
         axes.plot(np.r_[x, x[:1]], np.r_[y, y[:1]], color=sensor_colour(index), linewidth=0.9, alpha=0.9, zorder=2.3)
 
 
-def wedge(
-    sensor: Sensor, buildings: Sequence[shapely.Polygon], reach: float = VIEW_RANGE
-) -> Float64[np.ndarray, "k 2"]:
+def wedge(sensor: Sensor, buildings: Sequence[shapely.Polygon]) -> Float64[np.ndarray, "k 2"]:
     """Outline of a field of view from above. Each ray ends at the first building that the sensor is not in."""
-    start, view = sensor.position[:2], sensor.model.horizontal_fov
+    start, view, reach = sensor.position[:2], sensor.model.horizontal_fov, VIEW_RANGE
     foot = shapely.Point(start)
     blocking = shapely.union_all([b for b in buildings if b.distance(foot) > 0 and b.distance(foot) < reach])
     shapely.prepare(blocking)
@@ -265,9 +251,10 @@ def sensor_heading(sensor: Sensor) -> float:
     return float(np.arctan2(forward[1], forward[0]))
 
 
-def spread_discs(
-    places: Float64[np.ndarray, "n 2"], headings: Float64[np.ndarray, " n"], gap: float
-) -> Float64[np.ndarray, "n 2"]:
+_Places = Float64[np.ndarray, "_ 2"]
+
+
+def spread_discs(places: _Places, headings: Float64[np.ndarray, " n"], gap: float) -> _Places:
     """Centres of discs `gap` apart, each at its place or, if that is taken, near it, preferably along its heading."""
     discs = places.copy()
     turns = np.deg2rad([0, 30, -30, 60, -60, 90, -90, 120, -120, 150, -150, 180])
@@ -282,24 +269,16 @@ def spread_discs(
     return discs
 
 
-def draw_poles(axes: Axes, places: Float64[np.ndarray, "n 2"], *, used: bool = False, size: float = 6.0) -> None:
+def draw_poles(axes: Axes, places: _Places, *, used: bool = False, size: float = 6.0) -> None:
     """Draw poles as squares, filled if they carry a sensor."""
     axes.plot(*places.T, zorder=5, **{**pole_style(used), "markersize": size})
 
 
-def name_poles(
-    axes: Axes,
-    places: Float64[np.ndarray, "n 2"],
-    names: Sequence[str],
-    points_per_metre: float,
-    keep_off: Float64[np.ndarray, "m 2"],
-) -> None:
+def name_poles(axes: Axes, places: _Places, names: Sequence[str], points_per_metre: float, keep_off: _Places) -> None:
     """Write names beside poles where there is room. Poles, other names and sensors (`keep_off`) may take the room."""
-    taken = [
-        (*(place * points_per_metre - half), *(place * points_per_metre + half))
-        for group, half in ((places, 4.0), (keep_off, DISC / 2 + 1))
-        for place in group
-    ]
+    around = [(place * points_per_metre, 4.0) for place in places]
+    around += [(place * points_per_metre, DISC / 2 + 1) for place in keep_off]
+    taken = [(*(place - half), *(place + half)) for place, half in around]
     for place, name in zip(places, names, strict=True):
         text = shorten(name, 14)
         width, height = 3.9 * len(text) + 1, 7.5
@@ -319,8 +298,8 @@ def _overlap(one: tuple[float, ...], other: tuple[float, ...]) -> bool:
 
 def pole_style(used: bool) -> PlotStyle:
     """Matplotlib's properties of a pole."""
-    edge: PlotStyle = {"marker": "s", "markersize": 6.0, "markeredgecolor": POLE_INK, "markeredgewidth": 1.3}
-    return edge | {"markerfacecolor": POLE_INK if used else PAPER_WHITE, "linestyle": "none"}
+    edge: PlotStyle = {"marker": "s", "markersize": 6.0, "markeredgecolor": palette.POLE_INK, "markeredgewidth": 1.3}
+    return edge | {"markerfacecolor": palette.POLE_INK if used else PAPER_WHITE, "linestyle": "none"}
 
 
 def draw_objects(axes: Axes, objects: Objects) -> None:
@@ -359,8 +338,8 @@ class FrameOutcome(NamedTuple):
     detection hits; *_hit: truths and detections that hit; *_ignored: those that do not count."""
 
     iou: float
-    truth_hit: Bool[np.ndarray, " n"]
-    truth_ignored: Bool[np.ndarray, " n"]
+    truth_hit: Mask
+    truth_ignored: Mask
     detection_hit: Bool[np.ndarray, " m"]
     detection_ignored: Bool[np.ndarray, " m"]
 
@@ -369,16 +348,12 @@ def draw_site(site: Site, out: Path | str) -> None:
     """Draw the site with its poles and sensors. Streets, solids and fields of view are drawn too. The picture is PNG or
     SVG by the suffix."""
     poles = np.array([mount.position[:2] for mount in site.mounts]).reshape(-1, 2)
+    counts = ((len(site.sensors), "sensor"), (len(poles), "pole"))
+    title, counted = f"Site {shorten(site.name, 60)}", ", ".join(f"{n} {word}{'s' * (n != 1)}" for n, word in counts)
+    legend = [*ground_entries(site), *pole_entries(unused=len(poles)), *sensor_entries(site.sensors)]
+    holds = np.concatenate([poles, sensor_places(site.sensors)])
     with house_style():
-        sheet = map_sheet(
-            site,
-            f"Site {shorten(site.name, 60)}",
-            ", ".join(
-                f"{n} {word}{'s' * (n != 1)}" for n, word in ((len(site.sensors), "sensor"), (len(poles), "pole"))
-            ),
-            holds=np.concatenate([poles, sensor_places(site.sensors)]),
-            legend=[*ground_entries(site), *pole_entries(unused=len(poles)), *sensor_entries(site.sensors)],
-        )
+        sheet = map_sheet(site, title, counted, holds=holds, legend=legend)
         draw_wedges(sheet.axes, site.sensors, site.solids)
         draw_poles(sheet.axes, poles)
         draw_sensors(sheet.axes, site.sensors, sheet.points_per_metre)
@@ -426,10 +401,9 @@ def draw_frame(
             legend.append(outcome_entry(kind, f"{kind}{rule} ({len(boxes)})"))
     legend += sensor_entries(shown)
     count = f"N = {len(truth)} objects{scored}, {sum(map(len, clouds))} points" if len(truth) or len(clouds) else ""
+    title = shorten(title or f"Site {site.name}", 110)
     with house_style():
-        sheet = map_sheet(
-            site, shorten(title or f"Site {site.name}", 110), count, holds=sensor_places(shown), legend=legend
-        )
+        sheet = map_sheet(site, title, count, holds=sensor_places(shown), legend=legend)
         for index, points in enumerate(clouds):
             x, y = points[:, :2].T
             colour = [sensor_colour(index)]
@@ -477,8 +451,8 @@ def ground_entries(site: Site) -> list[Entry]:
     edge: PlotStyle = {"edgecolor": "#b0b0b0", "linewidth": 0.5}
     entries = [(Patch(facecolor=colour, **edge), name) for name, colour, some in there if some]
     if _drawn_solids(site):
-        hatched = Patch(facecolor="white", hatch=DRAWN_HATCH, edgecolor=DRAWN_INK, linewidth=0.5)
-        entries.append((hatched, "drawn, in no map"))
+        drawn: PlotStyle = {"hatch": palette.DRAWN_HATCH, "edgecolor": palette.DRAWN_INK, "linewidth": 0.5}
+        entries.append((Patch(facecolor="white", **drawn), "drawn, in no map"))
     return [(Line2D([], [], color=INK, linewidth=1.1, dashes=(8, 2, 2, 2)), "detection area"), *entries]
 
 
@@ -491,6 +465,6 @@ def outcome_entry(outcome: Outcome, label: str) -> Entry:
     return Line2D([], [], color=style.colour, linestyle=style.line, linewidth=style.width, **mark), label
 
 
-def sensor_places(sensors: Sequence[Sensor]) -> Float64[np.ndarray, "n 2"]:
+def sensor_places(sensors: Sequence[Sensor]) -> _Places:
     """Positions of sensors on the map."""
     return np.array([sensor.position[:2] for sensor in sensors]).reshape(-1, 2)

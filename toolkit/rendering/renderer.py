@@ -16,7 +16,7 @@ import numpy as np
 import open3d as o3d
 import shapely
 
-from toolkit.arrays import Bool, Float32, Float64, Int32, Int64
+from toolkit.arrays import BoxRows, Float32, Float64, Int32, Int64, Mask, Pose
 from toolkit.bodies.body import Body
 from toolkit.boxes import corners
 from toolkit.geometry import LEVEL, Slope, invert, level_motion, pose, transform
@@ -27,7 +27,7 @@ from toolkit.sites.site import Site
 from toolkit.traffic.snapshots import Snapshot
 
 RaycastingScene = o3d.t.geometry.RaycastingScene
-_Boxes = Float64[np.ndarray, "n 7"]
+_Bodies = Sequence[Body]
 
 
 class Footprints(NamedTuple):
@@ -46,7 +46,7 @@ class Moment:
     threads: of Open3D, 0 for all cores; slope: of the ground, with which bodies are sheared (`geometry.level_motion`).
     """
 
-    def __init__(self, bodies: Sequence[Body], boxes: _Boxes, threads: int = 0, *, slope: Slope = LEVEL) -> None:
+    def __init__(self, bodies: Sequence[Body], boxes: BoxRows, threads: int = 0, *, slope: Slope = LEVEL) -> None:
         self.bodies, self.boxes, self._threads, self._slope = tuple(bodies), boxes, threads, np.array(slope)
         self._place()
         vertices = []
@@ -69,8 +69,7 @@ class Moment:
     def met(self, lines: Float32[np.ndarray, "n 6"]) -> tuple[Int32[np.ndarray, " n"], Float32[np.ndarray, " n"]]:
         """First object that each line (start, direction; world frame) meets, -1 for none, and the length.
 
-        The length is in directions, infinite for a line that meets none.
-        """
+        The length is in directions, infinite for a line that meets none."""
         if self._scene is None or not len(lines):
             return np.full(len(lines), -1, np.int32), np.full(len(lines), np.inf, np.float32)
         found = self._scene.cast_rays(o3d.core.Tensor.from_numpy(lines), self._threads)
@@ -104,7 +103,6 @@ def build_scene(vertices: np.ndarray, triangles: np.ndarray, threads: int) -> Ra
 
 @lru_cache(maxsize=4096)
 def _footprint(body: Body) -> Float64[np.ndarray, "k 2"]:
-    """Corners of a body's convex hull seen from above, body frame."""
     hull = shapely.convex_hull(shapely.MultiPoint(body.vertices[:, :2].astype(np.float64)))
     return np.array(hull.exterior.coords[:-1])
 
@@ -119,7 +117,7 @@ class SightLines:
         self._threads = threads
         self._scene = build_scene(*scenery, threads)
 
-    def clear(self, start: Float64[np.ndarray, "3"], ends: Float64[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
+    def clear(self, start: Float64[np.ndarray, "3"], ends: Float64[np.ndarray, "n 3"]) -> Mask:
         """Mask of ends in sight of the start, further off than `NEAR`, with nothing between there and `GRAZE`.
 
         >>> from toolkit.mesh import box
@@ -160,19 +158,12 @@ class Renderer:
 
     bodies: counted by `Snapshot.bodies`; scenery: mesh of the static scene, made from the site by default; threads: of
     Open3D, 0 for all cores. `background` holds each sensor's measurement of the empty site; no rays are kept, so
-    thousands of sensors fit. Pickles as its arguments.
-    """
+    thousands of sensors fit. Pickles as its arguments."""
 
     def __init__(
-        self,
-        site: Site,
-        bodies: Sequence[Body],
-        sensors: Sequence[Sensor],
-        scenery: Mesh | None = None,
-        threads: int = 0,
+        self, site: Site, bodies: _Bodies, sensors: Sequence[Sensor], scenery: Mesh | None = None, threads: int = 0
     ) -> None:
-        self.sensors = tuple(sensors)
-        self.bodies = tuple(bodies)
+        self.sensors, self.bodies = tuple(sensors), tuple(bodies)
         self._site, self._scenery = site, build_scenery(site) if scenery is None else scenery
         self._threads, self._slope = threads, site.relief.slope
         self._measure_bodies()
@@ -209,7 +200,7 @@ class Renderer:
         images = [self._render(index, movers, world_corners) for index in range(len(self.sensors))]
         return Rendered(tuple(depth for depth, _ in images), tuple(hit for _, hit in images))
 
-    def outer_corners(self, chosen: Int64[np.ndarray, " n"], boxes: _Boxes) -> Float64[np.ndarray, "n 8 3"]:
+    def outer_corners(self, chosen: Int64[np.ndarray, " n"], boxes: BoxRows) -> Float64[np.ndarray, "n 8 3"]:
         """Corners of boxes around all of the bodies' meshes, mirrors included; world frame, sheared with the slope."""
         whole, out = boxes.copy(), np.flatnonzero(self._sticking_out[chosen])
         middle, yaw = self._bounds[chosen[out], :3], boxes[out, 6]
@@ -222,7 +213,7 @@ class Renderer:
             outer[..., 2] += (outer[..., :2] - boxes[:, None, :2]) @ np.array(self._slope)
         return outer
 
-    def body_from_world(self, box: Float64[np.ndarray, "7"]) -> Float64[np.ndarray, "4 4"]:
+    def body_from_world(self, box: Float64[np.ndarray, "7"]) -> Pose:
         """Motion of the world into the frame of the body in a box, the slope of the ground taken out."""
         x, y, z, *_, yaw = box.tolist()
         upright = invert(pose(x, y, z, yaw=yaw))
@@ -236,7 +227,7 @@ class Renderer:
         """Length in directions of each line (start, direction; world frame) to the static scene, infinite for none."""
         return self._lengths(self._still, lines)
 
-    def still_hides(self, ways: Float32[np.ndarray, "n 6"]) -> Bool[np.ndarray, " n"]:
+    def still_hides(self, ways: Float32[np.ndarray, "n 6"]) -> Mask:
         """Mask of ways (start, and from there to the end; world frame) that the static scene blocks."""
         return self._still.test_occlusions(o3d.core.Tensor.from_numpy(ways), 0.0, 1.0, self._threads).numpy()
 
@@ -293,6 +284,5 @@ class Renderer:
 
 @lru_cache(maxsize=64)
 def _homogeneous_rays(model: SensorModel) -> Float32[np.ndarray, "rows columns 4"]:
-    """Rays with a one appended."""
     rays = model.rays()
     return np.concatenate([rays, np.ones_like(rays[..., :1])], axis=-1)

@@ -11,10 +11,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from toolkit.arrays import Float32, Float64, Int64
+from toolkit.arrays import BoxRows, Float32, Float64, Int64
 from toolkit.rendering.renderer import Renderer
 from toolkit.rendering.strips import counting
-from toolkit.sensors.sensor import NEAR, Sensor, nearest
+from toolkit.sensors.sensor import NEAR, Sensor, SensorModel, nearest
 
 BOXES_TOGETHER = 512  # boxes whose windows are found together
 
@@ -39,8 +39,7 @@ class SensorRays:
     """Rays of sensors, and their lengths at the empty site.
 
     rays: (P, 3) of the pixels of all sensors, world axes; still: (P,) measurements of the empty site (m, 0 for none);
-    first: (S + 1,) where the pixels of each sensor begin.
-    """
+    first: (S + 1,) where the pixels of each sensor begin."""
 
     def __init__(self, renderer: Renderer, sensors: Sequence[Sensor]) -> None:
         self.sensors, self._renderer = tuple(sensors), renderer
@@ -48,19 +47,18 @@ class SensorRays:
         self.still = np.concatenate([image.ravel() for image in images])
         self.first = np.cumsum([0, *(image.size for image in images)])
         turns = [sensor.pose[:3, :3].T.astype(np.float32) for sensor in sensors]
-        self.rays = np.concatenate(
-            [s.model.rays().reshape(-1, 3) @ turn for s, turn in zip(sensors, turns, strict=True)]
-        )
+        rays = (sensor.model.rays().reshape(-1, 3) for sensor in sensors)
+        self.rays = np.concatenate([each @ turn for each, turn in zip(rays, turns, strict=True)])
         self._poses = np.array([sensor.pose for sensor in sensors])
         most = np.repeat([sensor.model.max_range for sensor in sensors], np.diff(self.first)).astype(np.float32)
         self._reach = np.where(self.still > 0, self.still, most)
         self._columns = np.array([sensor.model.shape[1] for sensor in sensors])
-        models = [sensor.model for sensor in sensors]
-        self._alike = [
-            (model, np.array([i for i, each in enumerate(models) if each == model])) for model in dict.fromkeys(models)
-        ]
+        models: dict[SensorModel, list[int]] = {}
+        for number, sensor in enumerate(sensors):
+            models.setdefault(sensor.model, []).append(number)
+        self._alike = [(model, np.array(numbers)) for model, numbers in models.items()]
 
-    def windows(self, bodies: Int64[np.ndarray, " n"], boxes: Float64[np.ndarray, "n 7"]) -> list[Windows]:
+    def windows(self, bodies: Int64[np.ndarray, " n"], boxes: BoxRows) -> list[Windows]:
         """Windows of bodies of the renderer in their boxes."""
         each: list[Windows] = []
         rotations, positions = self._poses[:, :3, :3], self._poses[:, None, :3, 3]

@@ -12,7 +12,7 @@ from collections.abc import Callable
 import numpy as np
 import shapely
 
-from toolkit.arrays import Float, Float64
+from toolkit.arrays import Float, Float64, Rng
 from toolkit.geometry import LEVEL
 from toolkit.mesh import Mesh, extrude, merge, place, triangulate
 from toolkit.sites.site import Site, Solid
@@ -38,13 +38,13 @@ def build_scenery(site: Site) -> Mesh:
     rng = np.random.default_rng(sum(site.name.encode()))
     skin = sum(_skin(solid) for solid in site.solids)
     if not skin <= MOST_SKIN:
-        raise ValueError(
-            f"solids of site {site.name!r} have {skin:.3g} m² of skin, where {MOST_SKIN:g} m² can be drawn (a plant's "
-            "counts four times): correct their sizes, or leave some out"
-        )
+        most = f"where {MOST_SKIN:g} m² can be drawn (a plant's counts four times)"
+        remedy = "correct their sizes, or leave some out"
+        raise ValueError(f"solids of site {site.name!r} have {skin:.3g} m² of skin, {most}: {remedy}")
     solids = []
     for solid in site.solids:
-        vertices, triangles = _SHAPES.get(solid.kind, _plain)(solid, rng)
+        draw = _SHAPES.get(solid.kind)
+        vertices, triangles = draw(solid, rng) if draw else extrude(solid.footprint, solid.base, solid.top)
         if site.relief.slope != LEVEL:  # sheared with it; heights under the middle of the footprint stay
             rise = site.plane(vertices[:, :2] - solid.footprint.mean(axis=0))
             vertices = np.column_stack([vertices[:, :2], vertices[:, 2] + rise])
@@ -95,11 +95,7 @@ def _skin(solid: Solid) -> float:
     return (outline.length * (solid.top - solid.base) + outline.area) * (1 if solid.kind == "building" else 4)
 
 
-def _plain(solid: Solid, rng: np.random.Generator) -> Mesh:
-    return extrude(solid.footprint, solid.base, solid.top)
-
-
-def _building(solid: Solid, rng: np.random.Generator) -> Mesh:
+def _building(solid: Solid, rng: Rng) -> Mesh:
     """Walls with windows, and a flat roof."""
     corners = _outline(solid.footprint, np.inf)
     walls = [_facade(a, b, solid.base, solid.top) for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True)]
@@ -127,13 +123,12 @@ def _facade(start: np.ndarray, end: np.ndarray, base: float, top: float) -> Mesh
     wall = np.stack([at(i[~pane] + di, j[~pane] + dj, 0.0) for di, dj in around], axis=1)
     i, j = i[pane], j[pane]
     outer, inner = (np.stack([at(i + di, j + dj, depth) for di, dj in around], axis=1) for depth in (0.0, 1.0))
-    sides = [
-        np.stack([outer[:, k], outer[:, (k + 1) % 4], inner[:, (k + 1) % 4], inner[:, k]], axis=1) for k in range(4)
-    ]
+    ways = [(k, (k + 1) % 4) for k in range(4)]
+    sides = [np.stack([outer[:, a], outer[:, b], inner[:, b], inner[:, a]], axis=1) for a, b in ways]
     return _quadrilaterals(np.concatenate([wall, inner, *sides]))
 
 
-def _hedge(solid: Solid, rng: np.random.Generator) -> Mesh:
+def _hedge(solid: Solid, rng: Rng) -> Mesh:
     """Prism with a bumpy skin, narrower at the top, that passes its footprint by the roughness at most."""
     outline = _outline(solid.footprint, 0.4)
     middle = outline.mean(axis=0)
@@ -148,7 +143,7 @@ def _hedge(solid: Solid, rng: np.random.Generator) -> Mesh:
     return merge([_strip(np.stack(rings)), Mesh(top, cap)])
 
 
-def _bush(solid: Solid, rng: np.random.Generator) -> Mesh:
+def _bush(solid: Solid, rng: Rng) -> Mesh:
     """Dense core, and sprays of leaves over it."""
     middle = solid.footprint.mean(axis=0)
     core = Solid(middle + 0.75 * (solid.footprint - middle), solid.base, solid.base + 0.8 * (solid.top - solid.base))
@@ -156,7 +151,7 @@ def _bush(solid: Solid, rng: np.random.Generator) -> Mesh:
     return merge([_hedge(core, rng), _crown(leaves, rng)])
 
 
-def _crown(solid: Solid, rng: np.random.Generator) -> Mesh:
+def _crown(solid: Solid, rng: Rng) -> Mesh:
     """Sprays of leaves, most near the outline."""
     polygon = shapely.Polygon(solid.footprint)
     height = solid.top - solid.base
@@ -172,12 +167,8 @@ def _crown(solid: Solid, rng: np.random.Generator) -> Mesh:
     return Mesh(vertices, np.arange(len(vertices)).reshape(-1, 3))
 
 
-_SHAPES: dict[str, Callable[[Solid, np.random.Generator], Mesh]] = {
-    "building": _building,
-    "hedge": _hedge,
-    "bush": _bush,
-    "tree": _crown,
-}
+_Shape = Callable[[Solid, Rng], Mesh]
+_SHAPES: dict[str, _Shape] = {"building": _building, "hedge": _hedge, "bush": _bush, "tree": _crown}
 
 
 def _outline(footprint: Float[np.ndarray, "k 2"], spacing: float) -> Float64[np.ndarray, "m 2"]:

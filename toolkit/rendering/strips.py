@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from toolkit.arrays import Bool, Float32, Float64, Int32, Int64
+from toolkit.arrays import Bool, Float32, Float64, Int32, Int64, Mask
 from toolkit.bodies.body import Body
 from toolkit.points import Crop
 from toolkit.rendering.renderer import Footprints, Moment, Renderer
@@ -88,8 +88,7 @@ class _Columns(NamedTuple):
 def cast_strips(renderer: Renderer, moment: Moment, viewpoints: Eyes, counted: Counted, windows: Sectors) -> Strips:
     """Cast the strips of some sectors of a moment's objects, one after the other.
 
-    renderer: of the site, for its static scene; windows: see `find_sectors`.
-    """
+    renderer: of the site, for its static scene; windows: see `find_sectors`."""
     columns = _columns(moment.ground, viewpoints, windows)
     item, start = windows.item.astype(np.int32), viewpoints[windows.viewpoint].astype(np.float32)
 
@@ -129,7 +128,7 @@ def concatenate_strips(parts: list[Strips]) -> Strips:
     return Strips(*(np.concatenate(each) for each in zip(*parts, strict=True)))
 
 
-def find_sectors(ground: Footprints, viewpoints: Eyes, fine: Bool[np.ndarray, " n"]) -> Sectors:
+def find_sectors(ground: Footprints, viewpoints: Eyes, fine: Mask) -> Sectors:
     """Sector of each object, viewpoint after viewpoint."""
     if not len(ground.low) or not len(viewpoints):
         whole, real = np.zeros(0, np.int64), np.zeros(0)
@@ -237,7 +236,7 @@ class SuccessiveStrips:
         self._renderer, self._viewpoints, self._counted = renderer, viewpoints, counted
         self._last = self._none = _Last([], np.zeros((len(viewpoints), 0, 0), np.bool_), concatenate_strips([]))
 
-    def of(self, moment: Moment, fine: Bool[np.ndarray, " n"]) -> Strips:
+    def of(self, moment: Moment, fine: Mask) -> Strips:
         """Strips of a frame; fine: as of `find_sectors`."""
         boxes = [box.tobytes() for box in moment.boxes]
         objects = list(zip(moment.bodies, boxes, fine.tolist(), strict=True))
@@ -291,7 +290,7 @@ def may_hide(ground: Footprints, viewpoints: Eyes, sectors: Sectors) -> Bool[np.
     return found
 
 
-def find_touching(ground: Footprints) -> Bool[np.ndarray, " n"]:
+def find_touching(ground: Footprints) -> Mask:
     """Mask of objects whose footprint's rectangle meets another one."""
     half, cos, sin = ground.rectangles[:, 2:4], ground.rectangles[:, 4], ground.rectangles[:, 5]
     axes = np.stack([np.column_stack([cos, sin]), np.column_stack([-sin, cos])], axis=1)

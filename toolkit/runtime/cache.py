@@ -81,10 +81,8 @@ class Cache:
         def insert(database: sqlite3.Connection) -> None:
             rows = [(key, encode_arrays(key + self._secret, value)) for key, value in values.items()]
             fitting = [row for row in rows if len(row[1]) <= LARGEST_VALUE]
-            if len(fitting) < len(rows):
-                warnings.warn(
-                    f"{len(rows) - len(fitting)} values are too large to be kept in {self.path}", stacklevel=4
-                )
+            if too_large := len(rows) - len(fitting):
+                warnings.warn(f"{too_large} values are too large to be kept in {self.path}", stacklevel=4)
             with database:  # commits, or rolls back
                 database.execute("BEGIN IMMEDIATE")
                 database.executemany("INSERT OR REPLACE INTO entries VALUES (?, ?)", fitting)

@@ -29,7 +29,5 @@ def align_columns(table: Sequence[Sequence[str]], *, texts: int) -> str:
     table = [[cell.replace("\n", "\\n") for cell in line] for line in table]
     widths = [max(map(len, column)) for column in zip(*table, strict=True)]
     sides = [str.ljust] * texts + [str.rjust] * (len(widths) - texts)
-    return "\n".join(
-        "  ".join(side(cell, width) for side, cell, width in zip(sides, line, widths, strict=True)).rstrip()
-        for line in table
-    )
+    rows = [zip(sides, line, widths, strict=True) for line in table]
+    return "\n".join("  ".join(side(cell, width) for side, cell, width in row).rstrip() for row in rows)

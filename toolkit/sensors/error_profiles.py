@@ -25,21 +25,8 @@ from functools import cached_property
 import numpy as np
 
 from toolkit.runtime.cache import make_key
-from toolkit.sensors.error_terms import (
-    BlindSector,
-    Calibration,
-    ClockOffset,
-    DeadRows,
-    DropOut,
-    Glass,
-    MixedPixels,
-    OwnNoise,
-    Paint,
-    PoleSway,
-    RangeNoise,
-    rain,
-    stereo_noise,
-)
+from toolkit.sensors import error_terms as terms
+from toolkit.sensors.error_terms import Calibration, DropOut, Glass, MixedPixels, OwnNoise, RangeNoise
 from toolkit.sensors.readings import Draws, ErrorTerm, Reading, TrueImage
 
 
@@ -96,18 +83,19 @@ def _degrees(angle_deg: float) -> float:
     return float(np.deg2rad(angle_deg))
 
 
-_NOISE = OwnNoise(), stereo_noise(baseline=1.0, focal=2000.0), RangeNoise(proportional=0.0005, measures="range")
+_NOISE = OwnNoise(), terms.stereo_noise(baseline=1.0, focal=2000.0), RangeNoise(proportional=0.0005, measures="range")
 
 PAPER_ERRORS = ErrorProfile("paper", (OwnNoise(),))
 _NEAR_EXACT = (DropOut(share=0.005), MixedPixels(share=0.05), OwnNoise(), Calibration(_degrees(0.05), 0.01))
 SURVEYED = ErrorProfile("surveyed", _NEAR_EXACT)
 _USUAL = Glass(share=0.8), DropOut(share=0.02), MixedPixels(share=0.2), *_NOISE, Calibration(_degrees(0.2), 0.03)
 TYPICAL = ErrorProfile("typical", _USUAL)
-_BAD = Glass(share=0.8), Paint(share=0.2), DropOut(share=0.05, half_range=200.0), MixedPixels(share=0.2), rain(10.0)
-_BADLY_PLACED = Calibration(_degrees(0.5), 0.05), PoleSway(_degrees(0.05))
-POOR = ErrorProfile("poor", (*_BAD, DeadRows(share=0.02), *_NOISE, *_BADLY_PLACED))
-GLARE = ErrorProfile("glare", (*_USUAL, BlindSector(share=0.25)))
-TYPICAL_CLOCK = ErrorProfile("typical-clock", (*_USUAL, ClockOffset(offset=0.05)))
+_DARK = Glass(share=0.8), terms.Paint(share=0.2)
+_BAD = *_DARK, DropOut(share=0.05, half_range=200.0), MixedPixels(share=0.2), terms.rain(10.0)
+_BADLY_PLACED = Calibration(_degrees(0.5), 0.05), terms.PoleSway(_degrees(0.05))
+POOR = ErrorProfile("poor", (*_BAD, terms.DeadRows(share=0.02), *_NOISE, *_BADLY_PLACED))
+GLARE = ErrorProfile("glare", (*_USUAL, terms.BlindSector(share=0.25)))
+TYPICAL_CLOCK = ErrorProfile("typical-clock", (*_USUAL, terms.ClockOffset(offset=0.05)))
 PROFILES = {profile.name: profile for profile in (PAPER_ERRORS, SURVEYED, TYPICAL, GLARE, TYPICAL_CLOCK, POOR)}
 
 

@@ -116,15 +116,12 @@ def velocities(objects: Objects, time: float, around: Sequence[tuple[Objects, fl
     """Velocity (m/s, world frame) of each object of a frame, from its track in the frames before and after.
 
     It is their mean, 0 for a track in neither. time: of the frame (s); around: objects and time of its neighbours.
-    Raises ValueError without neighbours and for one farther off than `MOST_APART`.
-    """
+    Raises ValueError without neighbours and for one farther off than `MOST_APART`."""
     gaps = [abs(then - time) for _, then in around]
     if not gaps or not all(0 < gap <= MOST_APART for gap in gaps):
         apart = ", ".join(f"{gap:g} s" for gap in gaps) or "nothing"
-        raise ValueError(
-            f"velocities need frames at most {MOST_APART} s apart, got {apart}: leave the clock's offset out, or "
-            "record more often"
-        )
+        remedy = "leave the clock's offset out, or record more often"
+        raise ValueError(f"velocities need frames at most {MOST_APART} s apart, got {apart}: {remedy}")
     total, count = np.zeros((len(objects), 3)), np.zeros(len(objects))
     for others, then in around:
         _, mine, theirs = np.intersect1d(objects.ids, others.ids, return_indices=True)
@@ -209,8 +206,7 @@ _NEIGHBOURS = ((0, 1), (0, -1), (1, 0), (-1, 0))
 class MixedPixels(_Term):
     """Pixels beside an edge that measure something between two surfaces, with even probability.
 
-    One of the four neighbours of each pixel is drawn. A neighbour without return mixes nothing.
-    """
+    One of the four neighbours of each pixel is drawn. A neighbour without return mixes nothing."""
 
     share: float = 0.0  # of the pixels beside an edge
     gap: float = 0.3  # least difference to a neighbour at an edge (m)
@@ -249,8 +245,7 @@ class PoleSway(_Term):
     """Slow sway of poles; all sensors of a pole sway together.
 
     To first order a sensor that moved, placed where it stood, is one that stood, placed where it did not: nothing is
-    rendered anew. A pole's foot is taken to be at z = 0.
-    """
+    rendered anew. A pole's foot is taken to be at z = 0."""
 
     _strengths, _positive = ("amplitude",), ("period",)
     amplitude: float = angle(0.0)  # angle by which the tip of a pole turns (rad)
@@ -403,10 +398,8 @@ def _way_through(truth: TrueImage, pixels: Int64[np.ndarray, " n"]) -> Float64[n
     rays = truth.sensor.world_rays.T[pixels].astype(np.float64)
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
     cos, sin = np.cos(boxes[:, 6]), np.sin(boxes[:, 6])
-    here, ray = (
-        np.column_stack([v[:, 0] * cos + v[:, 1] * sin, v[:, 0] * -sin + v[:, 1] * cos, v[:, 2]])
-        for v in (truth.points[pixels] - boxes[:, :3], rays)
-    )
+    ways = ((truth.points[pixels] - boxes[:, :3]).T, rays.T)
+    here, ray = (np.column_stack([x * cos + y * sin, x * -sin + y * cos, z]) for x, y, z in ways)
     ray = np.where(np.abs(ray) < 1e-9, 1e-9, ray)
     return np.maximum(((np.copysign(boxes[:, 3:6] / 2, ray) - here) / ray).min(axis=1), 0.0)
 

@@ -15,22 +15,10 @@ from typing import Any, ClassVar, NamedTuple, TypeVar, cast
 
 import numpy as np
 
-from toolkit.arrays import Bool, Float, Float32, Float64, Int64
+from toolkit.arrays import Bool, Float, Float32, Float64, ImageVectors, Int64, Pose, Rng
 from toolkit.geometry import BODY_SE3_CAMERA, pose
-from toolkit.sensors.sensor import (
-    NEAR,
-    Deviation,
-    Measure,
-    SensorModel,
-    angle,
-    bounding_spheres,
-    check_noise,
-    check_numbers,
-    check_rays,
-    clip_windows,
-    freeze,
-    with_noise,
-)
+from toolkit.sensors import sensor as shared
+from toolkit.sensors.sensor import NEAR, Deviation, Measure, SensorModel, angle, check_noise, check_numbers, check_rays
 
 _PAIRS = np.array([(i, j) for i in range(8) for j in range(i + 1, 8)])  # of a box's corners, its edges among them
 
@@ -42,11 +30,9 @@ class _Noisy:
         """`sigma`, whatever the measurement."""
         return np.float32(self.sigma)
 
-    def noisy(
-        self, measurement: Float[np.ndarray, "rows columns"], rng: np.random.Generator
-    ) -> Float32[np.ndarray, "rows columns"]:
+    def noisy(self, measurement: Float[np.ndarray, "rows columns"], rng: Rng) -> Float32[np.ndarray, "rows columns"]:
         """Add normal noise of the `deviation`; no return stays none."""
-        return with_noise(measurement, cast(SensorModel, self), rng)
+        return shared.with_noise(measurement, cast(SensorModel, self), rng)
 
 
 @dataclass(frozen=True)
@@ -101,7 +87,7 @@ class DepthCamera(_Noisy):
         u, v = self.centre or (self.width / 2, self.height / 2)
         return np.array([[focal, 0.0, u], [0.0, focal, v], [0.0, 0.0, 1.0]])
 
-    def rays(self) -> Float32[np.ndarray, "rows columns 3"]:
+    def rays(self) -> ImageVectors:
         """Ray per pixel: ((u - cu) / f, (v - cv) / f, 1)."""
         return _camera_rays(self)
 
@@ -128,7 +114,7 @@ class DepthCamera(_Noisy):
         near = sensor_corners[..., 2].min(axis=1) < self.max_range
         rows = np.arange(len(sensor_corners))
         bounds = np.column_stack([rows, first[:, 1], last[:, 1], first[:, 0], last[:, 0]])
-        return clip_windows(bounds[near & ahead.any(axis=(1, 2))], self.shape)
+        return shared.clip_windows(bounds[near & ahead.any(axis=(1, 2))], self.shape)
 
 
 @lru_cache(maxsize=64)
@@ -136,7 +122,7 @@ def _camera_rays(camera: DepthCamera) -> np.ndarray:
     (focal, _, cu), (_, _, cv), _ = camera.intrinsic
     u, v = np.arange(0, camera.width, camera.stride), np.arange(0, camera.height, camera.stride)
     x, y = np.meshgrid((u - cu) / focal, (v - cv) / focal)
-    return freeze(np.stack([x, y, np.ones_like(x)], axis=-1))
+    return shared.freeze(np.stack([x, y, np.ones_like(x)], axis=-1))
 
 
 class AngleGrid(NamedTuple):
@@ -149,16 +135,16 @@ class AngleGrid(NamedTuple):
 
 
 @lru_cache(maxsize=64)
-def unit_rays(grid: AngleGrid) -> Float32[np.ndarray, "rows columns 3"]:
+def unit_rays(grid: AngleGrid) -> ImageVectors:
     """Unit ray per row and column."""
     elevation = np.array(grid.elevations)[:, None]
     azimuth = grid.heading + (np.arange(grid.columns) - (grid.columns - 1) / 2) * grid.width / grid.columns
     flat = np.cos(elevation)
-    return freeze(np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation) + 0 * azimuth], axis=-1))
+    x, y, z = flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation) + 0 * azimuth
+    return shared.freeze(np.stack([x, y, z], axis=-1))
 
 
 def _half_angle(radius: np.ndarray, distance: np.ndarray) -> np.ndarray:
-    """Half the apparent angle of a sphere."""
     return np.where(distance > radius, np.arcsin(np.minimum(radius / np.maximum(distance, 1e-9), 1)), 2 * np.pi)
 
 
@@ -173,7 +159,7 @@ class _Lidar(_Noisy):
         raise NotImplementedError
 
     @property
-    def body_SE3_sensor(self) -> Float64[np.ndarray, "4 4"]:
+    def body_SE3_sensor(self) -> Pose:
         """The body looks along the heading."""
         return pose(yaw=-self._grid.heading) if self._grid.heading else np.eye(4)
 
@@ -192,7 +178,7 @@ class _Lidar(_Noisy):
         """Angle between the lowest row and the highest (rad)."""
         return self._grid.elevations[0] - self._grid.elevations[-1]
 
-    def rays(self) -> Float32[np.ndarray, "rows columns 3"]:
+    def rays(self) -> ImageVectors:
         """Unit ray per row and column, sensor frame."""
         return unit_rays(self._grid)
 
@@ -206,7 +192,7 @@ class _Lidar(_Noisy):
 
     def windows(self, sensor_corners: Float64[np.ndarray, "n 8 3"]) -> Int64[np.ndarray, "m 5"]:
         """Rectangles around the sphere through the corners of each box, at up to three turns of the azimuth."""
-        middle, radius, distance = bounding_spheres(self._ahead(sensor_corners))
+        middle, radius, distance = shared.bounding_spheres(self._ahead(sensor_corners))
         elevation, half = np.arcsin(middle[:, 2] / np.maximum(distance, 1e-9)), _half_angle(radius, distance)
         azimuth = np.arctan2(middle[:, 1], middle[:, 0])
         falling = -np.array(self._grid.elevations)
@@ -220,7 +206,7 @@ class _Lidar(_Noisy):
             left, right = np.floor(column - half_columns), np.ceil(column + half_columns) + 1
             bounds = np.column_stack([np.arange(len(middle)), top, bottom, left, right])
             turns.append(bounds[distance - radius < self.max_range])
-        return clip_windows(np.concatenate(turns), self.shape)
+        return shared.clip_windows(np.concatenate(turns), self.shape)
 
     def _ahead(self, points: Float64[np.ndarray, "*n 3"]) -> Float64[np.ndarray, "*n 3"]:
         return points @ self.body_SE3_sensor[:3, :3].T if self._grid.heading else points
@@ -338,8 +324,7 @@ Model = TypeVar("Model", bound=type)
 def register_sensor_model(model: Model) -> Model:
     """Register a model for files and `--model`; returns the class.
 
-    Raises ValueError where the class is no `SensorModel` of fields with defaults, or its name is taken.
-    """
+    Raises ValueError where the class is no `SensorModel` of fields with defaults, or its name is taken."""
     name = model.__name__
     parameters = getattr(model, "__dataclass_params__", None)
     if not is_dataclass(model) or parameters is None or not (parameters.frozen and parameters.eq):
@@ -378,8 +363,7 @@ def class_names() -> list[str]:
 def make_model(name: str, values: Mapping[str, Any]) -> SensorModel:
     """Make a model of a name and some of its fields, as files hold them: angles in rad, lists for tuples.
 
-    Raises ValueError for an unknown name or field, and for a value that the model refuses.
-    """
+    Raises ValueError for an unknown name or field, and for a value that the model refuses."""
     model = find_model_class(name)
     known = [entry.name for entry in fields(model)]
     if unknown := [key for key in values if key not in known]:

@@ -13,7 +13,7 @@ from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 
-from toolkit.arrays import Bool, Float32, Float64, Int64
+from toolkit.arrays import Bool, Float32, Float64, ImageVectors, Int64, Pose, Rng
 from toolkit.boxes import points_in_boxes
 from toolkit.objects import Objects
 from toolkit.sensors.sensor import Sensor, is_return
@@ -30,19 +30,19 @@ class Draws:
     frame: int
     term: int
 
-    def own_noise(self) -> np.random.Generator:
+    def own_noise(self) -> Rng:
         """Generator of the sensor's own noise, which other errors do not change."""
         return np.random.default_rng([self.seed, self.frame, self.sensor])
 
-    def of_frame(self) -> np.random.Generator:
+    def of_frame(self) -> Rng:
         """Generator for this sensor in this frame."""
         return np.random.default_rng([self.seed, _FRAME, self.frame, self.sensor, self.term])
 
-    def of_sensor(self) -> np.random.Generator:
+    def of_sensor(self) -> Rng:
         """Generator for this sensor, the same in every frame."""
         return np.random.default_rng([self.seed, _SENSOR, self.sensor, self.term])
 
-    def of_pole(self, position: Float64[np.ndarray, "3"]) -> np.random.Generator:
+    def of_pole(self, position: Float64[np.ndarray, "3"]) -> Rng:
         """Generator for all sensors over one point of the ground (cm), the same in every frame."""
         x, y = (int(np.rint(each * 100)) & 0xFFFFFFFF for each in position[:2].tolist())
         return np.random.default_rng([self.seed, _POLE, x, y, self.term])
@@ -107,8 +107,7 @@ class TrueImage:
     def cosines(self) -> Float32[np.ndarray, "rows columns"]:
         """Cosine of the angle between each ray and the surface's normal; 1 where it is unknown.
 
-        From the differences to the nearer of the neighbours across and along.
-        """
+        From the differences to the nearer of the neighbours across and along."""
         rays = self.sensor.model.rays().astype(np.float64)
         points = rays * np.where(self.valid, self.measurement, np.float32(0))[..., None]
         normal = np.cross(_tangent(points, self.valid, 0), _tangent(points, self.valid, 1))
@@ -123,13 +122,12 @@ class Reading:
     """Measurement of a sensor as it reports it.
 
     measurement: 0 for no return; pose: believed world_SE3_sensor; shift: displacement of each pixel's point off its ray
-    (m, world frame), None for none.
-    """
+    (m, world frame), None for none."""
 
     truth: TrueImage
     measurement: Float32[np.ndarray, "rows columns"]
-    pose: Float64[np.ndarray, "4 4"]
-    shift: Float32[np.ndarray, "rows columns 3"] | None = None
+    pose: Pose
+    shift: ImageVectors | None = None
 
     @staticmethod
     def of(truth: TrueImage) -> Reading:

@@ -21,7 +21,7 @@ from typing import Any, ClassVar, Literal, Protocol, runtime_checkable
 
 import numpy as np
 
-from toolkit.arrays import Bool, Float, Float32, Float64, Int64
+from toolkit.arrays import Bool, Float, Float32, Float64, ImageVectors, Int64, Pose, Rng
 from toolkit.display import Table
 from toolkit.geometry import check_pose, invert
 
@@ -68,15 +68,13 @@ class SensorModel(Protocol):
     def max_range(self) -> float:
         """Measurement (m) from which on nothing returns."""
 
-    def rays(self) -> Float32[np.ndarray, "rows columns 3"]:
+    def rays(self) -> ImageVectors:
         """Ray per pixel, sensor frame."""
 
     def deviation(self, measurement: Float[np.ndarray, "*shape"]) -> Deviation:
         """Standard deviation (m) of each measurement's noise. float32; one number if all are the same."""
 
-    def noisy(
-        self, measurement: Float[np.ndarray, "rows columns"], rng: np.random.Generator
-    ) -> Float32[np.ndarray, "rows columns"]:
+    def noisy(self, measurement: Float[np.ndarray, "rows columns"], rng: Rng) -> Float32[np.ndarray, "rows columns"]:
         """Add noise; no return stays none. See `with_noise`."""
 
     def in_view(self, points: Float64[np.ndarray, "*n 3"]) -> Bool[np.ndarray, "*n"]:
@@ -86,8 +84,7 @@ class SensorModel(Protocol):
         """Rectangles of pixels (row, top, bottom, left, right) around boxes, given by corners in the sensor frame.
 
         No ray outside its rectangles meets a box. A box may come more than once, as across the seam of a spinning
-        lidar, or not at all. See `clip_windows`.
-        """
+        lidar, or not at all. See `clip_windows`."""
 
 
 def is_return(measurement: Float[np.ndarray, "*shape"], max_range: float = np.inf) -> Bool[np.ndarray, "*shape"]:
@@ -99,7 +96,7 @@ def is_return(measurement: Float[np.ndarray, "*shape"], max_range: float = np.in
     return (measurement > 0) & (measurement < min(max_range, np.finfo(np.float32).max))
 
 
-def with_noise(measurement: np.ndarray, model: SensorModel, rng: np.random.Generator) -> np.ndarray:
+def with_noise(measurement: np.ndarray, model: SensorModel, rng: Rng) -> np.ndarray:
     """Add normal noise; no return stays none."""
     clean = np.asarray(measurement, np.float32)
     valid = is_return(clean, model.max_range)
@@ -181,12 +178,11 @@ def check_noise(sigma: float, max_range: float) -> None:
 class Sensor:
     """Sensor model at a pose, world_SE3_sensor, in a site's own frame: float32 points are good to 1 mm within 10 km.
 
-    Raises ValueError if the pose is no rigid motion.
-    """
+    Raises ValueError if the pose is no rigid motion."""
 
     name: str
     model: SensorModel
-    pose: Float64[np.ndarray, "4 4"] = field(repr=False)
+    pose: Pose = field(repr=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "pose", check_pose(self.pose, f"pose of sensor {self.name!r}").copy())
@@ -206,7 +202,7 @@ class Sensor:
         return self.pose[:3, 3]
 
     @property
-    def world_SE3_body(self) -> Float64[np.ndarray, "4 4"]:
+    def world_SE3_body(self) -> Pose:
         """Pose of its body: x along the optical axis, y left, z up."""
         return self.pose @ invert(self.model.body_SE3_sensor)
 

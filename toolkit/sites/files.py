@@ -32,8 +32,7 @@ def load_site(name_or_path: str | Path) -> Site:
     """Load a site; built-in ones go by name, saved ones by path.
 
     Raises ValueError, in one line with file, field, rule and value, for a damaged file; FileNotFoundError if neither a
-    file nor a built-in site has that name.
-    """
+    file nor a built-in site has that name."""
     path = Path(name_or_path)
     if str(name_or_path) in BUILT_IN:
         path = Path(__file__).parent / f"{name_or_path}.json"
@@ -65,16 +64,14 @@ Json = dict[str, JsonValue]
 def document(site: Site) -> Json:
     """Build the GeoJSON FeatureCollection of a site, in plain Python."""
     xmin, ymin, xmax, ymax = site.area.tolist()
-    features = [
-        _polygon([[xmin, ymin], [xmax, ymin], [xmax, ymax], [xmin, ymax]], layer="area"),
-        *(_polygon(lane.tolist(), layer="lane") for lane in site.lanes),
-        *(_polygon(footway.tolist(), layer="footway") for footway in site.footways),
-        *(_polygon(s.footprint.tolist(), layer="solid", **_solid(s)) for s in site.solids),
-        *(
-            _point([x, y], layer="parking", heading_deg=_degrees(yaw), **_origin(origin))
-            for (x, y, yaw), origin in zip(site.parking.tolist(), site.bay_origins, strict=True)
-        ),
-    ]
+    features = [_polygon([[xmin, ymin], [xmax, ymin], [xmax, ymax], [xmin, ymax]], layer="area")]
+    features += [_polygon(lane.tolist(), layer="lane") for lane in site.lanes]
+    features += [_polygon(footway.tolist(), layer="footway") for footway in site.footways]
+    for solid in site.solids:
+        said = {"kind": solid.kind, "base": solid.base, "top": solid.top, **_origin(solid.origin)}
+        features.append(_polygon(solid.footprint.tolist(), layer="solid", **said))
+    for (x, y, yaw), origin in zip(site.parking.tolist(), site.bay_origins, strict=True):
+        features.append(_point([x, y], layer="parking", heading_deg=_degrees(yaw), **_origin(origin)))
     for mount in site.mounts:
         left_out = ("position", "origin") if mount.max_sensors > 1 else ("position", "origin", "max_sensors")
         rest = {f.name: getattr(mount, f.name) for f in fields(mount) if f.name not in left_out}
@@ -316,10 +313,6 @@ _READERS: Mapping[str, tuple[str, Callable[[_Node, _Node], JsonValue], tuple[str
     "mount": ("Point", _read_mount, ("name", "min_height", "max_height", "price", "capacity", "max_sensors", "origin")),
     "sensor": ("Point", _read_sensor, ("name", "heading_deg", "tilt_deg", "roll_deg", "model")),
 }
-
-
-def _solid(solid: Solid) -> Json:
-    return {"kind": solid.kind, "base": solid.base, "top": solid.top, **_origin(solid.origin)}
 
 
 def _origin(origin: str) -> Json:

@@ -14,7 +14,7 @@ import numpy as np
 import shapely
 from shapely.ops import substring
 
-from toolkit.arrays import Float
+from toolkit.arrays import Points, Rng
 from toolkit.sites import furniture as f
 from toolkit.sites.furniture import BUILT, PLANTED, Make, bushes, container, digger, heap, move_solids, skip
 from toolkit.sites.network import unite
@@ -28,7 +28,7 @@ _MOUNT_AIR = 1.0  # m between a crown and a mount's axis
 _SLIMMEST = 1.0  # m, radius of the smallest crown that is planted
 
 
-def avenues(plot: Plot, kerb: Float[np.ndarray, "n 3"], rng: np.random.Generator) -> None:
+def avenues(plot: Plot, kerb: Points, rng: Rng) -> None:
     """Plant rows of trees with crowns over the road along `kerb` (x, y, direction every 0.5 m), at most sites."""
     if rng.random() > 0.6 or not len(kerb):
         return
@@ -44,13 +44,10 @@ def avenues(plot: Plot, kerb: Float[np.ndarray, "n 3"], rng: np.random.Generator
         plant(plot, row[:2], width / 2, (underside, underside + tall * rng.uniform(0.8, 1.2)), rng)
 
 
-def plant(
-    plot: Plot, foot: np.ndarray, radius: float, levels: f.Span, rng: np.random.Generator, *, footway: bool = True
-) -> bool:
+def plant(plot: Plot, foot: np.ndarray, radius: float, levels: f.Span, rng: Rng, *, footway: bool = True) -> bool:
     """Plant a tree at `foot`; return False if there is no room.
 
-    radius: of the crown, less near walls and mounts, and off the road if it hangs too low; levels: its ends (m).
-    """
+    radius: of the crown, less near walls and mounts, and off the road if it hangs too low; levels: its ends (m)."""
     x, y = (round(float(c), 3) for c in foot)
     spot = shapely.Point(x, y)
     houses = [shapely.Polygon(solid.footprint) for solid in plot.solids if solid.kind == "building"]
@@ -66,7 +63,7 @@ def plant(
     return True
 
 
-def clumps(x: float, y: float, radius: float, levels: f.Span, rng: np.random.Generator) -> list[Solid]:
+def clumps(x: float, y: float, radius: float, levels: f.Span, rng: Rng) -> list[Solid]:
     """Draw a crown of 3 to 8 overlapping clumps."""
     low, high = levels
     number = int(rng.integers(3, 9))
@@ -85,7 +82,7 @@ def clumps(x: float, y: float, radius: float, levels: f.Span, rng: np.random.Gen
 _SMALLEST = 30.0  # m², smallest island with solids on it
 
 
-def plant_islands(plot: Plot, rng: np.random.Generator) -> None:
+def plant_islands(plot: Plot, rng: Rng) -> None:
     """Put a centre piece, rings of hedges, bushes and signs on every large enough island of the road."""
     for ground in plot.road.islands:
         parts = shapely.get_parts(ground.buffer(-0.3).simplify(0.05).difference(plot.lanes))
@@ -115,7 +112,7 @@ def plant_islands(plot: Plot, rng: np.random.Generator) -> None:
             plot.place(f.sign(*_around(middle, 0.9 * radius, angle), float(angle)), footway=True)
 
 
-def _ring(plot: Plot, middle: tuple[float, float], out: float, rng: np.random.Generator) -> None:
+def _ring(plot: Plot, middle: tuple[float, float], out: float, rng: Rng) -> None:
     """Place hedges or bushes in a ring with gaps."""
     length, width, height = (float(rng.uniform(*between)) for between in ((1.0, 5.0), (0.6, 2.2), (0.5, 1.8)))
     step = (length + rng.uniform(0.1, 4.0)) / out
@@ -139,7 +136,7 @@ _EDGE = 0.45  # m between the edge of the strip and its barrier
 _INSIDE: tuple[Make, ...] = (container, skip, digger, digger, heap, heap, bushes)
 
 
-def lane_works(plot: Plot, strips: Mapping[str, Strip], rng: np.random.Generator) -> None:
+def lane_works(plot: Plot, strips: Mapping[str, Strip], rng: Rng) -> None:
     """Put road works on a stretch of each strip, near the junction. Traffic passes on the left."""
     for edge, (line, width) in strips.items():
         path = shapely.LineString(line)
@@ -150,7 +147,7 @@ def lane_works(plot: Plot, strips: Mapping[str, Strip], rng: np.random.Generator
             _put_works(plot, path, (first, first + length), width, rng, shoulder=True)
 
 
-def verge_works(plot: Plot, rng: np.random.Generator) -> None:
+def verge_works(plot: Plot, rng: Rng) -> None:
     """Put up to three small works beside the footways."""
     edge = along(plot.road.surface.buffer(2.0).boundary.intersection(plot.window), 2.0)
     for x, y, direction in rng.permutation(edge)[: rng.integers(0, 4)]:
@@ -160,7 +157,7 @@ def verge_works(plot: Plot, rng: np.random.Generator) -> None:
 
 
 def _put_works(
-    plot: Plot, path: shapely.LineString, stretch: f.Span, width: float, rng: np.random.Generator, *, shoulder: bool
+    plot: Plot, path: shapely.LineString, stretch: f.Span, width: float, rng: Rng, *, shoulder: bool
 ) -> None:
     start, end = stretch
 
@@ -185,7 +182,7 @@ def _put_works(
         s += length + rng.uniform(0.5, 5.0)
 
 
-def barrier(length: float, rng: np.random.Generator) -> list[Solid]:
+def barrier(length: float, rng: Rng) -> list[Solid]:
     """Barrier of two boards on feet, along x."""
     top = float(rng.uniform(0.9, 1.2))
     levels = [round(top - below, 2) for below in (0.2, 0.6)]
@@ -193,26 +190,26 @@ def barrier(length: float, rng: np.random.Generator) -> list[Solid]:
     return feet + [Solid(f.block((length, 0.06)), low, round(low + 0.2, 2), "barrier") for low in levels]
 
 
-def cone(rng: np.random.Generator) -> list[Solid]:
+def cone(rng: Rng) -> list[Solid]:
     """Traffic cone."""
     height = float(rng.choice([0.5, 0.75, 1.0]))
     steps = [(0.19, 0.0, 0.05), (0.13, 0.05, 0.4), (0.07, 0.4, 0.8), (0.04, 0.8, 1.0)]
     return [Solid(f.disc(0.0, 0.0, r, 8), round(a * height, 3), round(b * height, 3), "cone") for r, a, b in steps]
 
 
-def beacon(rng: np.random.Generator) -> list[Solid]:
+def beacon(rng: Rng) -> list[Solid]:
     """Guide board on its foot, across the way."""
     top = round(float(rng.uniform(1.0, 1.3)), 2)
     return [Solid(f.block((0.4, 0.3)), 0.0, 0.12, "cone"), Solid(f.block((0.06, 0.25)), 0.12, top, "cone")]
 
 
-def concrete(rng: np.random.Generator) -> list[Solid]:
+def concrete(rng: Rng) -> list[Solid]:
     """Piece of a concrete barrier."""
     top = round(float(rng.uniform(0.75, 0.95)), 2)
     return [Solid(f.block((2.0, 0.5)), 0.0, 0.3, "barrier"), Solid(f.block((2.0, 0.25)), 0.3, top, "barrier")]
 
 
-def fence(rng: np.random.Generator) -> list[Solid]:
+def fence(rng: Rng) -> list[Solid]:
     """Panel of a see-through site fence."""
     height = round(float(rng.uniform(1.2, 2.0)), 2)
     bars = [Solid(f.disc(x, 0.0, 0.03, 6), 0.0, height, "fence") for x in np.linspace(-1.15, 1.15, 9)]
@@ -228,7 +225,7 @@ Draw = Callable[[float, float, float], list[Solid]]  # x, y and the direction al
 
 
 def furnish(
-    road: Road, area: Extent, mounts: Sequence[Mount], rng: np.random.Generator, *, light: bool = False
+    road: Road, area: Extent, mounts: Sequence[Mount], rng: Rng, *, light: bool = False
 ) -> tuple[list[Solid], Bays]:
     """Draw solids on level ground, and parking bays x, y, yaw, in and around `area`.
 
@@ -262,7 +259,7 @@ def furnish(
     return solids, bays
 
 
-def _fill_bays(plot: Plot, bays: Bays, rng: np.random.Generator) -> Bays:
+def _fill_bays(plot: Plot, bays: Bays, rng: Rng) -> Bays:
     """Put skips, containers and the like in some bays, close to vehicles that park; return the bays left."""
     filled = rng.random(len(bays)) < rng.uniform(0.0, 0.3)
     for x, y, yaw in bays[filled]:
@@ -272,7 +269,7 @@ def _fill_bays(plot: Plot, bays: Bays, rng: np.random.Generator) -> Bays:
     return bays[~filled]
 
 
-def _bulky(plot: Plot, rng: np.random.Generator) -> None:
+def _bulky(plot: Plot, rng: Rng) -> None:
     """Place up to 30 car-sized things beside the footway."""
     behind = along(plot.road.surface.buffer(rng.uniform(1.2, 3.5)).boundary.intersection(plot.window), 0.5)
     kerb = along(plot.road.carriageway.buffer(rng.uniform(0.9, 1.6)).boundary.intersection(plot.window), 0.5)
@@ -285,7 +282,7 @@ def _bulky(plot: Plot, rng: np.random.Generator) -> None:
             plot.place(move_solids(thing, float(x), float(y), float(direction + turn)), footway=at_kerb)
 
 
-def _houses(plot: Plot, rng: np.random.Generator) -> None:
+def _houses(plot: Plot, rng: Rng) -> None:
     """Place rows of houses along every leg."""
     density, usual_height = rng.uniform(0.3, 0.95), rng.uniform(4.5, 16.0)
     for path, widths in zip(plot.road.paths, plot.road.half_widths, strict=True):
@@ -309,7 +306,7 @@ def _houses(plot: Plot, rng: np.random.Generator) -> None:
                 at += front + (0.05 if rng.random() < 0.4 else rng.uniform(1.0, 9.0)) if placed else 1.5
 
 
-def _furniture(plot: Plot, rng: np.random.Generator) -> None:
+def _furniture(plot: Plot, rng: Rng) -> None:
     """Place trees, lamp posts, signs, bins, benches and bollards."""
     kerb = along(plot.road.carriageway.buffer(0.5).boundary.intersection(plot.window), 0.5)
     behind = along(plot.road.surface.buffer(0.9).boundary.intersection(plot.window), 0.5)
@@ -330,7 +327,7 @@ def _furniture(plot: Plot, rng: np.random.Generator) -> None:
             plot.place(draw(float(x), float(y), float(direction)), footway=footway)
 
 
-def _gardens(plot: Plot, rng: np.random.Generator) -> None:
+def _gardens(plot: Plot, rng: Rng) -> None:
     """Place hedges, walls and fences behind footways, and trees."""
     edge = plot.road.surface.buffer(rng.uniform(0.8, 2.0)).boundary.simplify(0.1).intersection(plot.window)
     kinds = rng.permutation(3)[: rng.integers(1, 4)]

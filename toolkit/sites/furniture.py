@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 import shapely
 
-from toolkit.arrays import Float, Float64
+from toolkit.arrays import Float, Float64, Rng
 from toolkit.mesh import Span as Span
 from toolkit.sites.network import unite
 from toolkit.sites.site import Mount, Relief, Site, Solid
@@ -77,9 +77,9 @@ def bench(x: float, y: float, along: float = 0.0) -> Solid:
     return Solid(block((1.8, 0.5), (x, y), along), 0.0, 0.5, "bench")
 
 
-def hedge(line: Sequence[Point], height: float = 1.4, width: float = 0.7) -> list[Solid]:
+def hedge(line: Sequence[Point], height: float = 1.4) -> list[Solid]:
     """Hedge along `line`."""
-    return [Solid(bar(*piece, width), 0.0, height, "hedge") for piece in _pieces(line, 6.0)]
+    return [Solid(bar(*piece, 0.7), 0.0, height, "hedge") for piece in _pieces(line, 6.0)]
 
 
 def wall(line: Sequence[Point], height: float = 1.8, width: float = 0.25) -> list[Solid]:
@@ -120,16 +120,13 @@ def set_kerbs(edge: shapely.Geometry, road: shapely.Geometry, size: Point, *, br
 def settle(solids: Iterable[Solid], relief: Relief) -> tuple[Solid, ...]:
     """Lift solids made for level ground by the height of uneven ground under their middle.
 
-    Solids on the ground (base 0) reach 0.3 m into it, so that no gap shows.
-    """
+    Solids on the ground (base 0) reach 0.3 m into it, so that no gap shows."""
     solids = list(solids)
     middles = np.array([solid.footprint.mean(axis=0) for solid in solids]).reshape(-1, 2)
     lifts = Site("", np.array([0.0, 0, 1, 1]), relief=relief).ground(middles).round(3).tolist()
     bases = [-0.3 if solid.base == 0 else solid.base for solid in solids]
-    return tuple(
-        replace(solid, base=round(base + lift, 3), top=round(solid.top + lift, 3))
-        for solid, base, lift in zip(solids, bases, lifts, strict=True)
-    )
+    lifted = [(round(base + lift, 3), lift) for base, lift in zip(bases, lifts, strict=True)]
+    return tuple(replace(s, base=b, top=round(s.top + up, 3)) for s, (b, up) in zip(solids, lifted, strict=True))
 
 
 def on_ground(mounts: Sequence[Mount], site: Site) -> tuple[Mount, ...]:
@@ -144,7 +141,7 @@ def _pieces(line: Sequence[Point], length: float) -> list[tuple[Point, Point]]:
     return list(pairwise((float(x), float(y)) for x, y in points))
 
 
-Make = Callable[[np.random.Generator], list[Solid]]  # about the origin, lengthwise along x
+Make = Callable[[Rng], list[Solid]]  # about the origin, lengthwise along x
 
 
 def move_solids(solids: list[Solid], x: float, y: float, yaw: float) -> list[Solid]:
@@ -153,14 +150,14 @@ def move_solids(solids: list[Solid], x: float, y: float, yaw: float) -> list[Sol
     return [replace(solid, footprint=np.round(solid.footprint @ turn + [x, y], 3)) for solid in solids]
 
 
-def _size(rng: np.random.Generator, *ranges: Span) -> tuple[float, ...]:
+def _size(rng: Rng, *ranges: Span) -> tuple[float, ...]:
     return tuple(round(float(rng.uniform(*between)), 2) for between in ranges)
 
 
 def _draw_block(kind: str, *ranges: Span) -> Make:
     """Maker of a block whose length, width and height are drawn."""
 
-    def make(rng: np.random.Generator) -> list[Solid]:
+    def make(rng: Rng) -> list[Solid]:
         length, width, height = _size(rng, *ranges)
         return [Solid(block((length, width)), 0.0, height, kind)]
 
@@ -171,7 +168,7 @@ hedge_block = _draw_block("hedge", (1.5, 5.5), (0.6, 2.3), (0.6, 2.2))  # clippe
 _cabinet = _draw_block("cabinet", (0.6, 2.4), (0.35, 1.2), (0.9, 2.3))  # power or telephone box
 
 
-def bushes(rng: np.random.Generator) -> list[Solid]:
+def bushes(rng: Rng) -> list[Solid]:
     """One to five bushes in a row, grown together."""
     radius, number = float(rng.uniform(0.4, 1.2)), int(rng.integers(1, 6))
     made = []
@@ -182,20 +179,20 @@ def bushes(rng: np.random.Generator) -> list[Solid]:
     return made
 
 
-def _planter(rng: np.random.Generator) -> list[Solid]:
+def _planter(rng: Rng) -> list[Solid]:
     length, width, height, green = _size(rng, (0.8, 3.0), (0.6, 1.4), (0.4, 0.9), (0.2, 0.9))
     grown = Solid(block((0.8 * length, 0.8 * width)), height, round(height + green, 2), "bush")
     return [Solid(block((length, width)), 0.0, height, "planter"), grown]
 
 
-def container(rng: np.random.Generator) -> list[Solid]:
+def container(rng: Rng) -> list[Solid]:
     """Freight, site or recycling container."""
     length = float(rng.choice([1.8, 2.4, 3.0, 4.5, 6.06]))
     width, height = _size(rng, (1.5, 2.5), (1.4, 2.7))
     return [Solid(block((length, width)), 0.0, height, "container")]
 
 
-def skip(rng: np.random.Generator) -> list[Solid]:
+def skip(rng: Rng) -> list[Solid]:
     """Open skip, narrower at its foot, more or less full."""
     length, width, height, full = _size(rng, (2.8, 4.8), (1.6, 2.1), (1.0, 1.7), (0.4, 1.15))
     middle = round(0.45 * height, 2)
@@ -208,34 +205,30 @@ def skip(rng: np.random.Generator) -> list[Solid]:
     ]
 
 
-def _bus_shelter(rng: np.random.Generator) -> list[Solid]:
+def _bus_shelter(rng: Rng) -> list[Solid]:
     length, width = _size(rng, (2.5, 6.0), (1.2, 2.0))
     xmin, ymin, xmax, ymax = -length / 2, -width / 2, length / 2, width / 2
-    return [
-        Solid(rectangle(xmin, ymax - 0.1, xmax, ymax), 0.0, 2.3, "shelter"),
-        Solid(rectangle(xmin, ymin, xmin + 0.1, ymax - 0.1), 0.0, 2.3, "shelter"),
-        Solid(rectangle(xmin, ymin, xmax, ymax), 2.3, 2.45, "shelter"),
-    ]
+    walls = rectangle(xmin, ymax - 0.1, xmax, ymax), rectangle(xmin, ymin, xmin + 0.1, ymax - 0.1)
+    roof = Solid(rectangle(xmin, ymin, xmax, ymax), 2.3, 2.45, "shelter")
+    return [*(Solid(wall, 0.0, 2.3, "shelter") for wall in walls), roof]
 
 
-def _bins(rng: np.random.Generator) -> list[Solid]:
+def _bins(rng: Rng) -> list[Solid]:
     number = int(rng.integers(1, 6))
     length, width, height = _size(rng, (0.6, 1.4), (0.7, 1.1), (1.0, 1.5))
     at = (np.arange(number) - (number - 1) / 2) * (length + 0.12)
     return [Solid(block((length, width), (float(x), 0.0)), 0.0, height, "bin") for x in at]
 
 
-def heap(rng: np.random.Generator) -> list[Solid]:
+def heap(rng: Rng) -> list[Solid]:
     """Heap of earth or gravel, steep and rough."""
     radius, height = _size(rng, (0.8, 2.0), (0.6, 1.8))
     rings = [(1.0, 0.0, 0.35), (0.75, 0.35, 0.6), (0.5, 0.6, 0.82), (0.25, 0.82, 1.0)]
-    return [
-        Solid(disc(0.0, 0.0, round(part * radius, 3), 9), round(low * height, 2), round(high * height, 2), "heap")
-        for part, low, high in rings
-    ]
+    discs = [(disc(0.0, 0.0, round(part * radius, 3), 9), low, high) for part, low, high in rings]
+    return [Solid(ring, round(low * height, 2), round(high * height, 2), "heap") for ring, low, high in discs]
 
 
-def _column(rng: np.random.Generator) -> list[Solid]:
+def _column(rng: Rng) -> list[Solid]:
     radius, height, length = _size(rng, (0.5, 0.8), (2.4, 3.6), (1.2, 3.6))
     if rng.random() < 0.5:
         return [Solid(disc(0.0, 0.0, radius, 12), 0.0, height, "sign")]
@@ -243,7 +236,7 @@ def _column(rng: np.random.Generator) -> list[Solid]:
     return [*feet, Solid(block((length, 0.15)), 0.7, height - 0.4, "sign")]
 
 
-def digger(rng: np.random.Generator) -> list[Solid]:
+def digger(rng: Rng) -> list[Solid]:
     """Digger: tracks, a house with a cab, an arm."""
     length, width, height, swing = _size(rng, (2.0, 3.6), (1.4, 2.3), (2.2, 2.9), (-0.4, 0.4))
     track, deck = round(0.2 * height, 2), round(0.55 * height, 2)
@@ -255,14 +248,13 @@ def digger(rng: np.random.Generator) -> list[Solid]:
     return [*sides, house, cab, boom, stick]
 
 
-def bicycles(rng: np.random.Generator) -> list[Solid]:
+def bicycles(rng: Rng) -> list[Solid]:
     """One to eight parked bicycles side by side: things, since nobody rides them."""
     made, apart, number = [], float(rng.uniform(0.4, 0.9)), int(rng.integers(1, 9))
     for k in range(number):
         scale, turn = float(rng.uniform(0.75, 1.05)), float(rng.normal(0.0, 0.1))
-        parts = [
-            Solid(block((0.64 * scale, 0.05), (x * scale, 0.0)), 0.0, 0.64 * scale, "bicycle") for x in (-0.52, 0.52)
-        ]
+        wheels = [block((0.64 * scale, 0.05), (x * scale, 0.0)) for x in (-0.52, 0.52)]
+        parts = [Solid(wheel, 0.0, 0.64 * scale, "bicycle") for wheel in wheels]
         heights = (((0.85, 0.05), 0.0, 0.4, 0.6), ((0.22, 0.15), -0.25, 0.8, 0.9), ((0.06, 0.56), 0.4, 0.93, 1.02))
         for size, x, low, high in heights:
             parts.append(Solid(block(size, (x * scale, 0.0)), round(low * scale, 2), round(high * scale, 2), "bicycle"))

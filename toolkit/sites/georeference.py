@@ -37,8 +37,7 @@ def longitude_latitude(site: Site, xy: Float[np.ndarray, "n 2"]) -> Float64[np.n
     """Convert site metres to degrees of longitude and latitude (WGS84).
 
     None if the site has no known place on earth. Raises ValueError if `geo_reference` is no projection or does
-    not reach there; ImportError if pyproj is needed and missing.
-    """
+    not reach there; ImportError if pyproj is needed and missing."""
     if site.geo_reference is None:
         return None
     xy = np.asarray(xy, np.float64)
@@ -49,8 +48,7 @@ def longitude_latitude(site: Site, xy: Float[np.ndarray, "n 2"]) -> Float64[np.n
 def site_metres(site: Site, lon_lat: Float[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n 2"]:
     """Convert degrees of longitude and latitude (WGS84) to site metres.
 
-    Raises ValueError for a site without a known place on earth, and the errors of `longitude_latitude`.
-    """
+    Raises ValueError for a site without a known place on earth, and the errors of `longitude_latitude`."""
     if site.geo_reference is None:
         raise ValueError(f"site {site.name!r} does not say where on earth it is (geo_reference): give site metres")
     on_map = _convert(site, site.geo_reference, np.asarray(lon_lat, np.float64), inverse=False)
@@ -69,16 +67,14 @@ def bearing_deg(site: Site, heading: float) -> float:
 
 def projection(longitude: float, latitude: float) -> str:
     """PROJ string of the transverse Mercator map about a point."""
-    return (
-        f"+proj=tmerc +lat_0={latitude:.9g} +lon_0={longitude:.10g} +k=1 +x_0=0 +y_0=0 +datum=WGS84 +units=m +no_defs"
-    )
+    origin = f"+lat_0={latitude:.9g} +lon_0={longitude:.10g}"
+    return f"+proj=tmerc {origin} +k=1 +x_0=0 +y_0=0 +datum=WGS84 +units=m +no_defs"
 
 
 def project(lon_lat: Float[np.ndarray, "n 2"], centre: tuple[float, float]) -> Float64[np.ndarray, "n 2"]:
     """Convert degrees to metres of `projection(*centre)`.
 
-    Good to 1 mm within 2 km (Snyder, Map Projections, equations 8-9 to 8-15, cut after the terms of third order).
-    """
+    Good to 1 mm within 2 km (Snyder, Map Projections, equations 8-9 to 8-15, cut after the terms of third order)."""
     longitude, latitude = np.deg2rad(lon_lat).T
     longitude_0, latitude_0 = np.deg2rad(centre)
     sine, cosine = np.sin(latitude), np.cos(latitude)
@@ -122,16 +118,12 @@ def _convert(site: Site, reference: str, points: np.ndarray, *, inverse: bool) -
         needs = "needs pyproj: pip install 'coview[report]'"
         raise ImportError(f"the map of site {site.name!r} ({reference}) {needs}", name="pyproj") from None
     except ValueError:
-        raise ValueError(
-            f"geo_reference of site {site.name!r} names no projection that PROJ knows, got {reference[:90]!r}: "
-            "correct it in the site file, or set it to null"
-        ) from None
+        unknown = f"geo_reference of site {site.name!r} names no projection that PROJ knows, got {reference[:90]!r}"
+        raise ValueError(f"{unknown}: correct it in the site file, or set it to null") from None
     lost = np.flatnonzero(~np.isfinite(turned).all(axis=1))
     if len(lost):
-        raise ValueError(
-            f"the map of site {site.name!r} ({reference[:90]}) does not reach {points[lost[0]].tolist()}: correct "
-            "geo_reference or the coordinates"
-        )
+        far = f"the map of site {site.name!r} ({reference[:90]}) does not reach {points[lost[0]].tolist()}"
+        raise ValueError(f"{far}: correct geo_reference or the coordinates")
     return turned
 
 
@@ -157,13 +149,11 @@ _Json = dict[str, Any]
 def site_geojson(site: Site) -> str:
     """GeoJSON text of a site in longitude and latitude.
 
-    Raises ValueError for a site without a known place on earth; ImportError if its map needs pyproj.
-    """
+    Raises ValueError for a site without a known place on earth; ImportError if its map needs pyproj."""
     if site.geo_reference is None:
-        raise ValueError(
-            f"site {site.name!r} does not say where on earth it is (geo_reference is null), so it has no longitude and "
-            "latitude: import it from a map that has, or use the site file, which is GeoJSON in metres"
-        )
+        silent = f"site {site.name!r} does not say where on earth it is (geo_reference is null)"
+        remedy = "import it from a map that has, or use the site file, which is GeoJSON in metres"
+        raise ValueError(f"{silent}, so it has no longitude and latitude: {remedy}")
     return feature_collection(_layers(site), name=site.name)
 
 
@@ -207,17 +197,9 @@ def _layers(site: Site) -> Iterator[_Json]:
         for i, outline in enumerate(outlines):
             yield feature(site, shapely.Polygon(outline), layer=layer, name=f"{layer}{i:03}", origin=site.road_origin)
     for i, solid in enumerate(site.solids):
-        heights = {"base": solid.base, "top": solid.top, "height": round(solid.top - solid.base, 6)}
-        name = f"{solid.kind}{i:03}"
-        yield feature(
-            site,
-            shapely.Polygon(solid.footprint),
-            layer="solid",
-            name=name,
-            kind=solid.kind,
-            origin=solid.origin,
-            **heights,
-        )
+        said = {"name": f"{solid.kind}{i:03}", "kind": solid.kind, "origin": solid.origin, "base": solid.base}
+        heights = {"top": solid.top, "height": round(solid.top - solid.base, 6)}
+        yield feature(site, shapely.Polygon(solid.footprint), layer="solid", **said, **heights)
     for i, ((x, y, yaw), origin) in enumerate(zip(site.parking.tolist(), site.bay_origins, strict=True)):
         bearing = round(bearing_deg(site, yaw), 1) % 360.0
         yield feature(site, shapely.Point(x, y), layer="parking", name=f"bay{i:03}", bearing_deg=bearing, origin=origin)

@@ -12,13 +12,14 @@ import tempfile
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
 import shapely
 
-from toolkit.arrays import Float, Float64
+from toolkit.arrays import Float, Float64, Pose, Rng
 from toolkit.geometry import STEEPEST, pose
 from toolkit.runtime.files import name_errors
 from toolkit.sites import furniture as f, network as nets, opendrive, osm, osm_parking
@@ -82,8 +83,7 @@ def whole_road(
     """Lanes and footways within `window` without cracks, stubs and slivers.
 
     Driven ground is carriageway, and a footway begins where the carriageway ends. fillings: carriageway and footway
-    where the map is silent of both.
-    """
+    where the map is silent of both."""
     around = window.buffer(2 * STUB)
     paved = shapely.union_all([*lanes, tracks]).intersection(around)
     walk = shapely.union_all(list(footways)).intersection(around)
@@ -93,11 +93,8 @@ def whole_road(
     stubs = _close_shape(closed, STUB).difference(closed).intersection(walk)
     walk = _open_shape(walk.difference(closed.union(stubs)), SLIVER)
     border = closed.buffer(0.1)
-    islets = [
-        part
-        for part in shapely.get_parts(walk)
-        if part.area < ISLET and part.boundary.intersection(border).length > 0.85 * part.boundary.length
-    ]
+    small = [part for part in shapely.get_parts(walk) if part.area < ISLET]
+    islets = [s for s in small if s.boundary.intersection(border).length > 0.85 * s.boundary.length]
     carriageway = shapely.union_all([closed, stubs, *islets])
     carriageway = shapely.set_precision(carriageway, OUTLINE_GRID)  # off the grid an overlay may lose a whole lane
     between = _open_shape(carriageway.difference(shapely.union_all(list(lanes))), 0.01)
@@ -121,8 +118,7 @@ def legs(network: str) -> tuple[list[Float64[np.ndarray, "_ 2"]], list[tuple[flo
     """Paths of the network's streets within 100 m of the site's middle, with half their widths left and right (m).
 
     A path runs along the lane nearest to the middle of the street, one for each direction, and straight on for 130 m
-    where its edge ends, since houses are drawn along 90 m.
-    """
+    where its edge ends, since houses are drawn along 90 m."""
     edges: dict[ElementTree.Element, list[ElementTree.Element]] = {}
     for edge, lane in nets.list_lanes(network):
         edges.setdefault(edge, []).append(lane)
@@ -162,8 +158,7 @@ def furnish_site(
 def redraw(site: Site, seed: int) -> Site:
     """Draw again, from another seed, what an import drew; the map's things, the ground and all mounts stay.
 
-    Raises ValueError for a site that no import furnished.
-    """
+    Raises ValueError for a site that no import furnished."""
     if site.furnished == "none":
         raise ValueError(f"site {site.name!r} has no furnishing to draw again: coview site import draws one")
     kept = tuple(solid for solid in site.solids if solid.origin != "drawn")
@@ -173,7 +168,7 @@ def redraw(site: Site, seed: int) -> Site:
     return _furnish(bare, np.random.default_rng(seed))
 
 
-def _furnish(site: Site, rng: np.random.Generator) -> Site:
+def _furnish(site: Site, rng: Rng) -> Site:
     """Add drawn solids and bays to a site with its mounts and the map's solids."""
     mounts, solids, road = site.mounts, site.solids, Road(*legs(site.network), site.lanes, site.footways)
     drawn, bays = furnish(road, site.area, mounts, rng, light=site.furnished == "light")
@@ -184,12 +179,9 @@ def _furnish(site: Site, rng: np.random.Generator) -> Site:
     taken = shapely.union_all([*ours, *(shapely.Polygon(s.footprint) for s in solids if s.kind == "kerb")])
     free = [bay for bay in bays if not taken.intersects(outline(bay, MAP_BAY))]
     origins = (*site.bay_origins, *(("drawn",) * len(free)))
-    return replace(
-        site,
-        solids=(*solids, *f.settle(mark_drawn(kept), site.relief)),
-        parking=np.concatenate([site.parking, np.reshape(free, (-1, 3))]),
-        parking_origins=origins,
-    )
+    solids = (*solids, *f.settle(mark_drawn(kept), site.relief))
+    parking = np.concatenate([site.parking, np.reshape(free, (-1, 3))])
+    return replace(site, solids=solids, parking=parking, parking_origins=origins)
 
 
 def free_bays(
@@ -273,8 +265,7 @@ class MapPiece:
     of x (rad counter-clockwise from the map's east); seed: draws what the map is silent of, which a warning lists, None
     leaves it bare; density: how much is drawn.
 
-    Raises FileNotFoundError for a missing file, ValueError for an empty one and for an impossible place.
-    """
+    Raises FileNotFoundError for a missing file, ValueError for an empty one and for an impossible place."""
 
     path: Path
     centre: tuple[float | int, float | int]
@@ -316,8 +307,7 @@ def import_opendrive(piece: MapPiece) -> Site:
     and signals become solids and bays, mounts are made along the kerbs. Warnings name a georeference that is no
     projection, what is left out and what is drawn.
 
-    Raises ValueError in one line if the file is no OpenDRIVE map or has no road there, ImportError without SUMO.
-    """
+    Raises ValueError in one line if the file is no OpenDRIVE map or has no road there, ImportError without SUMO."""
     path, (x, y), heading = piece.path, map(float, piece.centre), piece.heading
     with name_errors(path):
         root = opendrive.read_opendrive(path, (x, y))
@@ -354,27 +344,17 @@ def import_opendrive(piece: MapPiece) -> Site:
             middle = opendrive.in_site(shapely.LineString(lane.middle), map_SE3_site)
             there.bays.extend(bays_along(shapely.get_coordinates(middle)))
     solids, notes = opendrive.off_the_road(there, reach, lanes, tracks)
-    slope, off, steepest = opendrive.find_plane(
-        roads, opendrive.in_map(shapely.box(*piece.area), map_SE3_site), map_SE3_site
-    )
+    area = opendrive.in_map(piece.around(0.0), map_SE3_site)
+    slope, off, steepest = opendrive.find_plane(roads, area, map_SE3_site)
     rise, relief = float(np.hypot(*slope)), Relief()
     if steepest > LEAST_SLOPE and LEAST_SLOPE < rise <= STEEPEST:
-        relief = Relief(slope=(round(slope[0], 5), round(slope[1], 5)))
-        said = f"the site slopes by {100 * rise:.1f} % as its roads do, which leave that plane by up to {off:.2f} m"
-        notes.append(said)
+        relief, percent = Relief(slope=(round(slope[0], 5), round(slope[1], 5))), f"{100 * rise:.1f} %"
+        notes.append(f"the site slopes by {percent} as its roads do, which leave that plane by up to {off:.2f} m")
     elif steepest > LEAST_SLOPE:
         notes.append(f"the steepest road in the area rises by {100 * steepest:.1f} %; the site is level")
-    site = Site(
-        path.stem,
-        piece.area,
-        lanes=lanes,
-        footways=footways,
-        parking=free_bays(there.bays, reach, solids, tracks),
-        network=network,
-        map_SE3_site=map_SE3_site,
-        geo_reference=geo_reference,
-        relief=relief,
-    )
+    parking = free_bays(there.bays, reach, solids, tracks)
+    make = partial(Site, path.stem, piece.area, map_SE3_site=map_SE3_site, geo_reference=geo_reference)
+    site = make(lanes=lanes, footways=footways, parking=parking, network=network, relief=relief)
     lamps = np.array(there.lamps).reshape(-1, 2)
     return _finish(site, piece, solids, lamps=lamps, notes=notes)
 
@@ -386,8 +366,7 @@ def import_osm(piece: MapPiece, *, lefthand: bool = False) -> Site:
     the map; mounts are on its lamp posts, or else along the kerbs. What the site cannot hold (tunnels, bridges over a
     road, buildings over a road) is left out with a warning.
 
-    Raises ValueError in one line if the file is no OSM map or has no road there, ImportError without SUMO.
-    """
+    Raises ValueError in one line if the file is no OSM map or has no road there, ImportError without SUMO."""
     path, place, heading = piece.path, (float(piece.centre[0]), float(piece.centre[1])), piece.heading
     extract, within = osm.read_map(path, place, heading), piece.around(REACH)
     pieces, notes = osm.roads(extract, within, lefthand=lefthand)
@@ -426,16 +405,9 @@ def import_osm(piece: MapPiece, *, lefthand: bool = False) -> Site:
     taken = nets.unite(solid.footprint for solid in solids).union(nets.unite(lanes)).buffer(0.2)
     bays = np.array(osm.bays(extract, window, taken), np.float64).reshape(-1, 3)
     at_kerbs = free_bays(osm_parking.find_strip_bays(network, parking), window, solids, tracks)
-    site = Site(
-        path.name.partition(".")[0],
-        piece.area,
-        lanes=lanes,
-        footways=footways,
-        parking=np.concatenate([bays, at_kerbs]),
-        network=network,
-        map_SE3_site=map_SE3_site,
-        geo_reference=on_earth,
-    )
+    bays, name = np.concatenate([bays, at_kerbs]), path.name.partition(".")[0]
+    make = partial(Site, name, piece.area, map_SE3_site=map_SE3_site, geo_reference=on_earth)
+    site = make(lanes=lanes, footways=footways, parking=bays, network=network)
     return _finish(site, piece, solids, lamps=lamps, notes=[*notes, *cut])
 
 
@@ -457,9 +429,8 @@ def _finish(site: Site, piece: MapPiece, solids: Sequence[Solid], *, lamps: np.n
     if len(mounts) < 6:
         drawn = place_mounts(road, site.area, np.random.default_rng(0), spacing=12.0, avoid=walls)
         near = shapely.MultiPoint(lamps).buffer(2.0)
-        mounts += [
-            replace(m, price=1.0, origin="drawn") for m in drawn if not near.intersects(shapely.Point(m.position[:2]))
-        ]
+        drawn = tuple(m for m in drawn if not near.intersects(shapely.Point(m.position[:2])))
+        mounts += [replace(m, price=1.0, origin="drawn") for m in drawn]
     stones = kerbstones(site.lanes, site.footways, find_turns(site.network))
     if piece.seed is None:
         feet = [m.position.tolist() for m in mounts if m.origin == "drawn"]
@@ -484,8 +455,7 @@ def _convert(options: Sequence[str], piece: MapPiece) -> str:
 def _elsewhere(network: str, window: shapely.Polygon) -> tuple[float, list[str], bool]:
     """Height of the nearest road, edges to remove, and True if any edge is left.
 
-    Edges to remove lie outside `window`, or on another storey than the road nearest to its middle.
-    """
+    Edges to remove lie outside `window`, or on another storey than the road nearest to its middle."""
     heights, near = {}, set()
     nearest, level = np.inf, 0.0
     for edge, lane in nets.list_lanes(network):
@@ -500,7 +470,7 @@ def _elsewhere(network: str, window: shapely.Polygon) -> tuple[float, list[str],
     return round(level, 3), far, len(far) < len(heights)
 
 
-def _in_site_frame(network: str, map_SE3_site: Float64[np.ndarray, "4 4"]) -> str:
+def _in_site_frame(network: str, map_SE3_site: Pose) -> str:
     """Turn a net.xml text from the map's coordinates into the site's, without heights."""
     (x, y), turn = map_SE3_site[:2, 3], map_SE3_site[:2, :2]
     root = ElementTree.fromstring(network)

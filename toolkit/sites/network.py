@@ -75,19 +75,17 @@ def build_network(nodes: _Rows, edges: _Rows, *, roundabouts: _Rows = ()) -> str
     nodes: id, x, y, type, radius...; edges: id, from, to, shape, spreadType, priority... and `lanes`, a list of rows as
     `street` makes them; roundabouts: nodes, edges. netconvert guesses where pedestrians cross.
 
-    Raises ValueError with netconvert's own words if it refuses the rows, ImportError without SUMO.
-    """
+    Raises ValueError with netconvert's own words if it refuses the rows, ImportError without SUMO."""
     ways = []
     for edge in edges:
         lanes = edge.get("lanes", ())
         inside = "".join(format_element("lane", {"index": i, **lane}) for i, lane in enumerate(lanes))
         attributes = {key: value for key, value in edge.items() if key != "lanes"}
         ways.append(format_element("edge", {"numLanes": max(1, len(lanes)), **attributes}, inside))
+    ways += [format_element("roundabout", row) for row in roundabouts]
+    files = {"node": format_xml("nodes", (format_element("node", row) for row in nodes))}
+    files["edge"] = format_xml("edges", ways)
     with tempfile.TemporaryDirectory() as folder:
-        files = {
-            "node": format_xml("nodes", (format_element("node", row) for row in nodes)),
-            "edge": format_xml("edges", [*ways, *(format_element("roundabout", row) for row in roundabouts)]),
-        }
         for kind, text in files.items():
             Path(folder, kind).write_text(text, encoding="utf-8")
         return convert([*(f"--{kind}-files={Path(folder, kind)}" for kind in files), "--crossings.guess"])
@@ -131,8 +129,7 @@ def road_polygons(
 ) -> tuple[Polygons, Polygons]:
     """Road polygons of a net.xml text within `margin` (m) around `area`: for wheels, and for feet.
 
-    Wheels: lanes, shoulders, junctions, crossings; feet: sidewalks, walking areas.
-    """
+    Wheels: lanes, shoulders, junctions, crossings; feet: sidewalks, walking areas."""
     xmin, ymin, xmax, ymax = area
     window = shapely.box(xmin - margin, ymin - margin, xmax + margin, ymax + margin)
     lanes: list[shapely.Geometry] = []
@@ -142,9 +139,8 @@ def road_polygons(
         if function == "walkingarea":
             footways.append(enclose(lane))
         elif not users <= _RAIL or not users:
-            strip = shapely.LineString(parse_shape(lane)).buffer(
-                lane_width(lane) / 2, cap_style="flat", join_style="mitre", mitre_limit=2
-            )
+            line, half = shapely.LineString(parse_shape(lane)), lane_width(lane) / 2
+            strip = line.buffer(half, cap_style="flat", join_style="mitre", mitre_limit=2)
             only_feet = function != "crossing" and "pedestrian" in users and "passenger" not in users
             (footways if only_feet else lanes).append(strip)
     corners = shapely.union_all(footways)

@@ -19,8 +19,8 @@ from xml.etree import ElementTree
 import numpy as np
 import shapely
 
-from toolkit.arrays import Float, Float64
-from toolkit.geometry import LEVEL, Pose, Slope
+from toolkit.arrays import Float, Float64, Pose
+from toolkit.geometry import LEVEL, Slope, plane_rotation
 from toolkit.sites import furniture as f
 from toolkit.sites.network import list_polygons, unite
 from toolkit.sites.site import Solid
@@ -69,7 +69,6 @@ class Piece:
         return np.column_stack([self.x + c * u - s * v, self.y + s * u + c * v, self.heading + turn])
 
     def _local(self, ds: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """u, v and direction in its own frame."""
         shape = self.shape
         match shape.tag:
             case "arc":
@@ -219,8 +218,7 @@ def find_plane(roads: Sequence[MapRoad], window: shapely.Geometry, map_SE3_site:
     """Slope of the roads, their deviation from it (m), and the steepest slope (rise over run).
 
     The slope is along x and y of the site, fitted by least squares to the middle lines within `window` (map frame). It
-    is level if the roads give no slope in one direction.
-    """
+    is level if the roads give no slope in one direction."""
     found = [(road, *road.stations(window, STATIONS_EVERY)) for road in roads]
     steepest = max([0.0, *(float(abs(road.elevation.slope(s)).max(initial=0.0)) for road, s, _ in found)])
     places = np.concatenate([np.zeros((0, 2)), *(xy for _, _, xy in found)])
@@ -252,8 +250,7 @@ NAMES_PROJECTION = r"\+proj=(?!lat|lon)|EPSG:|PROJ(CS|CRS|ECTEDCRS)\b"  # in deg
 def read_opendrive(path: Path, centre: tuple[float, float]) -> ElementTree.Element:
     """Read the elements of an OpenDRIVE file, without namespaces.
 
-    Raises ValueError if the file is not a map, is damaged, or `centre` is outside it.
-    """
+    Raises ValueError if the file is not a map, is damaged, or `centre` is outside it."""
     try:
         root = ElementTree.parse(path).getroot()
     except (ElementTree.ParseError, LookupError, ValueError) as error:
@@ -270,10 +267,9 @@ def read_opendrive(path: Path, centre: tuple[float, float]) -> ElementTree.Eleme
     starts, longest = np.array(pieces)[:, :2], np.max(pieces, axis=0)[2]
     low, high = starts.min(axis=0), starts.max(axis=0)
     if not ((low - longest <= centre) & (centre <= high + longest)).all():
-        raise ValueError(
-            f"centre {centre[0]:g} {centre[1]:g} lies outside the map, whose roads start at x {low[0]:.6g} to "
-            f"{high[0]:.6g} and y {low[1]:.6g} to {high[1]:.6g}: give --centre X Y inside it"
-        )
+        spans = f"x {low[0]:.6g} to {high[0]:.6g} and y {low[1]:.6g} to {high[1]:.6g}"
+        outside = f"centre {centre[0]:g} {centre[1]:g} lies outside the map, whose roads start at {spans}"
+        raise ValueError(f"{outside}: give --centre X Y inside it")
     return root
 
 
@@ -322,7 +318,6 @@ def read_standing(roads: Sequence[MapRoad]) -> Standing:
 
 
 def _signal(road: MapRoad, element: ElementTree.Element) -> list[Solid]:
-    """Post with a sign, or a signal head if dynamic."""
     x, y, heading = _place(road, number(element, "s"), number(element, "t"), number(element, "hOffset", 0.0))
     facing = heading + (np.pi if element.get("orientation", "+") == "+" else 0.0)
     is_head = element.get("dynamic") == "yes"
@@ -415,7 +410,7 @@ def _place(road: MapRoad, s: float, t: float, turn: float) -> tuple[float, float
 def _ring(road: MapRoad, outline: ElementTree.Element, place: tuple[float, float, float]) -> Float64[np.ndarray, "k 2"]:
     """Corners of an outline, given on the road or about the object; all zeros if it makes no polygon."""
     x, y, heading = place
-    turn = np.array([[np.cos(heading), -np.sin(heading)], [np.sin(heading), np.cos(heading)]])
+    turn = plane_rotation(heading)
     corners = [_place(road, number(each, "s"), number(each, "t"), 0.0)[:2] for each in outline.iter("cornerRoad")]
     corners += [tuple(turn @ [number(each, "u"), number(each, "v")] + [x, y]) for each in outline.iter("cornerLocal")]
     if len(corners) < 3:

@@ -19,8 +19,7 @@ def count_things(site: Site) -> dict[str, dict[str, int]]:
     """Count the things of a site by origin, then by kind.
 
     Solids of a kind that touch are one thing: a fence has many. A tree counts once, by its trunk. A pole is a mount,
-    and its own post no thing beside it. A drawn road is one thing.
-    """
+    and its own post no thing beside it. A drawn road is one thing."""
     found: dict[str, Counter[str]] = {origin: Counter() for origin in ORIGINS}
     trunks = unite(s.footprint for s in site.solids if s.kind == "trunk").buffer(6.0)
     feet = shapely.MultiPoint([mount.position[:2] for mount in site.mounts]).buffer(0.3)
@@ -47,9 +46,8 @@ def describe_things(counts: Mapping[str, int]) -> str:
     >>> describe_things({"bay": 1, "bench": 2, "tree": 30})
     '1 bay, 2 benches, 30 trees'
     """
-    return ", ".join(
-        f"{n} {kind}{'' if n == 1 else 'es' if kind.endswith(('sh', 'ch')) else 's'}" for kind, n in counts.items()
-    )
+    ends = {kind: "es" if kind.endswith(("sh", "ch")) else "s" for kind in counts}
+    return ", ".join(f"{n} {kind}{'' if n == 1 else ends[kind]}" for kind, n in counts.items())
 
 
 def mark_drawn(solids: Sequence[Solid]) -> list[Solid]:
@@ -59,10 +57,6 @@ def mark_drawn(solids: Sequence[Solid]) -> list[Solid]:
 
 def draw_everything(site: Site) -> Site:
     """Mark everything of a site as drawn."""
-    return replace(
-        site,
-        solids=tuple(mark_drawn(site.solids)),
-        mounts=tuple(replace(mount, origin="drawn") for mount in site.mounts),
-        parking_origins=("drawn",) * len(site.parking),
-        road_origin="drawn",
-    )
+    solids, bays = tuple(mark_drawn(site.solids)), ("drawn",) * len(site.parking)
+    mounts = tuple(replace(mount, origin="drawn") for mount in site.mounts)
+    return replace(site, solids=solids, mounts=mounts, parking_origins=bays, road_origin="drawn")

@@ -16,7 +16,6 @@ import zlib
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from io import BufferedIOBase
 from itertools import pairwise
 from pathlib import Path
 from typing import cast
@@ -26,6 +25,7 @@ import numpy as np
 import shapely
 
 from toolkit.arrays import Float64
+from toolkit.geometry import plane_rotation
 from toolkit.sites import furniture as f
 from toolkit.sites.georeference import inverse_project, project
 from toolkit.sites.network import MOTOR, cut_polygons, format_element, format_xml, list_polygons
@@ -36,7 +36,7 @@ Tags = Mapping[str, str]
 Relation = tuple[list[tuple[str, str]], Tags]  # ways with their roles
 
 LARGEST_MAP, MOST_TAGS = 1 << 26, 200_000  # bytes of a map that are read, and tags within one element
-_PART = 1 << 20  # bytes read at once
+_PART, _SILENT = 1 << 20, 1 << 22  # bytes read at once, and at most without a tag
 _LONGEST_LEAP = 1e4  # m from one node of a road or building to the next
 AT_THE_EDGE = 5e-4  # degrees beyond the map's bounds where a centre still is in it
 
@@ -71,8 +71,7 @@ def read_map(path: Path, centre: tuple[float, float], heading: float = 0.0) -> E
     """Read a map (.osm, .osm.xml, or either with .gz) in metres around `centre` (longitude, latitude).
 
     heading: of x (rad counter-clockwise from east). Raises ValueError if the file is no OSM XML, is damaged or empty,
-    or `centre` lies outside it.
-    """
+    or `centre` lies outside it."""
     points: dict[str, list[float]] = {}
     place_tags: dict[str, Tags] = {}
     bounds: list[list[float]] = []
@@ -103,11 +102,10 @@ def read_map(path: Path, centre: tuple[float, float], heading: float = 0.0) -> E
     edges = np.array(bounds) if bounds and np.isfinite(bounds).all() else np.tile(degrees, 2)
     low, high = edges[:, :2].min(axis=0), edges[:, 2:].max(axis=0)
     if not ((low - AT_THE_EDGE <= centre) & (centre <= high + AT_THE_EDGE)).all():
-        raise ValueError(
-            f"{path}: centre {centre[0]:g} {centre[1]:g} lies outside the map, which spans longitude {low[0]:.6g} to "
-            f"{high[0]:.6g} and latitude {low[1]:.6g} to {high[1]:.6g}: give --centre LONGITUDE LATITUDE inside it"
-        )
-    position = dict(zip(points, project(degrees, centre) @ _turn(-heading).T, strict=True))
+        spans = f"longitude {low[0]:.6g} to {high[0]:.6g} and latitude {low[1]:.6g} to {high[1]:.6g}"
+        outside = f"{path}: centre {centre[0]:g} {centre[1]:g} lies outside the map, which spans {spans}"
+        raise ValueError(f"{outside}: give --centre LONGITUDE LATITUDE inside it")
+    position = dict(zip(points, project(degrees, centre) @ plane_rotation(-heading).T, strict=True))
     ways = {}
     for name, (references, way_tags) in raw_ways.items():
         known = [node for node in references if node in position]
@@ -146,8 +144,10 @@ def _elements(path: Path) -> Iterator[ElementTree.Element]:
     """Yield the file's elements, each released before the next. Raises ValueError if the file is not OSM XML."""
     if path.name.lower().endswith((".pbf", ".o5m", ".bz2", ".zip")):
         raise ValueError(f"{path}: only .osm, .osm.xml and .osm.gz are read: convert it first (osmium cat -o map.osm)")
+    with path.open("rb") as stream:
+        compressed = stream.read(2) == b"\x1f\x8b"
     try:
-        with _open(path) as stream:
+        with gzip.open(path) if compressed else path.open("rb") as stream:
             head = stream.read(65536)
         start = re.search(rb"<(?!\?|!)", head)
         if start is None or not head[start.start() :].startswith(b"<osm") or b"<!DOCTYPE" in head[: start.start()]:
@@ -155,7 +155,7 @@ def _elements(path: Path) -> Iterator[ElementTree.Element]:
         parser: ElementTree.XMLPullParser[ElementTree.Element] = ElementTree.XMLPullParser(("start", "end"))
         root: ElementTree.Element | None = None
         read, silent, inside = 0, 0, 0  # bytes, bytes since the last tag, tags since the last element
-        with _open(path) as stream:
+        with gzip.open(path) if compressed else path.open("rb") as stream:
             while part := stream.read(_PART):
                 parser.feed(part)
                 read, silent = read + len(part), silent + len(part)
@@ -167,26 +167,14 @@ def _elements(path: Path) -> Iterator[ElementTree.Element]:
                             yield element
                         root.clear()
                         inside = 0
-                if read > LARGEST_MAP or silent > 4 * _PART or inside > MOST_TAGS:
-                    most = (
-                        f"{LARGEST_MAP >> 20} MB, {4 * _PART >> 20} MB without a tag or {MOST_TAGS} tags in one element"
-                    )
+                if read > LARGEST_MAP or silent > _SILENT or inside > MOST_TAGS:
+                    most = f"{LARGEST_MAP >> 20} MB, {_SILENT >> 20} MB without a tag or {MOST_TAGS} tags in an element"
                     raise ValueError(f"{path}: more than {most}: cut out the site first (osmium extract --bbox)")
         parser.close()
     except (ElementTree.ParseError, LookupError) as error:
         raise ValueError(f"{path}: damaged XML ({error}): download the map again") from None
     except (gzip.BadGzipFile, EOFError, zlib.error) as error:
         raise ValueError(f"{path}: damaged gzip file ({error}): download the map again") from None
-
-
-def _open(path: Path) -> BufferedIOBase:
-    with path.open("rb") as stream:
-        compressed = stream.read(2) == b"\x1f\x8b"
-    return gzip.open(path) if compressed else path.open("rb")
-
-
-def _turn(angle: float) -> Float64[np.ndarray, "2 2"]:
-    return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
 
 
 def _lon_lat(element: ElementTree.Element, lon: str, lat: str) -> list[float]:
@@ -235,8 +223,7 @@ _RULES |= dict.fromkeys(("lanes", "lanes:forward", "lanes:backward"), "[1-8]")  
 def roads(extract: Extract, window: shapely.Geometry, *, lefthand: bool = False) -> tuple[list[Way], list[str]]:
     """Roads for vehicles within `window`, cut at its edge, and notes.
 
-    They have the tags meant for netconvert. Tunnels and bridges over another road are left out and noted.
-    """
+    They have the tags meant for netconvert. Tunnels and bridges over another road are left out and noted."""
     drivable = [way for way in extract.ways if way.tags.get("highway") in ROADS and way.tags.get("area") != "yes"]
     drivable = [w for w in drivable if w.tags.get("service") not in ("driveway", "parking_aisle", "drive-through")]
     near = [way for way in drivable if shapely.LineString(way.line).intersects(window)]
@@ -249,11 +236,9 @@ def roads(extract: Extract, window: shapely.Geometry, *, lefthand: bool = False)
 
 def paths(extract: Extract, window: shapely.Geometry) -> list[shapely.Polygon]:
     """Footways and squares within `window` that belong to no road."""
-    shapes: list[shapely.Geometry] = [
-        polygon
-        for polygon, tags in extract.areas
-        if {tags.get("highway"), tags.get("area:highway")} & {"pedestrian", "footway"}
-    ]
+    squares = {"pedestrian", "footway"}
+    areas = [shape for shape, tags in extract.areas if {tags.get("highway"), tags.get("area:highway")} & squares]
+    shapes: list[shapely.Geometry] = [*areas]
     for way in extract.ways:
         is_area = way.is_closed and way.tags.get("area") == "yes"
         if way.tags.get("highway") in _PATHS and not is_area and not _below(way.tags) and not _above(way.tags):
@@ -267,7 +252,7 @@ def write_osm(pieces: Iterable[Way], extract: Extract) -> str:
     pieces = list(pieces)
     position = {node: point for way in pieces for node, point in zip(way.nodes, way.line, strict=True)}
     points = np.array(list(position.values())).reshape(-1, 2)
-    degrees = inverse_project(points @ _turn(extract.heading).T, extract.centre)
+    degrees = inverse_project(points @ plane_rotation(extract.heading).T, extract.centre)
     signals = {tuple(xy.round(3)) for xy, tags in extract.places if tags.get("highway") == "traffic_signals"}
     text = ['<osm version="0.6">']
     number = {node: i for i, node in enumerate(position, start=1)}
@@ -303,14 +288,12 @@ def _above(tags: Tags) -> bool:
 
 
 def _crosses(bridge: Way, road: Way) -> bool:
-    """True if a bridge crosses a road."""
     crossing = shapely.LineString(bridge.line).intersection(shapely.LineString(road.line))
     shared = [xy for node, xy in zip(bridge.nodes, bridge.line, strict=True) if node in road.nodes]
     return not crossing.difference(shapely.MultiPoint(shared).buffer(0.5) if shared else shapely.Polygon()).is_empty
 
 
 def _cut(way: Way, window: shapely.Geometry, lefthand: bool) -> Iterator[Way]:
-    """Cut a way to its pieces within `window`."""
     tags = _road_tags(way.tags, lefthand)
     step = -1 if way.tags.get("oneway") in ("-1", "reverse") else 1
     line, nodes = way.line[::step], way.nodes[::step]
@@ -335,7 +318,6 @@ def _cut(way: Way, window: shapely.Geometry, lefthand: bool) -> Iterator[Way]:
 
 
 def _road_tags(tags: Tags, lefthand: bool) -> dict[str, str]:
-    """Clean tags for netconvert."""
     kind, ring = tags["highway"], tags.get("junction") in ("roundabout", "circular")
     given = {key: tags.get(key, "").strip().lower() for key in _RULES}
     passed = {key: value for key, value in given.items() if re.fullmatch(_RULES[key], value)}
@@ -367,8 +349,7 @@ _BARRIERS |= {"guard_rail": (f.railing, 0.8), "handrail": (f.railing, 1.0)}
 def buildings(extract: Extract, window: shapely.Geometry, road: shapely.Geometry) -> tuple[list[Solid], list[str]]:
     """Buildings that reach into `window`, cut off at `road`, and notes.
 
-    A building with parts (building:part) is made of them; its own outline stands where there are none.
-    """
+    A building with parts (building:part) is made of them; its own outline stands where there are none."""
     near = [(shape, tags) for shape, tags in extract.areas if shape.intersects(window)]
     parts = [(shape, tags) for shape, tags in near if tags.get("building:part", "") not in _NO_BUILDING]
     covered = shapely.union_all([shape for shape, _ in parts])

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from toolkit.arrays import Float64
+from toolkit.arrays import Float64, Rng
 from toolkit.geometry import look, pose
 from toolkit.sensors.models import DepthCamera, SpinningLidar
 from toolkit.sensors.sensor import Sensor
@@ -53,15 +53,14 @@ class Leg:
         return left, right
 
 
-def random_site(rng: np.random.Generator | int) -> Site:
+def random_site(rng: Rng | int) -> Site:
     """Draw a junction from a generator or a seed; the same seed gives the same site.
 
     The junction is near the origin; the detection area, 60 to 110 m by 40 to 110 m, need not be centred on it. There
     are at least 12 mounts with 1 to 10 default sensors. By chance there are avenues whose crowns hang over the road,
     vehicles parked along kerbs, road works, and hedges, containers and the like beside the lanes and on islands.
 
-    Raises ValueError for a negative seed.
-    """
+    Raises ValueError for a negative seed."""
     if not isinstance(rng, np.random.Generator) and rng < 0:
         raise ValueError(f"seed of a random site must be a whole number from 0 up, got {rng}")
     rng = np.random.default_rng(rng)
@@ -94,14 +93,13 @@ def sloping(relief: Relief) -> Relief:
     return replace(relief, slope=(round(float(rise * np.cos(towards)), 4), round(float(rise * np.sin(towards)), 4)))
 
 
-def random_sensors(site: Site, rng: np.random.Generator | int, count: int | None = None) -> tuple[Sensor, ...]:
+def random_sensors(site: Site, rng: Rng | int, count: int | None = None) -> tuple[Sensor, ...]:
     """Hang random depth cameras and lidars on mounts. count: 1 to 10 if None.
 
     They hang `LOWEST` to `HIGHEST` m up as far as their mounts allow, tilted the more the higher they hang, most
     of them headed for the middle of the area. Cameras come first in order of name: d0, d1, ... then lidars l2, l3, ...
 
-    Raises ValueError for a site without mounts and for a count below 1.
-    """
+    Raises ValueError for a site without mounts and for a count below 1."""
     rng = np.random.default_rng(rng)
     count = int(rng.integers(1, 11)) if count is None else count
     if count < 1:
@@ -118,7 +116,7 @@ def random_sensors(site: Site, rng: np.random.Generator | int, count: int | None
     )
 
 
-def _hang(name: str, is_lidar: bool, mount: Mount, site: Site, rng: np.random.Generator) -> Sensor:
+def _hang(name: str, is_lidar: bool, mount: Mount, site: Site, rng: Rng) -> Sensor:
     x, y, z = (float(c) for c in mount.position)
     low = min(max(LOWEST, mount.min_height), mount.max_height)
     top = max(low, min(HIGHEST, mount.max_height))
@@ -145,7 +143,7 @@ def _hang(name: str, is_lidar: bool, mount: Mount, site: Site, rng: np.random.Ge
     return Sensor(name, lidar, pose(x, y, z, yaw=heading, pitch=tilt / 3))
 
 
-def _crossroads(rng: np.random.Generator) -> tuple[tuple[Leg, ...], str]:
+def _crossroads(rng: Rng) -> tuple[tuple[Leg, ...], str]:
     """Three to five legs that meet in one junction."""
     count = int(rng.choice([3, 4, 5], p=[0.4, 0.42, 0.18]))
     legs = _legs(rng, _directions(rng, count), start=0.0, most_lanes=3 if count < 5 else 2)
@@ -156,7 +154,7 @@ def _crossroads(rng: np.random.Generator) -> tuple[tuple[Leg, ...], str]:
     return legs, build_network([middle, *_ends(legs)], edges)
 
 
-def _roundabout(rng: np.random.Generator) -> tuple[tuple[Leg, ...], str]:
+def _roundabout(rng: Rng) -> tuple[tuple[Leg, ...], str]:
     """Three to five legs that meet a ring, driven counter-clockwise."""
     count = int(rng.choice([3, 4, 5], p=[0.3, 0.5, 0.2]))
     wide = rng.random() < 0.25
@@ -178,7 +176,7 @@ def _roundabout(rng: np.random.Generator) -> tuple[tuple[Leg, ...], str]:
     return legs, build_network(nodes + _ends(legs), edges, roundabouts=[circle])
 
 
-def _directions(rng: np.random.Generator, count: int) -> Float64[np.ndarray, " n"]:
+def _directions(rng: Rng, count: int) -> Float64[np.ndarray, " n"]:
     """Directions of `count` legs (rad), ascending, 45° apart or more."""
     even = np.arange(count) * 360.0 / count
     if count == 3 and rng.random() < 0.6:
@@ -187,7 +185,7 @@ def _directions(rng: np.random.Generator, count: int) -> Float64[np.ndarray, " n
     return np.deg2rad(even + rng.uniform(-skew, skew, count) + rng.uniform(0.0, 360.0))
 
 
-def _legs(rng: np.random.Generator, directions: np.ndarray, *, start: float, most_lanes: int) -> tuple[Leg, ...]:
+def _legs(rng: Rng, directions: np.ndarray, *, start: float, most_lanes: int) -> tuple[Leg, ...]:
     """Draw legs along `directions`, gently bent."""
     lane, footway = rng.uniform(3.0, 3.75), rng.uniform(1.5, 4.0)
     one_way = int(rng.integers(len(directions))) if rng.random() < 0.2 else -1
@@ -227,7 +225,7 @@ def _leg_edges(leg: Leg, number: int, junction: str, priority: int) -> list[XmlA
     return rows
 
 
-def _shoulder(rng: np.random.Generator) -> Shoulder:
+def _shoulder(rng: Rng) -> Shoulder:
     use = rng.random()
     if use < 0.5:
         return Shoulder()

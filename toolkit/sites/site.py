@@ -15,7 +15,7 @@ from xml.etree import ElementTree
 import numpy as np
 import shapely
 
-from toolkit.arrays import Float, Float64
+from toolkit.arrays import Float, Float64, Pose
 from toolkit.display import Card, Displayed, Table, describe_count
 from toolkit.geometry import LEVEL, Slope, check_pose, check_slope
 from toolkit.sensors.sensor import Sensor, tabulate_sensors
@@ -38,8 +38,7 @@ class Solid:
 
     footprint: (k, 2) polygon; kind: one of `KINDS`; origin: one of `ORIGINS`. A tree is two solids, a `trunk` and a
     crown (`tree`). A `pond` is a hole: there is no ground inside its footprint, but a surface at `top`, below the
-    street.
-    """
+    street."""
 
     footprint: Float64[np.ndarray, "k 2"]
     base: float
@@ -108,8 +107,7 @@ class Site(Displayed):
     """A junction: detection area, roads, solids, mounts, sensors and network.
 
     Two sites are equal if all fields are, numbers to `EQUAL`, networks line by line. Raises ValueError that names the
-    field that does not fit.
-    """
+    field that does not fit."""
 
     name: str
     area: Float64[np.ndarray, "4"]  # xmin ymin xmax ymax of the detection area
@@ -124,7 +122,7 @@ class Site(Displayed):
     road_origin: str = "mapped"  # of lanes, footways and network
     furnished: Furnishing = "none"  # how densely coview drew what the map is silent of
     network: str = ""  # SUMO net.xml text in site coordinates, "" for a site without traffic
-    map_SE3_site: Float64[np.ndarray, "4 4"] = field(default_factory=lambda: np.eye(4))
+    map_SE3_site: Pose = field(default_factory=lambda: np.eye(4))
     geo_reference: str | None = None  # PROJ string of the map frame, None if unknown
     relief: Relief = Relief()
     hybrid_radius: float = HYBRID_RADIUS  # m within which sensors send no points in hybrid fusion (paper IV-B)
@@ -194,8 +192,7 @@ class Site(Displayed):
         """Height of the ground (m) at places (..., 2) of the site.
 
         On the plane lies a smooth, seeded sum of plane waves 7 to 160 m long whose mean over a large place is zero.
-        Ponds, kerbs and islands are solids and not part of it.
-        """
+        Ponds, kerbs and islands are solids and not part of it."""
         xy = np.asarray(xy, np.float64)
         plane = self.plane(xy)
         if self.relief.amplitude == 0:

@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 import shapely
 
-from toolkit.arrays import Float, Float64
+from toolkit.arrays import Float, Float64, Rng
 from toolkit.sites import furniture as f
 from toolkit.sites.network import unite
 from toolkit.sites.site import Mount, Solid
@@ -66,8 +66,7 @@ class Plot:
     """Ground around a road, where solids are placed one by one.
 
     open: ground beside the road; lanes: kept clear, with LANE_CLEARANCE; driven: the part kept clear even of solids on
-    shoulders; mounts: (n, 2) places of sensors.
-    """
+    shoulders; mounts: (n, 2) places of sensors."""
 
     def __init__(self, road: Road, window: shapely.Geometry, mounts: Iterable[Mount]) -> None:
         self.road, self.window = road, window
@@ -82,8 +81,7 @@ class Plot:
     def claim(self, ground: shapely.Geometry, *, footway: bool = False, shoulder: bool = False) -> bool:
         """Take `ground` off the lanes and, unless `footway`, off the footways, if it is free; return success.
 
-        shoulder: it may lie on any ground that is not driven.
-        """
+        shoulder: it may lie on any ground that is not driven."""
         if shoulder:
             allowed = not self.driven.intersects(ground)
         else:
@@ -102,13 +100,12 @@ class Plot:
 
 
 def place_mounts(
-    road: Road, area: Extent, rng: np.random.Generator, *, spacing: float = 5.0, avoid: shapely.Geometry | None = None
+    road: Road, area: Extent, rng: Rng, *, spacing: float = 5.0, avoid: shapely.Geometry | None = None
 ) -> tuple[Mount, ...]:
     """Choose sensor places at the kerb and behind the footway, their feet at z = 0.
 
     `FEWEST_MOUNTS` to twice as many mounts in and just around `area`, out of `avoid`, `spacing` m apart where there is
-    room.
-    """
+    room."""
     window = shapely.box(*area).buffer(5.0)
     kerb = along(road.carriageway.buffer(0.7).boundary.intersection(window), 1.0)
     behind = along(road.surface.buffer(0.6).boundary.intersection(window), 1.0)
@@ -125,10 +122,8 @@ def place_mounts(
         if len(chosen) >= FEWEST_MOUNTS or spacing <= 0.5:
             break
         spacing *= 0.7
-    return tuple(
-        Mount(f"pole{i:02}", np.round([x, y, 0.0], 3), 3.0, 10.0, round(float(rng.uniform(0.5, 2.0)), 2))
-        for i, (x, y) in enumerate(chosen)
-    )
+    places = [(f"pole{i:02}", np.round([x, y, 0.0], 3)) for i, (x, y) in enumerate(chosen)]
+    return tuple(Mount(*place, 3.0, 10.0, round(float(rng.uniform(0.5, 2.0)), 2)) for place in places)
 
 
 def along(lines: shapely.Geometry, step: float) -> Float64[np.ndarray, "n 3"]:
@@ -157,11 +152,10 @@ _REACH = 75.0  # m from a junction; bays are drawn this far
 _UNSEEN = 15.0  # m from the edge of the furnished ground; no bays lie on the road there
 
 
-def kerb_bays(plot: Plot, strips: Mapping[str, Strip], angles: Mapping[str, int], rng: np.random.Generator) -> Bays:
+def kerb_bays(plot: Plot, strips: Mapping[str, Strip], angles: Mapping[str, int], rng: Rng) -> Bays:
     """Draw bays x, y, yaw on the strips that have an angle (degrees, 0 in line with the kerb).
 
-    The junction is at the end of a strip of an edge `in...`, and at the start of the others.
-    """
+    The junction is at the end of a strip of an edge `in...`, and at the start of the others."""
     rows, seen = [np.zeros((0, 3))], plot.window.buffer(-_UNSEEN, join_style="mitre")
     size = BAY[0] - 0.2, BAY[1] - 0.2
     for edge, angle in angles.items():
@@ -200,7 +194,7 @@ def place_along(line: shapely.LineString, at: Float[np.ndarray, " n"], half: flo
     return np.column_stack([(here + ahead) / 2, np.arctan2(*(ahead - here).T[::-1])])
 
 
-def forecourts(plot: Plot, rng: np.random.Generator) -> Bays:
+def forecourts(plot: Plot, rng: Rng) -> Bays:
     """Parking bays behind the footways, along the road or across."""
     bays: list[Bay] = []
     across = rng.random() < 0.5

@@ -21,12 +21,8 @@ from toolkit.objects import LABELS, Detections, Detector, label_index
 from toolkit.plots.palette import Outcome, sensor_colour
 
 Marked = Literal["hits", "missed", "false alarms", "ignored"]
-MARKED: dict[Marked, Outcome] = {
-    "hits": "hit",
-    "missed": "missed",
-    "false alarms": "false alarm",
-    "ignored": "not scored",
-}
+_OUTCOMES: tuple[tuple[Marked, Outcome], ...] = (("hits", "hit"), ("missed", "missed"), ("false alarms", "false alarm"))
+MARKED: dict[Marked, Outcome] = {**dict(_OUTCOMES), "ignored": "not scored"}
 
 BoxesByKind = dict[str, Float64[np.ndarray, "_ 7"]]
 
@@ -35,8 +31,7 @@ def sort_outcomes(each: Detected) -> dict[Marked, dict[str, Detections]]:
     """Detections of each outcome and class, world frame, and labelled boxes that were missed, with scores NaN.
 
     Every detection is a hit, a false alarm or ignored: beyond the area or the complete labels, or on an object that
-    does not count.
-    """
+    does not count."""
     made: dict[Marked, dict[str, Detections]] = {name: {} for name in MARKED}
     if not len(each.frame.objects):
         return {}
@@ -260,7 +255,6 @@ def find_newest(sample: DrawnSample) -> float:
 
 
 def _values(cloud: DrawnCloud, colouring: Colouring, newest: float) -> np.ndarray | None:
-    """Coloured attribute of each point, None if unknown."""
     if colouring == "age":
         return None if cloud.time is None else newest - cloud.time
     return cloud.points[:, 2] if colouring == "height" else cloud.intensity

@@ -33,9 +33,8 @@ class LiveView:
         first = samples[0]
         self.origin = drawing.origin(first)
         drawn = drawing.draw(first, self.origin)
-        self.style = recording_scene.SceneStyle(
-            recording_scene.list_sensors([drawn]), COLOURINGS, Scales.of(drawn), LIVE_POINTS
-        )
+        sensors = recording_scene.list_sensors([drawn])
+        self.style = recording_scene.SceneStyle(sensors, COLOURINGS, Scales.of(drawn), LIVE_POINTS)
         area = recording_scene.find_view_area(drawn)
         groups = [recording_scene.add_grid(server.scene, area), *recording_scene.add_groups(server.scene, self.style)]
         self.groups: dict[str, Handle] = {handle.name: handle for handle in groups}
@@ -97,9 +96,8 @@ class LiveView:
             for name in recording_scene.list_sensors([self._drawn]):
                 if name not in self.style.sensors:
                     self._add_sensor(name)
-            self.shown = recording_scene.add_sample(
-                self.server.scene, self._drawn, replace(self.style, colourings=(self.colouring,))
-            )
+            style = replace(self.style, colourings=(self.colouring,))
+            self.shown = recording_scene.add_sample(self.server.scene, self._drawn, style)
         for number in range(len(self.style.sensors)):
             for each in self.style.colourings:
                 self.groups[f"/sensors/{number}/{each}"].visible = each == self.colouring
@@ -108,9 +106,8 @@ class LiveView:
         """Add a sensor that earlier frames did not have."""
         number = len(self.style.sensors)
         self.style = replace(self.style, sensors=(*self.style.sensors, name))
-        self.groups |= {
-            handle.name: handle for handle in recording_scene.add_sensor(self.server.scene, self.style, number)
-        }
+        handles = recording_scene.add_sensor(self.server.scene, self.style, number)
+        self.groups |= {handle.name: handle for handle in handles}
         self._add_switch(self.sensor_switches, name, [f"/sensors/{number}"])
 
     def _add_slider(self) -> None:

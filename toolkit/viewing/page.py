@@ -70,11 +70,8 @@ def page_content(samples: Sequence[DrawnSample], title: str, *, most: int = PAGE
     if any(sample.tags for sample in samples):
         switches.append(Switch(recording_scene.TAGS_NAME, f"/{recording_scene.TAGS}"))
     there = {kind for sample in samples for kind in (*sample.truth, *sample.detections)}
-    switches += [
-        Switch(kind, " ".join(recording_scene.nodes_of_kind(kind, outcomes=known)))
-        for kind in BOX_KINDS
-        if kind in there
-    ]
+    kinds = {kind: recording_scene.nodes_of_kind(kind, outcomes=known) for kind in BOX_KINDS if kind in there}
+    switches += [Switch(kind, " ".join(nodes)) for kind, nodes in kinds.items()]
     points = {each: " ".join(f"/sensors/{number}/{each}" for number in range(len(sensors))) for each in colourings}
     return PageContent(
         *(title, html, (*switches, Switch("grid of 10 m", recording_scene.GRID_NODE))),

@@ -22,18 +22,8 @@ import numpy as np
 from toolkit.arrays import Float64
 from toolkit.mesh import box
 from toolkit.plots.palette import FAINT, OUTCOME, sensor_colour
-from toolkit.viewing import scene
-from toolkit.viewing.drawn import (
-    BOX_KINDS,
-    MARKED,
-    Colouring,
-    DrawnSample,
-    Marked,
-    Scales,
-    find_newest,
-    shades,
-    thinned,
-)
+from toolkit.viewing import drawn as drawings, scene
+from toolkit.viewing.drawn import BOX_KINDS, MARKED, Colouring, DrawnSample, Marked, Scales
 from toolkit.viewing.scene import Handle, Look, Segments, box_edges, headings
 
 if TYPE_CHECKING:
@@ -41,12 +31,8 @@ if TYPE_CHECKING:
 
 BOXES = {"truth": FAINT, "detections": OUTCOME["detection"].colour}  # colour by node
 OUTCOME_NODES: dict[Marked, str] = {name: name.replace(" ", "_") for name in MARKED}
-SHOWN_AS: dict[Marked, str] = {
-    "hits": "green",
-    "missed": "red with a cross",
-    "false alarms": "violet with a mark",
-    "ignored": "grey, dotted",
-}
+_LOOKS = "green", "red with a cross", "violet with a mark", "grey, dotted"
+SHOWN_AS: dict[Marked, str] = dict(zip(MARKED, _LOOKS, strict=True))
 TAGS, TAGS_NAME = "tags", "class and score"
 SHOWN_POINT_SIZE = 0.07  # m
 GRID_NODE = "/grid"
@@ -100,16 +86,16 @@ def add_sample(
     api: SceneApi, sample: DrawnSample, style: SceneStyle, *, frame: int = 0, visible: bool = True
 ) -> list[Handle]:
     """Add one frame below `add_groups`; return the handles."""
-    newest = find_newest(sample)
+    newest = drawings.find_newest(sample)
     made: list[Handle] = []
     for each in sample.clouds:
-        cloud, number = thinned(each, style.most), style.sensors.index(each.name)
+        cloud, number = drawings.thinned(each, style.most), style.sensors.index(each.name)
         place, (x, y, z) = f"/sensors/{number}/place/{frame}", cloud.place.tolist()
         made.append(api.add_frame(place, show_axes=False, visible=visible))
         scene.add_mesh(api, f"{place}/housing", box((0.4, 0.4, 0.4), (x, y, z)), sensor_colour(number))
         api.add_label(f"{place}/name", cloud.name, position=(x, y, z + 0.6), anchor="bottom-center")
         for colouring in style.colourings if len(cloud.points) else ():
-            colours = shades(cloud, colouring, style.scales, index=number, newest=newest)
+            colours = drawings.shades(cloud, colouring, style.scales, index=number, newest=newest)
             node, drawn = f"/sensors/{number}/{colouring}/{frame}", Look(visible=visible, precision=style.precision)
             made.append(scene.add_points(api, node, cloud.points, colours, size=SHOWN_POINT_SIZE, **drawn))
     for number, tag in enumerate(sample.tags):

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from toolkit.arrays import Float32, Float64, UInt8
+from toolkit.arrays import BoxRows, Float32, Float64, UInt8
 from toolkit.boxes import corners
 from toolkit.mesh import Mesh
 
@@ -163,12 +163,12 @@ SPIKE = 2.5  # m, height of the mark on a false alarm
 Segments = Float64[np.ndarray, "_ 2 3"]
 
 
-def box_edges(boxes: Float64[np.ndarray, "n 7"]) -> Segments:
+def box_edges(boxes: BoxRows) -> Segments:
     """Twelve edges of each box."""
     return corners(boxes)[:, EDGES].reshape(-1, 2, 3)
 
 
-def headings(boxes: Float64[np.ndarray, "n 7"]) -> Segments:
+def headings(boxes: BoxRows) -> Segments:
     """Line on each box's roof, from middle to front.
 
     >>> headings(np.array([[1.0, 2.0, 0.5, 4.0, 2.0, 1.0, 0.0]])).tolist()
@@ -179,12 +179,12 @@ def headings(boxes: Float64[np.ndarray, "n 7"]) -> Segments:
     return np.stack([middle, middle + ahead * boxes[:, 3:4] / 2], axis=1).astype(np.float64)
 
 
-def roof_crosses(boxes: Float64[np.ndarray, "n 7"]) -> Segments:
+def roof_crosses(boxes: BoxRows) -> Segments:
     """Both diagonals of each box's roof: a missed vehicle."""
     return corners(boxes)[:, [[4, 6], [5, 7]]].reshape(-1, 2, 3)
 
 
-def spikes(boxes: Float64[np.ndarray, "n 7"]) -> Segments:
+def spikes(boxes: BoxRows) -> Segments:
     """Upright with a cross bar per box: a false alarm."""
     top = boxes[:, :3] + np.array([0.0, 0, 1]) * (boxes[:, 5:6] / 2)
     tip, bar = (top + np.array([0.0, 0, height]) for height in (SPIKE, 0.7 * SPIKE))

@@ -13,18 +13,7 @@ from toolkit.objects import Detections, Objects
 from toolkit.plots.canvas import blank_figure, house_style, shorten, write_figure
 from toolkit.plots.palette import FAINT, INK, OUTCOME, PAPER_WHITE, Outcome, PlotStyle, sensor_colour
 from toolkit.plots.plan_view import Entry, draw_frame, draw_outcome, outcome_entry
-from toolkit.viewing.drawn import (
-    MARKED,
-    BoxesByKind,
-    Colouring,
-    Drawing,
-    DrawnSample,
-    Scales,
-    find_newest,
-    shades,
-    sort_kinds,
-    thinned,
-)
+from toolkit.viewing import drawn
 from toolkit.viewing.recording_scene import find_view_area
 
 STILL_POINTS = 200_000  # of a cloud
@@ -34,11 +23,11 @@ _GRID = 10.0  # m
 
 
 def write_still(
-    sample: DrawnSample,
+    sample: drawn.DrawnSample,
     out: str | Path,
     *,
     title: str = "",
-    colouring: Colouring = "sensor",
+    colouring: drawn.Colouring = "sensor",
     sensors: Sequence[str] = (),
     half: tuple[float, float] | None = None,
 ) -> None:
@@ -51,7 +40,7 @@ def write_still(
     xmin, ymin, xmax, ymax = find_view_area(sample) if half is None else (-half[0], -half[1], *half)
     width, height = xmax - xmin, ymax - ymin
     scale = _INCHES / max(width, height)
-    scales, newest = Scales.of(sample), find_newest(sample)
+    scales, newest = drawn.Scales.of(sample), drawn.find_newest(sample)
     order = list(sensors or dict.fromkeys(cloud.name for cloud in sample.clouds))
     entries: list[Entry] = []
     with house_style():
@@ -62,8 +51,8 @@ def write_still(
         axes.set_yticks(_GRID * np.arange(np.ceil(ymin / _GRID), ymax // _GRID + 1))
         axes.grid(True)
         for each in sample.clouds:
-            cloud = thinned(each, STILL_POINTS)
-            colours = shades(cloud, colouring, scales, index=order.index(cloud.name), newest=newest) / 255.0
+            cloud = drawn.thinned(each, STILL_POINTS)
+            colours = drawn.shades(cloud, colouring, scales, index=order.index(cloud.name), newest=newest) / 255.0
             x, y, _ = cloud.points.T
             axes.scatter(x, y, s=_POINT_SIZE, c=colours, linewidths=0, rasterized=True, zorder=3)
         labelled = _all(sample.truth)
@@ -71,7 +60,7 @@ def write_still(
             axes.fill(*corners.T, facecolor="none", edgecolor=FAINT, linewidth=1.0, zorder=3.6)
         if len(labelled):
             entries.append((Patch(facecolor="none", edgecolor=FAINT), f"labelled ({len(labelled)})"))
-        rows: dict[Outcome, np.ndarray] = {MARKED[name]: _all(boxes) for name, boxes in sample.outcomes.items()}
+        rows: dict[Outcome, np.ndarray] = {drawn.MARKED[name]: _all(boxes) for name, boxes in sample.outcomes.items()}
         if not rows and sample.detections:
             rows = {"detection": _all(sample.detections)}
         for outcome, boxes in rows.items():
@@ -96,7 +85,7 @@ def write_still(
 
 def draw_frame_alone(frame: Frame, out: str | Path) -> None:
     """Draw a frame where its points are."""
-    view = Drawing()
+    view = drawn.Drawing()
     write_still(view.draw(frame, view.origin(frame)), out)
 
 
@@ -105,18 +94,16 @@ def draw_recording(recording: Recording, out: str | Path) -> None:
     frame, site = recording[0], recording.site
     if site is None:
         return draw_frame_alone(frame, out)
-    clouds = [cloud.in_world() for cloud in frame.clouds]
-    return draw_frame(
-        site, out, clouds=clouds, sensors=frame.sensors, truth=frame.objects, title=f"{site.name}: frame 0"
-    )
+    clouds, title = [cloud.in_world() for cloud in frame.clouds], f"{site.name}: frame 0"
+    return draw_frame(site, out, clouds=clouds, sensors=frame.sensors, truth=frame.objects, title=title)
 
 
 def draw_boxes(found: Objects | Detections, out: str | Path) -> None:
     """Draw boxes from above."""
-    kinds = sort_kinds(found.boxes, found.labels)
+    kinds = drawn.sort_kinds(found.boxes, found.labels)
     truth, detections = ({}, kinds) if isinstance(found, Detections) else (kinds, {})
-    write_still(DrawnSample("boxes", np.nan, (), truth, detections), out)
+    write_still(drawn.DrawnSample("boxes", np.nan, (), truth, detections), out)
 
 
-def _all(boxes: BoxesByKind) -> np.ndarray:
+def _all(boxes: drawn.BoxesByKind) -> np.ndarray:
     return np.concatenate([np.zeros((0, 7)), *boxes.values()])

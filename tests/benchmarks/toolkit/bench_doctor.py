@@ -25,9 +25,9 @@ from toolkit.calibration.ground import Ground, level
 from toolkit.datasets.doctor import diagnose_file
 from toolkit.datasets.layouts.dair import written_labels
 from toolkit.datasets.recordings import LAYOUTS, open_recording, write_recording
-from toolkit.datasets.records import write_cloud
+from toolkit.datasets.records import move_boxes, write_cloud
 from toolkit.detection import label_doctor as label_fits
-from toolkit.detection.label_doctor import boxes_through, diagnose_labels
+from toolkit.detection.label_doctor import diagnose_labels
 from toolkit.frame import Frame, SensorCloud
 from toolkit.geometry import invert, pose, transform
 from toolkit.objects import Objects
@@ -107,7 +107,7 @@ def write_layout(samples: Sequence[Frame], path: Path, layout: str) -> None:
         return
     for sample in samples:
         for cloud in sample.clouds:
-            local = boxes_through(sample.objects.boxes, invert(cloud.world_SE3_sensor))
+            local = move_boxes(invert(cloud.world_SE3_sensor), sample.objects.boxes)
             own = Frame.of_clouds(sample.name, (), Objects(local, sample.objects.labels, sample.objects.ids))
             label = path / "label/106-105" / cloud.name / "seq-1" / f"{sample.time:.3f}.json"
             label.parent.mkdir(parents=True, exist_ok=True)

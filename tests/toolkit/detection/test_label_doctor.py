@@ -12,6 +12,7 @@ import pytest
 from toolkit.calibration.ground import level
 from toolkit.datasets import records
 from toolkit.datasets.recordings import LAYOUTS, open_recording
+from toolkit.datasets.records import move_boxes
 from toolkit.detection import label_doctor as label_fits
 from toolkit.detection.label_doctor import (
     LABEL_MISTAKES,
@@ -20,7 +21,6 @@ from toolkit.detection.label_doctor import (
     Seen,
     against_their_way,
     better,
-    boxes_through,
     degrees_of_turns,
     diagnose_labels,
     find_movers,
@@ -98,10 +98,10 @@ def test_mistakes_are_undone_also_in_a_map_and_of_degrees():
     ]
     np.testing.assert_allclose([each.undo(BOX_LABEL_MISTAKES)[0] for each in LABEL_MISTAKES[:9]], undone)
     world_SE3_map = invert(pose(600.0, 1600.0, 30.0, yaw=0.7))
-    in_map = boxes_through(BOX_LABEL_MISTAKES, invert(world_SE3_map))
+    in_map = move_boxes(invert(world_SE3_map), BOX_LABEL_MISTAKES)
     mirrored = LABEL_MISTAKES[0].undo(in_map)
-    assert np.abs(boxes_through(mirrored, world_SE3_map)[0, :2]).max() > 1000
-    back = undo_mistake(LABEL_MISTAKES[0], boxes_through(mirrored, world_SE3_map), invert(world_SE3_map))
+    assert np.abs(move_boxes(world_SE3_map, mirrored)[0, :2]).max() > 1000
+    back = undo_mistake(LABEL_MISTAKES[0], move_boxes(world_SE3_map, mirrored), invert(world_SE3_map))
     np.testing.assert_allclose(back, BOX_LABEL_MISTAKES, atol=1e-9)
     np.testing.assert_array_equal(
         undo_mistake(YAW_SIGN, BOX_LABEL_MISTAKES, np.eye(4)), YAW_SIGN.undo(BOX_LABEL_MISTAKES)
@@ -322,7 +322,7 @@ def test_mistakes_made_in_a_map(sound, mistake, place):
     undo = LABEL_MISTAKES[mistake].undo
     mapped = [replace(each, map_SE3_world=PLACE) for each in sound]
     assert diagnose_labels(mapped[:1]) == []
-    wrong = with_boxes(mapped[:1], lambda b: boxes_through(undo(boxes_through(b, PLACE)), invert(PLACE)))
+    wrong = with_boxes(mapped[:1], lambda b: move_boxes(invert(PLACE), undo(move_boxes(PLACE, b))))
     (finding,) = diagnose_labels(wrong)
     assert finding.suspected.startswith(place)
 
@@ -335,7 +335,7 @@ def test_mistakes_made_in_the_frames_of_sensors(sound):
     clouds = tuple(
         SensorCloud(str(k), part, pole, "world") for k, (part, pole) in enumerate(zip(parts, poles, strict=True))
     )
-    boxes = [boxes_through(LABEL_MISTAKES[0].undo(boxes_through(sound[0].objects.boxes, invert(p))), p) for p in poles]
+    boxes = [move_boxes(p, LABEL_MISTAKES[0].undo(move_boxes(invert(p), sound[0].objects.boxes))) for p in poles]
     mixed = np.where(np.arange(14)[:, None] % 2 == 0, *boxes)
     assert diagnose_labels([sound[0].with_clouds(clouds)]) == []
     (finding,) = diagnose_labels([replace(sound[0].with_clouds(clouds), objects=Objects(mixed, ids=np.arange(14)))])
@@ -422,7 +422,7 @@ def test_nothing_is_suspected_of_untouched_files(written, layout):
 def test_boxes_are_read_within_a_millimetre_and_a_hundredth_of_a_degree(samples, written, layout):
     """Also of the layout that only the bench writes, whose labels are each sensor's own."""
     for before, after in zip(samples, open_recording(written(layout), layout), strict=True):
-        a, b = (boxes_through(sample.objects.boxes, sample.map_SE3_world) for sample in (before, after))
+        a, b = (move_boxes(sample.map_SE3_world, sample.objects.boxes) for sample in (before, after))
         if np.allclose(after.map_SE3_world, np.eye(4)):  # a layout that has no place for a map
             a = before.objects.boxes
         order = [np.lexsort(boxes[:, :2].round(2).T) for boxes in (a, b)]

@@ -13,21 +13,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from toolkit.arrays import Float64, Int64
+from toolkit.arrays import BoxRows, Float64, Int64, Pose
 from toolkit.boxes import count_points
+from toolkit.datasets import records
 from toolkit.datasets.cloud_files import quaternion_pose, read_table
 from toolkit.datasets.layouts.nuscenes import compute_quaternion
-from toolkit.datasets.records import (
-    Listing,
-    Problems,
-    add_problem,
-    build_cloud,
-    clock_time,
-    get_intensity,
-    labelled,
-    named_damage,
-    no_labels,
-)
+from toolkit.datasets.records import add_problem, named_damage
 from toolkit.frame import Frame
 from toolkit.objects import LABELS
 from toolkit.point_files import name_attributes
@@ -46,7 +37,7 @@ _NAMES = {"vehicle": "REGULAR_VEHICLE", "cyclist": "BICYCLIST", "pedestrian": "P
 class Labels:
     """Cuboids of one sweep, ego frame. interior_points: the recording's own number of points in each."""
 
-    boxes: Float64[np.ndarray, "n 7"]
+    boxes: BoxRows
     categories: tuple[str, ...]
     interior_points: Int64[np.ndarray, " n"]
     tracks: tuple[str, ...]
@@ -97,14 +88,14 @@ def _poses(table: Mapping[str, np.ndarray]) -> Float64[np.ndarray, "n 4 4"]:
     return np.array([quaternion_pose(row[:4], row[4:]) for row in rows]).reshape(-1, 4, 4)
 
 
-def argoverse(path: Path) -> Listing:
+def argoverse(path: Path) -> records.Listing:
     """Sweeps of a log. Raises FileNotFoundError if the folder is not a log."""
     names, annotations = tuple(map(str, sweep_times(path))), path / "annotations.feather"
     labelled: list[str] = []
     if lexists(annotations):
         with named_damage(annotations, "table of labels"):
             labelled = np.unique(_stamps(read_table(annotations))).astype(str).tolist()
-    return Listing(names, lambda name: _sample(path, name), labelled=labelled)
+    return records.Listing(names, lambda name: _sample(path, name), labelled=labelled)
 
 
 def _stamps(table: Mapping[str, np.ndarray]) -> np.ndarray:
@@ -116,9 +107,8 @@ def _stamps(table: Mapping[str, np.ndarray]) -> np.ndarray:
 
 
 def _sample(log: Path, name: str) -> Frame:
-    problems: Problems = {}
-    time = int(name)
-    calibration = dict[str, Float64[np.ndarray, "4 4"]]()  # ego_SE3_sensor
+    problems: records.Problems = {}
+    time, calibration = int(name), dict[str, Pose]()  # ego_SE3_sensor
     if lexists(log / _CALIBRATION):
         with named_damage(log / _CALIBRATION, "calibration"):
             table = read_table(log / _CALIBRATION)
@@ -135,12 +125,14 @@ def _sample(log: Path, name: str) -> Frame:
             own = np.isin(table["laser_number"], lasers)
             if own.any() or lidar in calibration:
                 part = {key: column[own] for key, column in recorded.items()}
-                clouds.append(build_cloud(part, lidar, _sensor_pose(calibration, lidar), problems, frame="world"))
-    annotations, found = log / "annotations.feather", no_labels()
+                pose = calibration[lidar] if calibration else np.eye(4)
+                clouds.append(records.build_cloud(part, lidar, pose, problems, frame="world"))
+    annotations, found = log / "annotations.feather", records.no_labels()
     if lexists(annotations):
         with named_damage(annotations, "table of labels"):
             labels = read_labels(log, time)
-            found = labelled(labels.boxes, labels.categories, labels.tracks, problems, labels.interior_points)
+            named = labels.boxes, labels.categories, labels.tracks
+            found = records.labelled(*named, problems, labels.interior_points)
     city, map_SE3_ego = log / "city_SE3_egovehicle.feather", np.eye(4)
     if lexists(city):
         with named_damage(city, "table of poses"):
@@ -151,14 +143,9 @@ def _sample(log: Path, name: str) -> Frame:
     return Frame.of_clouds(name, clouds, *found, time=time * 1e-9, map_SE3_world=map_SE3_ego, problems=problems)
 
 
-def _sensor_pose(calibration: Mapping[str, Float64[np.ndarray, "4 4"]], lidar: str) -> Float64[np.ndarray, "4 4"]:
-    """Pose of a lidar; the vehicle's origin where the log has no calibration at all."""
-    return calibration[lidar] if calibration else np.eye(4)
-
-
-def write_argoverse(samples: Iterable[Frame], folder: Path) -> int:
-    """Write frames as a log; return how many were written. Of several sensors the first two become up_lidar and
-    down_lidar; a frame of more raises ValueError. Sweeps without times get tenths of a second."""
+def write_argoverse(samples: Iterable[Frame], folder: Path) -> None:
+    """Write frames as a log. Of several sensors the first two become up_lidar and down_lidar; a frame of more raises
+    ValueError. Sweeps without times get tenths of a second."""
     annotations: dict[str, np.ndarray] = {}
     stamps: list[int] = []
     cities: list[np.ndarray] = []
@@ -167,7 +154,7 @@ def write_argoverse(samples: Iterable[Frame], folder: Path) -> int:
         if len(sample.clouds) > len(LASERS):
             count = len(sample.clouds)
             raise ValueError(f"an Argoverse log has two lidars, but {sample.name!r} has {count}: fuse some")
-        stamps.append(round(clock_time(sample, k) * 1e9))
+        stamps.append(round(records.clock_time(sample, k) * 1e9))
         if stamps[-1] in stamps[:-1]:
             raise ValueError(f"sweeps of an Argoverse log are named by their times, but two are of {sample.time:g} s")
         cities.append(sample.map_SE3_world)
@@ -179,7 +166,6 @@ def write_argoverse(samples: Iterable[Frame], folder: Path) -> int:
         _write_table(folder / _CALIBRATION, {"sensor_name": list(mounted), **_pose_columns(list(mounted.values()))})
         _write_table(folder / "city_SE3_egovehicle.feather", {"timestamp_ns": stamps, **_pose_columns(cities)})
         _write_table(folder / "annotations.feather", annotations)
-    return len(stamps)
 
 
 def _sweep(sample: Frame) -> dict[str, np.ndarray]:
@@ -188,7 +174,7 @@ def _sweep(sample: Frame) -> dict[str, np.ndarray]:
     lasers = [lasers.start for lasers in LASERS.values()][: len(sizes)]
     return {
         **dict(zip("xyz", sample.points().T.astype(np.float32), strict=True)),
-        "intensity": np.concatenate([np.zeros(0, np.float32), *map(get_intensity, sample.clouds)]),
+        "intensity": np.concatenate([np.zeros(0, np.float32), *map(records.get_intensity, sample.clouds)]),
         "laser_number": np.repeat(lasers, sizes).astype(np.uint8),
         "offset_ns": np.round(np.concatenate([np.zeros(0), *times]) * 1e9).astype(np.int32),
     }
@@ -198,14 +184,11 @@ def _labels(sample: Frame, stamp: int) -> dict[str, np.ndarray]:
     boxes, half = sample.objects.boxes, sample.objects.boxes[:, 6] / 2
     sizes = dict(zip(("length_m", "width_m", "height_m"), boxes[:, 3:6].T, strict=True))
     turns = dict(zip(_POSE, (np.cos(half), 0 * half, 0 * half, np.sin(half), *boxes[:, :3].T), strict=True))
-    return {
-        "timestamp_ns": np.full(len(boxes), stamp, np.int64),
-        "track_uuid": sample.objects.ids.astype(str).astype(object),
-        "category": np.array([_NAMES[LABELS[label]] for label in sample.objects.labels], object),
-        **sizes,
-        **turns,
-        "num_interior_pts": np.zeros(len(boxes), np.int64) if sample.counts is None else sample.counts,
-    }
+    ids, names = sample.objects.ids.astype(str), [_NAMES[LABELS[label]] for label in sample.objects.labels]
+    labels = {"timestamp_ns": np.full(len(boxes), stamp, np.int64), "track_uuid": ids.astype(object)}
+    labels |= {"category": np.array(names, object), **sizes, **turns}
+    counts = np.zeros(len(boxes), np.int64) if sample.counts is None else sample.counts
+    return labels | {"num_interior_pts": counts}
 
 
 def _pose_columns(placed: Sequence[np.ndarray]) -> dict[str, list[float]]:

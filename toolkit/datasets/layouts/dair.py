@@ -23,7 +23,7 @@ from pathlib import Path
 
 import numpy as np
 
-from toolkit.arrays import Float64
+from toolkit.arrays import Pose
 from toolkit.datasets import records
 from toolkit.datasets.records import as_number, entry, named_damage
 from toolkit.frame import Everywhere, Frame, ImageWedge, Region
@@ -93,12 +93,11 @@ def _pairs(root: Path) -> records.Listing:
         novatel_SE3_lidar = read_transform(car / "calib" / "lidar_to_novatel" / f"{vehicle}.json")
         map_SE3_novatel = read_transform(car / "calib" / "novatel_to_world" / f"{vehicle}.json")
         road_SE3_car = invert(map_SE3_road) @ map_SE3_novatel @ novatel_SE3_lidar
-        clouds = (
-            records.read_cloud(road / "velodyne" / f"{name}.pcd", "infrastructure", np.eye(4), problems),
-            records.read_cloud(car / "velodyne" / f"{vehicle}.pcd", "vehicle", road_SE3_car, problems),
-        )
+        seen, own = road / "velodyne" / f"{name}.pcd", car / "velodyne" / f"{vehicle}.pcd"
+        near = records.read_cloud(seen, "infrastructure", np.eye(4), problems)
+        far = records.read_cloud(own, "vehicle", road_SE3_car, problems)
         found = read_annotations(_first(root, _COOPERATIVE, vehicle), invert(map_SE3_road), problems)
-        return Frame.of_clouds(name, clouds, *found, map_SE3_world=map_SE3_road, problems=problems)
+        return Frame.of_clouds(name, (near, far), *found, map_SE3_world=map_SE3_road, problems=problems)
 
     return records.Listing(tuple(pairs), load, labelled=_labelled(root, _COOPERATIVE), known=vehicles)
 
@@ -108,7 +107,7 @@ def _stem(pair: records.Unchecked, side: str) -> str:
     return Path(str(pair[path] if path in pair else entry(pair, f"{side}_frame"))).stem
 
 
-def read_transform(path: str | Path, offset: tuple[float, float] | None = None) -> Float64[np.ndarray, "4 4"]:
+def read_transform(path: str | Path, offset: tuple[float, float] | None = None) -> Pose:
     """Pose of a calibration file, made rigid. offset: added to x and y, the file's own relative_error if None."""
     with named_damage(path, "calibration"):
         content = records.load_json(path)
@@ -130,9 +129,7 @@ def _offset(value: records.Unchecked) -> tuple[float, float] | None:
     return delta
 
 
-def read_annotations(
-    path: Path | None, world_SE3_labels: Float64[np.ndarray, "4 4"], problems: records.Problems
-) -> records.Labelled:
+def read_annotations(path: Path | None, world_SE3_labels: Pose, problems: records.Problems) -> records.Labelled:
     """Objects of a label file, in the world frame. Empty without a file."""
     with named_damage(path or "", "list of labels"):
         labels = [] if path is None else records.as_list(records.load_json(path))
@@ -147,26 +144,19 @@ def read_annotations(
 
 def written_labels(sample: Frame) -> list[dict[str, object]]:
     """Format a frame's objects for a label file, world frame."""
-    return [
-        {
-            "type": name,
-            "track_id": str(track),
-            "3d_dimensions": dict(zip("lwh", box[3:6], strict=True)),
-            "3d_location": dict(zip("xyz", box[:3], strict=True)),
-            "rotation": box[6],
-        }
-        for box, name, track in records.list_rows(sample.objects, records.COMMON_NAMES)
-    ]
+    labels: list[dict[str, object]] = []
+    for (x, y, z, length, width, height, yaw), name, track in records.list_rows(sample.objects, records.COMMON_NAMES):
+        box = {"3d_dimensions": {"l": length, "w": width, "h": height}, "3d_location": {"x": x, "y": y, "z": z}}
+        labels.append({"type": name, "track_id": str(track), **box, "rotation": yaw})
+    return labels
 
 
-def write_dair(samples: Iterable[Frame], folder: Path) -> int:
-    """Write frames as one infrastructure side; return how many. The clouds of each become one, in its world frame."""
-    written = 0
-    for written, sample in enumerate(samples, 1):
-        name, placed = f"{written - 1:06d}", sample.map_SE3_world
+def write_dair(samples: Iterable[Frame], folder: Path) -> None:
+    """Write frames as one infrastructure side. The clouds of each become one, in its world frame."""
+    for number, sample in enumerate(samples):
+        name, placed = f"{number:06d}", sample.map_SE3_world
         records.write_cloud(folder / "velodyne" / f"{name}.pcd", records.one_cloud(sample))
         write_text(folder / "label" / "virtuallidar" / f"{name}.json", json.dumps(written_labels(sample), indent=1))
         calib = {"rotation": placed[:3, :3].tolist(), "translation": placed[:3, 3:].tolist()}
         calib["relative_error"] = {"delta_x": "", "delta_y": ""}
         write_text(folder / "calib" / "virtuallidar_to_world" / f"{name}.json", json.dumps(calib))
-    return written

@@ -20,10 +20,10 @@ from pathlib import Path
 
 import numpy as np
 
+from toolkit.arrays import Pose
 from toolkit.datasets import records
 from toolkit.datasets.cloud_files import read_poses
 from toolkit.frame import Frame
-from toolkit.geometry import Pose
 from toolkit.runtime.files import write_text
 
 POSES = ("poses.json", "poses.txt", "poses.csv")
@@ -62,10 +62,8 @@ def folder(path: Path, *, poses: Path | None = None, inverted: bool = False) -> 
 
     def load(name: str) -> Frame:
         problems: records.Problems = {}
-        clouds = tuple(
-            records.read_cloud(file, sensor, _pose(placed, sensor, file), problems)
-            for sensor, file in names[name].items()
-        )
+        each_file = ((file, sensor, _pose(placed, sensor, file)) for sensor, file in names[name].items())
+        clouds = tuple(records.read_cloud(*each, problems) for each in each_file)
         found = records.parse_objects(labels, entries[name], problems) if name in entries else records.no_labels()
         return Frame.of_clouds(name, clouds, *found, time=parse_epoch(name), problems=problems)
 
@@ -115,11 +113,10 @@ def parse_epoch(name: str) -> float:
     return next((value * unit for least, unit in _EPOCH if least <= value < 1e20), float("nan"))
 
 
-def write_folder(samples: Iterable[Frame], path: Path) -> int:
-    """Write frames as SENSOR/000000.pcd and on, with labels.json and poses; return how many.
+def write_folder(samples: Iterable[Frame], path: Path) -> None:
+    """Write frames as SENSOR/000000.pcd and on, with labels.json and poses.
 
-    Poses are lines of poses.txt, or poses.json where a sensor's name would not stay one word there.
-    """
+    Poses are lines of poses.txt, or poses.json where a sensor's name would not stay one word there."""
     entries, poses = [], dict[str, list[float]]()
     for k, sample in enumerate(samples):
         name = f"{k:06d}"
@@ -134,4 +131,3 @@ def write_folder(samples: Iterable[Frame], path: Path) -> int:
             write_text(path / "poses.txt", "".join(lines))
         else:
             write_text(path / "poses.json", json.dumps(poses))
-    return len(entries)

@@ -20,7 +20,6 @@ import json
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Literal
 
 import h5py
 import numpy as np
@@ -34,7 +33,6 @@ from toolkit.runtime.files import parse_json, replace_infinite, writing
 from toolkit.sites.site import Site
 
 _VERSION = 1
-_FRAMES: dict[str, Literal["sensor", "world"]] = {"sensor": "sensor", "world": "world"}
 
 
 def holds_clouds(path: str | Path) -> bool:
@@ -75,10 +73,8 @@ def _sample(file: h5py.File, place: str, name: str) -> Frame:
     about = parse_json(reader.text(file, f"{place}/about"))
     sensors = enumerate(as_list(entry(about, "sensors"), "sensors"))
     clouds = tuple(_cloud(file, f"{place}/clouds/{k}", each) for k, each in sensors)
-    labels, ids = (
-        reader.array(file, f"{place}/{key}", axes=1, kinds="iu").astype(np.int64) for key in ("labels", "ids")
-    )
-    objects = Objects(_boxes(file, f"{place}/boxes"), labels, ids)
+    labels, ids = (reader.array(file, f"{place}/{key}", axes=1, kinds="iu") for key in ("labels", "ids"))
+    objects = Objects(_boxes(file, f"{place}/boxes"), labels.astype(np.int64), ids.astype(np.int64))
     names = tuple(str(each) for each in as_list(entry(about, "others"), "others"))
     others = OtherObjects(_boxes(file, f"{place}/others"), names, _counts(file, f"{place}/others_counts"))
     if names and len(names) != len(others.boxes):
@@ -104,9 +100,9 @@ def _cloud(file: h5py.File, place: str, about: Unchecked) -> SensorCloud:
         if column is not None and len(column) != len(points):
             raise ValueError(f"{place}/{name} must be of {len(points)} points, got {len(column)}")
         columns |= {} if column is None else {name: column.astype(kind)}
-    frame = _FRAMES.get(str(entry(about, "frame")))
-    if frame is None:
-        raise ValueError(f"{place} must be in the frame of the sensor or the world, got {about['frame']!r}")
+    frame = entry(about, "frame")
+    if frame not in ("sensor", "world"):
+        raise ValueError(f"{place} must be in the frame of the sensor or the world, got {frame!r}")
     stored = reader.array(file, f"{place}/pose", axes=2)
     pose = rigid_matrix(stored, f"{place}/pose")
     if np.allclose(pose, stored, atol=1e-9):  # to the bit where it is one
@@ -126,8 +122,8 @@ def _counts(file: h5py.File, name: str) -> np.ndarray | None:
     return None if column is None else column.astype(np.int64)
 
 
-def write_hdf5(samples: Iterable[Frame], path: Path) -> int:
-    """Write frames as one file, whole or not at all; return how many. Raises ValueError for two of the same name."""
+def write_hdf5(samples: Iterable[Frame], path: Path) -> None:
+    """Write frames as one file, whole or not at all. Raises ValueError for two of the same name."""
     names: list[str] = []
     with writing(path) as unfinished, reader.hdf5_file(unfinished) as (file, _):
         file.attrs["coview"], file.attrs["version"] = CLOUDS_KIND, _VERSION
@@ -137,7 +133,6 @@ def write_hdf5(samples: Iterable[Frame], path: Path) -> int:
         if len(set(names)) < len(names):
             raise ValueError("samples must have different names to stand in one file")
         file["names"] = json.dumps(names)
-    return len(names)
 
 
 def _write(group: h5py.Group, sample: Frame) -> None:

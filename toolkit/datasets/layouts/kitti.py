@@ -20,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
-from toolkit.arrays import Float64
+from toolkit.arrays import BoxRows
 from toolkit.datasets import records
 from toolkit.frame import Frame, ImageWedge, Region
 from toolkit.geometry import BODY_SE3_CAMERA, invert, transform
@@ -74,7 +74,7 @@ def _sample(folder: Path, name: str) -> Frame:
     return Frame.of_clouds(name, (cloud,), *found, complete=wedge, problems=problems)
 
 
-def _boxes(values: np.ndarray, lidar_SE3_camera: np.ndarray) -> Float64[np.ndarray, "n 7"]:
+def _boxes(values: np.ndarray, lidar_SE3_camera: np.ndarray) -> BoxRows:
     height, width, length = values[:, 7:10].T
     centre = values[:, 10:13] - np.stack([0 * height, height / 2, 0 * height], axis=1)
     # ry = 0 is the camera's x: turned about y, which points down, forward is (cos ry, 0, -sin ry)
@@ -106,12 +106,12 @@ def _image_size(image: Path) -> tuple[int, int]:
     return (width, height) if 0 < width < 1 << 16 and 0 < height < 1 << 16 else IMAGE
 
 
-def write_kitti(samples: Iterable[Frame], folder: Path) -> int:
-    """Write frames as training/ of KITTI, numbered from 000000; return how many. The clouds of a frame become one, in
-    its world frame. The camera is that of the frame's labels, else one at the origin that looks along x."""
-    written, place = 0, folder / "training"
-    for written, sample in enumerate(samples, 1):
-        name = f"{written - 1:06d}"
+def write_kitti(samples: Iterable[Frame], folder: Path) -> None:
+    """Write frames as training/ of KITTI, numbered from 000000. The clouds of a frame become one, in its world frame.
+    The camera is that of the frame's labels, else one at the origin that looks along x."""
+    place = folder / "training"
+    for number, sample in enumerate(samples):
+        name = f"{number:06d}"
         points = [np.column_stack([cloud.in_world(), records.get_intensity(cloud)]) for cloud in sample.clouds]
         cloud = np.concatenate([np.zeros((0, 4)), *points]).astype("<f4")
         write_bytes(place / "velodyne" / f"{name}.bin", cloud.tobytes())
@@ -121,7 +121,6 @@ def write_kitti(samples: Iterable[Frame], folder: Path) -> int:
         entries |= {"R0_rect": np.eye(3), "Tr_velo_to_cam": _CAMERA[:3], "Tr_imu_to_velo": np.eye(4)[:3]}
         lines = [f"{key}: {' '.join(f'{v:.12e}' for v in matrix.ravel())}\n" for key, matrix in entries.items()]
         write_text(place / "calib" / f"{name}.txt", "".join(lines))
-    return written
 
 
 def kitti_text(sample: Frame, *, found: Detections | None = None) -> str:

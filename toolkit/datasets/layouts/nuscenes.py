@@ -20,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
-from toolkit.arrays import Float64
+from toolkit.arrays import Float64, Pose
 from toolkit.datasets import records
 from toolkit.datasets.cloud_files import quaternion_pose
 from toolkit.datasets.records import as_number, entry, named_damage, numbers
@@ -29,12 +29,7 @@ from toolkit.geometry import invert, transform
 from toolkit.objects import LABELS
 from toolkit.runtime.files import resolve_below, write_bytes, write_text
 
-_NAMES = {
-    "vehicle": "vehicle.car",
-    "cyclist": "vehicle.bicycle",
-    "pedestrian": "human.pedestrian.adult",
-    "heavy": "vehicle.truck",
-}
+_NAMES = "vehicle.car", "vehicle.bicycle", "human.pedestrian.adult", "vehicle.truck"  # of `LABELS`
 _SENSING = ("sample", "sample_data", "sample_annotation", "calibrated_sensor", "ego_pose", "sensor")
 _TABLES = (*_SENSING, "instance", "category")
 _Row = dict[str, records.Unchecked]
@@ -61,11 +56,11 @@ def nuscenes(path: Path) -> records.Listing:
             labels.setdefault(str(entry(row, "sample_token")), []).append(row)
     with named_damage(folder / "sample.json", "table"):
         order = sorted(lidars, key=lambda token: as_number(entry(tables["sample"], token, "timestamp"), "timestamp"))
-    return records.Listing(
-        tuple(order),
-        lambda token: _sample(folder, token, tables, lidars[token], labels.get(token, [])),
-        labelled=labels,
-    )
+
+    def load(token: str) -> Frame:
+        return _sample(folder, token, tables, lidars[token], labels.get(token, []))
+
+    return records.Listing(tuple(order), load, labelled=labels)
 
 
 def _sensor(tables: dict[str, _Row], row: _Row, key: str) -> str:
@@ -76,18 +71,15 @@ def _sensor(tables: dict[str, _Row], row: _Row, key: str) -> str:
 
 def _sample(folder: Path, token: str, tables: dict[str, _Row], data: list[_Row], labels: list[_Row]) -> Frame:
     problems: records.Problems = {}
-    placed, mounted = (
-        [_placed(folder, tables, name, row) for row in data] for name in ("ego_pose", "calibrated_sensor")
-    )
+    placed = [_placed(folder, tables, "ego_pose", row) for row in data]
+    mounted = [_placed(folder, tables, "calibrated_sensor", row) for row in data]
     with named_damage(folder / "sample_data.json", "table"):
         files = [resolve_below(folder.parent, str(entry(row, "filename"))) for row in data]
         names = [_sensor(tables, row, "channel") for row in data]
         time = as_number(entry(data[0], "timestamp"), "timestamp") * 1e-6
     map_SE3_ego = placed[0]
-    clouds = tuple(
-        records.read_cloud(file, name, invert(map_SE3_ego) @ ego @ pose, problems)
-        for file, name, ego, pose in zip(files, names, placed, mounted, strict=True)
-    )
+    poses = [invert(map_SE3_ego) @ ego @ pose for ego, pose in zip(placed, mounted, strict=True)]
+    clouds = tuple(records.read_cloud(*each, problems) for each in zip(files, names, poses, strict=True))
     with named_damage(folder / "sample_annotation.json", "table"):
         boxes = np.array([_box(row) for row in labels], np.float64).reshape(-1, 7)
         counts = np.array([int(as_number(row.get("num_lidar_pts", -1))) for row in labels], np.int64)
@@ -98,7 +90,7 @@ def _sample(folder: Path, token: str, tables: dict[str, _Row], data: list[_Row],
     return Frame.of_clouds(token, clouds, *found, time=time, map_SE3_world=map_SE3_ego, problems=problems)
 
 
-def _placed(folder: Path, tables: dict[str, _Row], name: str, row: _Row) -> Float64[np.ndarray, "4 4"]:
+def _placed(folder: Path, tables: dict[str, _Row], name: str, row: _Row) -> Pose:
     """Pose in a table that a row of sample_data names."""
     with named_damage(folder / f"{name}.json", "table"):
         where = entry(tables[name], str(entry(row, f"{name}_token")))
@@ -122,15 +114,16 @@ def _kind(tables: dict[str, _Row], row: _Row, instance: str) -> str:
     return str(entry(tables["category"], str(entry(tables["instance"], instance, "category_token")), "name"))
 
 
-def write_nuscenes(samples: Iterable[Frame], folder: Path) -> int:
-    """Write frames as a root with v1.0-coview/; return how many. Each sensor is a channel in its own frame."""
+def write_nuscenes(samples: Iterable[Frame], folder: Path) -> None:
+    """Write frames as a root with v1.0-coview/. Each sensor is a channel in its own frame."""
     tables: dict[str, list[_Row]] = {name: [] for name in (*_TABLES, "scene", "log", "map", "attribute", "visibility")}
-    tables["category"] = [{"token": label, "name": _NAMES[label], "description": ""} for label in LABELS]
+    named = zip(LABELS, _NAMES, strict=True)
+    tables["category"] = [{"token": label, "name": name, "description": ""} for label, name in named]
     instances: dict[str, str] = {}  # category by token
-    written, alone = 0, {"prev": "", "next": ""}
-    for written, sample in enumerate(samples, 1):
-        token = f"{written - 1:06d}"
-        stamp = round(records.clock_time(sample, written) * 1e6)
+    alone = {"prev": "", "next": ""}
+    for number, sample in enumerate(samples, 1):
+        token = f"{number - 1:06d}"
+        stamp = round(records.clock_time(sample, number) * 1e6)
         tables["sample"].append({"token": token, "timestamp": stamp, "scene_token": "", **alone})
         tables["ego_pose"].append({"token": token, "timestamp": stamp, **_format_pose(sample.map_SE3_world)})
         for cloud in sample.clouds:
@@ -152,7 +145,7 @@ def write_nuscenes(samples: Iterable[Frame], folder: Path) -> int:
             placed, row = sample.map_SE3_world, np.array(box)
             yaw = float(records.heading(placed, row[6]))
             counted = {} if sample.counts is None else {"num_lidar_pts": int(sample.counts[k]), "num_radar_pts": 0}
-            tokens = {"token": f"{written}_{k}", "sample_token": token, "instance_token": instance}
+            tokens = {"token": f"{number}_{k}", "sample_token": token, "instance_token": instance}
             place = {"translation": transform(placed, row[None, :3])[0].tolist(), "size": row[[4, 3, 5]].tolist()}
             place["rotation"] = [float(np.cos(yaw / 2)), 0.0, 0.0, float(np.sin(yaw / 2))]
             none = {"attribute_tokens": [], "visibility_token": "", **alone}
@@ -160,14 +153,13 @@ def write_nuscenes(samples: Iterable[Frame], folder: Path) -> int:
     tables["instance"] = [{"token": name, "category_token": category} for name, category in instances.items()]
     for name, table in tables.items():
         write_text(folder / "v1.0-coview" / f"{name}.json", json.dumps(table, indent=0))
-    return written
 
 
 def _format_pose(placed: np.ndarray) -> dict[str, list[float]]:
     return {"translation": placed[:3, 3].tolist(), "rotation": compute_quaternion(placed).tolist()}
 
 
-def compute_quaternion(placed: Float64[np.ndarray, "4 4"]) -> Float64[np.ndarray, "4"]:
+def compute_quaternion(placed: Pose) -> Float64[np.ndarray, "4"]:
     """Unit quaternion w x y z of a pose's rotation, w not negative.
 
     >>> compute_quaternion(np.diag([-1.0, -1.0, 1.0, 1.0])).tolist()

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -47,9 +48,8 @@ def openlabel(path: Path) -> records.Listing:
             named = {stem if len(some) == 1 else f"{stem}#{key}": key for key in some}
             known += [name for name, key in named.items() if _clouds(file, some[key], clouds)]
         frames |= {name: (file, key) for name, key in named.items()}
-    return records.Listing(
-        tuple(frames), lambda name: _sample(name, *frames[name], clouds), labelled=frames, known=known
-    )
+    load = partial(_sample, frames, clouds)
+    return records.Listing(tuple(frames), load, labelled=frames, known=known)
 
 
 def _clouds(file: Path, frame: records.Unchecked, clouds: dict[str, Path]) -> list[Path]:
@@ -59,8 +59,9 @@ def _clouds(file: Path, frame: records.Unchecked, clouds: dict[str, Path]) -> li
     return [clouds[name] for name in names if name in clouds]
 
 
-def _sample(name: str, file: Path, key: str, clouds: dict[str, Path]) -> Frame:
+def _sample(frames: dict[str, tuple[Path, str]], clouds: dict[str, Path], name: str) -> Frame:
     problems: records.Problems = {}
+    file, key = frames[name]
     with named_damage(file, "OpenLABEL file"):
         content = entry(records.load_json(file), "openlabel")
         frame = entry(content, "frames", key)
@@ -107,11 +108,10 @@ def _box(value: records.Unchecked) -> np.ndarray:
     return np.array([x, y, z, *sizes, np.arctan2(turned[1, 0], turned[0, 0])])
 
 
-def write_openlabel(samples: Iterable[Frame], folder: Path) -> int:
-    """Write frames as label files and clouds; return how many. Every sensor's cloud is in its own frame."""
-    written = 0
-    for written, sample in enumerate(samples, 1):
-        name = f"{written - 1:06d}"
+def write_openlabel(samples: Iterable[Frame], folder: Path) -> None:
+    """Write frames as label files and clouds. Every sensor's cloud is in its own frame."""
+    for number, sample in enumerate(samples):
+        name = f"{number:06d}"
         content = openlabel_content(sample)
         frame, systems = content["openlabel"]["frames"]["0"], content["openlabel"]["coordinate_systems"]
         for cloud in sample.clouds:
@@ -123,7 +123,6 @@ def write_openlabel(samples: Iterable[Frame], folder: Path) -> int:
             frame["frame_properties"]["point_cloud_file_names"].append(place)
             frame["frame_properties"]["streams"][cloud.name] = {}
         write_text(folder / "labels_point_clouds" / f"{name}.json", json.dumps(content, indent=1))
-    return written
 
 
 def openlabel_content(sample: Frame, found: Detections | None = None) -> records.Unchecked:
@@ -141,11 +140,7 @@ def openlabel_content(sample: Frame, found: Detections | None = None) -> records
         cuboid = {"name": "shape3D", "val": value, "attributes": {"num": nums}}
         objects[str(ids[k])] = {"object_data": {"name": f"{kind}_{ids[k]}", "type": kind, "cuboid": cuboid}}
     properties: records.Unchecked = {"point_cloud_file_names": [], "streams": {}}
-    time = {"timestamp": sample.time} if np.isfinite(sample.time) else {}
-    return {
-        "openlabel": {
-            "metadata": {"schema_version": "1.0.0"},
-            "coordinate_systems": {"world": {"type": "scene_cs", "parent": "", "children": [], "pose_wrt_parent": {}}},
-            "frames": {"0": {"frame_properties": properties | time, "objects": objects}},
-        }
-    }
+    properties |= {"timestamp": sample.time} if np.isfinite(sample.time) else {}
+    world = {"type": "scene_cs", "parent": "", "children": [], "pose_wrt_parent": {}}
+    content = {"metadata": {"schema_version": "1.0.0"}, "coordinate_systems": {"world": world}}
+    return {"openlabel": content | {"frames": {"0": {"frame_properties": properties, "objects": objects}}}}

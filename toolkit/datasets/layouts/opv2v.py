@@ -22,7 +22,7 @@ from pathlib import Path
 
 import numpy as np
 
-from toolkit.arrays import Float64
+from toolkit.arrays import Pose
 from toolkit.datasets import records
 from toolkit.datasets.records import entry, named_damage, numbers
 from toolkit.frame import Frame, SensorCloud
@@ -49,9 +49,11 @@ def opv2v(path: Path, *, left_handed: bool = True) -> records.Listing:
         raise FileNotFoundError(f"{path} is no folder of OPV2V: it has no AGENT/*.yaml beside clouds of their names")
     agents = {name: sorted(files, key=_agent) for name, files in sorted(names.items())}
     mirror = MIRROR if left_handed else np.eye(4)
-    return records.Listing(
-        tuple(agents), lambda name: _sample(name, agents[name], mirror), labelled=labelled, known=known
-    )
+
+    def load(name: str) -> Frame:
+        return _sample(name, agents[name], mirror)
+
+    return records.Listing(tuple(agents), load, labelled=labelled, known=known)
 
 
 v2xreal = partial(opv2v, left_handed=False)
@@ -85,9 +87,8 @@ def _sample(name: str, files: list[Path], mirror: np.ndarray) -> Frame:
                 rows.setdefault(track, _box(each, mirror))
                 kinds.setdefault(track, str(each.get("obj_type", each.get("object_type", "Car"))))
     boxes = np.array(list(rows.values()), np.float64).reshape(-1, 7)
-    found = records.labelled(
-        records.move_boxes(invert(map_SE3_world), boxes), list(kinds.values()), list(rows), problems
-    )
+    boxes = records.move_boxes(invert(map_SE3_world), boxes)
+    found = records.labelled(boxes, list(kinds.values()), list(rows), problems)
     return Frame.of_clouds(name, tuple(clouds), *found, map_SE3_world=map_SE3_world, problems=problems)
 
 
@@ -107,7 +108,7 @@ def _pose(value: records.Unchecked, mirror: np.ndarray) -> np.ndarray:
     return mirror @ placed @ mirror
 
 
-def unreal_pose(roll_deg: float, yaw_deg: float, pitch_deg: float) -> Float64[np.ndarray, "4 4"]:
+def unreal_pose(roll_deg: float, yaw_deg: float, pitch_deg: float) -> Pose:
     """Rotation of Unreal's angles in its left-handed axes: yaw about z, then pitch, which lifts x, then roll.
 
     >>> unreal_pose(0.0, 90.0, 0.0)[:3, 0].round(6).tolist()
@@ -130,22 +131,18 @@ def _mirror(cloud: SensorCloud, mirror: np.ndarray) -> SensorCloud:
     return replace(cloud, points=cloud.points * np.diag(mirror)[:3].astype(np.float32))
 
 
-def write_opv2v(samples: Iterable[Frame], folder: Path, *, left_handed: bool = True) -> int:
-    """Write frames as a scenario; return how many. Each sensor is an agent, from 0, that lists all objects."""
+def write_opv2v(samples: Iterable[Frame], folder: Path, *, left_handed: bool = True) -> None:
+    """Write frames as a scenario. Each sensor is an agent, from 0, that lists all objects."""
     import yaml
 
-    mirror, written = MIRROR if left_handed else np.eye(4), 0
-    for written, sample in enumerate(samples, 1):
-        name, flat = f"{written - 1:05d}", mirror @ sample.map_SE3_world
+    mirror = MIRROR if left_handed else np.eye(4)
+    for number, sample in enumerate(samples):
+        name, flat = f"{number:05d}", mirror @ sample.map_SE3_world
         vehicles = {}
         for box, kind, track in records.list_rows(sample.objects, records.COMMON_NAMES):
-            vehicles[track] = {
-                "angle": [0.0, float(np.rad2deg(records.heading(flat, box[6]))), 0.0],
-                "center": [0.0, 0.0, 0.0],
-                "extent": [size / 2 for size in box[3:6]],
-                "location": (flat[:3, :3] @ box[:3] + flat[:3, 3]).tolist(),
-                "obj_type": kind,
-            }
+            angle = [0.0, float(np.rad2deg(records.heading(flat, box[6]))), 0.0]
+            where = {"angle": angle, "center": [0.0] * 3, "location": (flat[:3, :3] @ box[:3] + flat[:3, 3]).tolist()}
+            vehicles[track] = {**where, "extent": [size / 2 for size in box[3:6]], "obj_type": kind}
         for agent, cloud in enumerate(sample.clouds):
             placed = flat @ cloud.world_SE3_sensor @ mirror
             roll, yaw = np.arctan2(-placed[2, 1], placed[2, 2]), np.arctan2(placed[1, 0], placed[0, 0])
@@ -153,7 +150,6 @@ def write_opv2v(samples: Iterable[Frame], folder: Path, *, left_handed: bool = T
             content = {"lidar_pose": [*placed[:3, 3].tolist(), *angles], "vehicles": vehicles}
             records.write_cloud(folder / "scenario" / str(agent) / f"{name}.pcd", _mirror(cloud.in_own_frame(), mirror))
             write_text(folder / "scenario" / str(agent) / f"{name}.yaml", yaml.safe_dump(content))
-    return written
 
 
 write_v2xreal = partial(write_opv2v, left_handed=False)

@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from toolkit.arrays import Float64
+from toolkit.arrays import Pose
 from toolkit.datasets.cloud_files import quaternion_pose
 from toolkit.datasets.layouts.nuscenes import compute_quaternion
 from toolkit.datasets.records import Problems, add_problem, build_cloud, clock_time, get_intensity, named_damage
@@ -142,7 +142,7 @@ def _frames(path: Path) -> dict[str, _Moving]:
     return frames | {root: _Moving("", np.zeros(1, np.int64), np.eye(4)[None]) for root in roots}
 
 
-def find_frame_pose(frames: Mapping[str, _Moving], frame: str, time: int) -> Float64[np.ndarray, "4 4"]:
+def find_frame_pose(frames: Mapping[str, _Moving], frame: str, time: int) -> Pose:
     """Pose of a frame in its tree's root. time is in ns. Raises ValueError if tf runs in a circle."""
     pose = np.eye(4)
     for _ in range(MOST_LINKS):
@@ -152,7 +152,7 @@ def find_frame_pose(frames: Mapping[str, _Moving], frame: str, time: int) -> Flo
     raise ValueError(f"its tf runs in a circle, through {frame!r}")
 
 
-def between(a: Float64[np.ndarray, "4 4"], b: Float64[np.ndarray, "4 4"], share: float) -> Float64[np.ndarray, "4 4"]:
+def between(a: Pose, b: Pose, share: float) -> Pose:
     """Pose at a share of the way from a to b: along the line, and turning evenly.
 
     >>> between(np.eye(4), np.diag([-1.0, -1.0, 1.0, 1.0]), 0.5)[1, 0].round(6).item()
@@ -228,20 +228,20 @@ def _messages(path: Path, *kinds: str, parse: bool = True) -> Iterator[tuple[str
         reader.close()
 
 
-def write_rosbag(samples: Iterable[Frame], folder: Path) -> int:
-    """Write the clouds of frames for ROS 2: recording.mcap, a topic per sensor with tf; return how many frames. A bag
-    cannot hold labels, and a warning says so."""
+def write_rosbag(samples: Iterable[Frame], folder: Path) -> None:
+    """Write the clouds of frames for ROS 2: recording.mcap, a topic per sensor with tf. A bag cannot hold labels,
+    and a warning says so."""
     from rosbags.rosbag2 import StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
 
     store = get_typestore(Stores.ROS2_HUMBLE)
     connections: dict[str, RosObject] = {}
-    written = labels = 0
+    labels = 0
     with Writer(folder / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         tf = writer.add_connection("/tf", TF, typestore=store)
-        for written, sample in enumerate(samples, 1):
+        for number, sample in enumerate(samples, 1):
             labels += len(sample.objects)
-            stamp = round(clock_time(sample, written) * 1e9)
+            stamp = round(clock_time(sample, number) * 1e9)
             links = store.types[TF](transforms=[_link(store, cloud, stamp) for cloud in sample.clouds])
             writer.write(tf, stamp, store.serialize_cdr(links, TF))
             for cloud in sample.clouds:
@@ -250,7 +250,6 @@ def write_rosbag(samples: Iterable[Frame], folder: Path) -> int:
                 writer.write(connections[cloud.name], stamp, store.serialize_cdr(_message(store, cloud, stamp), CLOUD))
     if labels:
         warnings.warn(f"a bag has no place for labels, {labels} are not in it", stacklevel=2)
-    return written
 
 
 def _header(store: RosObject, stamp: int, frame: str) -> RosObject:

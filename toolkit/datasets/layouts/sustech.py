@@ -49,11 +49,10 @@ def _sample(folder: Path, name: str, file: Path) -> Frame:
     return Frame.of_clouds(name, (cloud,), *found, problems=problems)
 
 
-def write_sustech(samples: Iterable[Frame], folder: Path) -> int:
-    """Write frames as a scene, numbered from 000000; return how many. The clouds of a frame become one."""
-    written = 0
-    for written, sample in enumerate(samples, 1):
-        name = f"{written - 1:06d}"
+def write_sustech(samples: Iterable[Frame], folder: Path) -> None:
+    """Write frames as a scene, numbered from 000000. The clouds of a frame become one."""
+    for number, sample in enumerate(samples):
+        name = f"{number:06d}"
         records.write_cloud(folder / "lidar" / f"{name}.pcd", records.one_cloud(sample))
         content = []
         for box, kind, track in records.list_rows(sample.objects, _NAMES):
@@ -61,4 +60,3 @@ def write_sustech(samples: Iterable[Frame], folder: Path) -> int:
             psr = {"position": position, "rotation": {"x": 0.0, "y": 0.0, "z": box[6]}, "scale": scale}
             content.append({"obj_id": str(track), "obj_type": kind, "psr": psr})
         write_text(folder / "label" / f"{name}.json", json.dumps(content, indent=1))
-    return written

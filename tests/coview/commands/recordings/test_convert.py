@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from toolkit.datasets.recordings import read
-from toolkit.detection.label_doctor import boxes_through
+from toolkit.datasets.records import move_boxes
 
 
 def test_our_recording_as_kitti_and_back(recording, tmp_path, run):
@@ -65,7 +65,7 @@ def test_a_published_recording_goes_into_other_layouts(recording, tmp_path, run,
     arguments = ("convert", published, "--layout", "hdf5", "--frames", 2, "--to", layout, "--out", out)
     assert run(*arguments)[0] == 0
     for before, after in zip(islice(read(recording, "hdf5"), 2), read(out, layout), strict=True):
-        a, b = (boxes_through(sample.objects.boxes, sample.map_SE3_world) for sample in (before, after))
+        a, b = (move_boxes(sample.map_SE3_world, sample.objects.boxes) for sample in (before, after))
         if layout == "openlabel":  # which has no place for a map
             a, b = before.objects.boxes, after.objects.boxes
         np.testing.assert_allclose(a[:, :6], b[:, :6], atol=1e-3)

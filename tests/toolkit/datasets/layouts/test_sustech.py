@@ -60,6 +60,6 @@ def test_several_sensors_become_one_cloud_in_the_world(tmp_path):
     pose = np.eye(4)
     pose[0, 3] = 10.0
     clouds = tuple(SensorCloud(name, np.ones((1, 3), np.float32), pose) for name in "ab")
-    assert write_sustech([Frame.of_clouds("0", clouds, Objects.empty())], tmp_path) == 1
+    write_sustech([Frame.of_clouds("0", clouds, Objects.empty())], tmp_path)
     (back,) = sustech(tmp_path)
     assert back.points().tolist() == [[11, 1, 1], [11, 1, 1]]
