@@ -311,8 +311,15 @@ def test_resamples_of_detections_are_drawn_by_the_seed(hazy):
         assert resamples == pytest.approx(0.5 * drawn / 2)
 
 
-def test_a_fast_fidelity_knows_a_single_candidate_and_all_classes_and_looks_silently(small_traffic):
-    stages = []
+def test_a_fast_fidelity_knows_a_single_candidate_and_all_classes_and_looks_silently(small_traffic, monkeypatch):
+    """It looks with the processes and the cache of its run, but tells nobody how far it is."""
+    stages, runs = [], []
+
+    def noted(*given, run, **named):
+        runs.append(run)
+        return see(*given, run=run, **named)
+
+    monkeypatch.setattr(evaluators, "see", noted)
     for only, classes in (([1], ("vehicle",)), ([0, 2], ("vehicle", "pedestrian"))):
         candidates = paper_candidates(small_traffic.site).select(np.array(only))
         setting = Setting(small_traffic.site, candidates=candidates, classes=classes)
@@ -325,4 +332,5 @@ def test_a_fast_fidelity_knows_a_single_candidate_and_all_classes_and_looks_sile
         expected = Coverage(seen, classes=made.setting.counted)(sets).ap
         assert evaluator.evaluate(sets, np.arange(5)).ap == pytest.approx(expected)
         assert evaluator.evaluate(sets[:1], np.arange(5)).ap.tolist() == [0.0]
+        assert runs == [replace(made.run, progress=None)] * len(runs)
     assert stages == []
