@@ -578,7 +578,11 @@ def test_points_are_plain_whatever_cloud_they_are_in():
     assert plain_points(SimpleNamespace(point=Tensors())).shape == (0, 3)
     for wrong, said in (
         *((np.zeros((3, 5)), r"got \(3, 5\): pass points\.T\?"), (np.zeros((5, 5)), r"got \(5, 5\)$")),
-        *((np.zeros(3), r"got \(3,\)$"), (np.zeros((4, 2)), r"got \(4, 2\)$"), (np.ones((4, 3), bool), r"got \(4, 3\)$")),
+        *(
+            (np.zeros(3), r"got \(3,\)$"),
+            (np.zeros((4, 2)), r"got \(4, 2\)$"),
+            (np.ones((4, 3), bool), r"got \(4, 3\)$"),
+        ),
     ):
         with pytest.raises(ValueError, match=said):
             plain_points(wrong)

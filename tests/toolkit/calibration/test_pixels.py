@@ -388,7 +388,9 @@ def test_a_tenth_of_the_images_and_before_nothing_half_of_them_are_enough():
         assert bool(found.second[0, 1] == 10.0) == enough
         assert found.first[0, 1] == 20.0
     for count, seen, enough in ((20, 10, True), (20, 9, False)):  # elsewhere nothing returns at all
-        found = learnt_of([[0.0, 0.0, 0.0, 0.0, 20.0 if k % 2 == 0 and k < 2 * seen else 0.0] + [0.0] * 3 for k in range(count)])
+        found = learnt_of(
+            [[0.0, 0.0, 0.0, 0.0, 20.0 if k % 2 == 0 and k < 2 * seen else 0.0] + [0.0] * 3 for k in range(count)]
+        )
         assert found.first[0, 4] == 0.0
         assert bool(found.second[0, 4] == 20.0) == enough
 

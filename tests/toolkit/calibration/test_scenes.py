@@ -136,7 +136,9 @@ def test_scenes_are_learnt_given_or_none_for_sensors_that_move(tmp_path):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         learn_sample_scenes([sample(0, WALL), sample(1, WALL, moved=0.5)])
-    with pytest.warns(UserWarning, match="learnt from 4 samples, so who stands still in them is part of the scene") as w:
+    with pytest.warns(
+        UserWarning, match="learnt from 4 samples, so who stands still in them is part of the scene"
+    ) as w:
         learn_sample_scenes(sample(k, WALL) for k in range(4))
     assert w[0].filename == __file__
     with warnings.catch_warnings():
