@@ -339,7 +339,7 @@ def test_lowest_cells_are_an_oracles(monkeypatch):
     rng = np.random.default_rng(2)
     every = np.argwhere(np.ones((30, 25), bool))
     chosen = every[rng.permutation(len(every))[:400]]
-    cells = np.column_stack([chosen + [-7, 5] + rng.random((400, 2)), rng.choice([0.0, 0.3, 0.6, 2.0], 400)])
+    cells = np.column_stack([chosen + rng.random((400, 2)) + np.array([-7, 5]), rng.choice([0.0, 0.3, 0.6, 2.0], 400)])
     for slope, step, window in ((0.1, 0.25, 12.0), (0.02, 0.1, 3.0)):
         found = lowest_mask(cells, slope, step, window=window)
         assert found.tolist() == slowly_lowest(cells, slope, step, window)

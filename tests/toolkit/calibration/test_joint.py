@@ -352,7 +352,7 @@ def test_of_two_road_users_near_a_third_the_nearer_is_it_and_headings_turn_about
     assert pair.one_row[3].tolist() == (-pair.other_row[3]).tolist() == [0, 0, 1 / LEVER, 0, 0, 0]
     assert pair.deviation == pytest.approx([0.25 * np.sqrt(2)] * 3 + [np.deg2rad(4.0) * np.sqrt(2)])
     assert pair.limit == pytest.approx([1.5] * 3 + [np.deg2rad(20.0)])
-    away = SeenBoxes.of(theirs + [0, 1.0, 0, 0, 0, 0, 0], np.eye(4))
+    away = SeenBoxes.of(theirs + np.eye(7)[1], np.eye(4))
     alone = SeenBoxes.of(theirs, np.eye(4))
     assert object_pairs([[alone, away]], [np.eye(4)] * 2, 1.0) == []  # as far off as the gate
     assert len(object_pairs([[alone, away]], [np.eye(4)] * 2, 1.001)) == 1

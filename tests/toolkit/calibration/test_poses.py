@@ -393,14 +393,14 @@ def test_a_pose_has_not_drifted_by_nothing(monkeypatch):
 
 
 def test_registrations_know_the_deviations_and_need_three_tenths_of_the_points(monkeypatch):
-    asked = []
+    asked, overlaps = [], [0.299, 0.3]
 
     def register(points, surface, believed, *, deviation=None):
         asked.append((points, surface, believed, deviation))
-        return Registration(believed, np.eye(6), np.zeros((0, 6)), overlap, 0.01)
+        return Registration(believed, np.eye(6), np.zeros((0, 6)), overlaps.pop(), 0.01)
 
     monkeypatch.setattr(poses.reference_fit, "register", register)
-    for overlap, is_found in ((0.3, True), (0.299, False)):
+    for is_found in (True, False):
         each = poses.find_pose("points", TRUE[0], "surface", deviation="deviations")  # type: ignore[arg-type]
         assert (each.registration is not None) is is_found
         assert asked.pop() == ("points", "surface", TRUE[0].pose, "deviations")

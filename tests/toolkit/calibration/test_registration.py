@@ -462,7 +462,7 @@ def test_fifty_pairs_are_enough():
         if enough:
             assert registration._align_levels(*given)[1].overlap == 1.0
         else:
-            with pytest.raises(ValueError, match="49 of 49 points lie within 0.5 m of the reference, 50 are needed"):
+            with pytest.raises(ValueError, match=r"49 of 49 points lie within 0\.5 m of the reference, 50 are needed"):
                 registration._align_levels(*given)
 
 
