@@ -90,6 +90,7 @@ def test_a_recording_of_images_is_copied_with_a_note_of_what_was_found(recording
     write_corrected(recording, found, out)
     with h5py.File(out) as file:
         assert json.loads(file.attrs["calibration"]) == json.loads(json.dumps({"two": found[0].described()}))
+        assert h5py.h5g.get_objinfo(file.id, b"coview/site").mtime == 0  # the same again is the same file
     with CoopDataset(out) as corrected:
         np.testing.assert_array_equal(corrected.sensors[2].pose, MOVED["two"])
         np.testing.assert_array_equal(corrected.sensors[1].pose, SENSORS[1].pose)

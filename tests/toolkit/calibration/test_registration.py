@@ -355,6 +355,10 @@ def test_starts_that_end_alike_are_one_and_of_those_as_good_the_nearest_is_taken
     assert fine == [*starts, [0, 0, 0, 0, 0.1, 0]] if hidden else fine == starts
     assert found.pose[:2, 3] == pytest.approx([0.0 if hidden else 0.06, 0.1])
     assert (found.overlap, found.scatter) == (0.7, 0.02)
+    ends, agreements[0.0] = iter([0.0, 0.04, 0.06, 0.06, 0.2]), 0.25
+    agreements[0.06] = agreements[0.2] = 0.5
+    monkeypatch.setattr(registration, "_AS_GOOD", 0.25)  # the believed pose is just as good
+    assert register(np.zeros((9, 3)), surface, np.eye(4)).pose[0, 3] == 0.0
 
 
 def test_noise_that_few_frames_show_is_no_less_than_one_frames():

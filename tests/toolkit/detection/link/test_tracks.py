@@ -211,12 +211,14 @@ def test_many_tracks_are_those_of_a_slow_filter(seed):
         time += float(rng.choice([0.0, 0.1, 0.1, 0.3, 1.0, 1.1]))
 
 
-@pytest.mark.parametrize("count", [3, 40, 400])
+@pytest.mark.parametrize("count", [20, 40, 100])
 def test_of_equally_near_detections_the_first_joins(count):
+    """The second half of them lies half as far off."""
     tracks = Tracks()
     tracks.update(cars([[0, 0]]), 0.0)
-    tracks.update(cars([[0.5, 0.0], [-0.5, 0.0]] * (count // 2)), 0.1)
-    assert tracks._rows.tolist() == list(range(count // 2 * 2))
+    half = count // 2
+    tracks.update(cars([[0.5, 0.0]] * half + [[0.25, 0.0]] * half), 0.1)
+    assert tracks._rows.tolist() == [*range(1, half + 1), 0, *range(half + 1, count)]
 
 
 def test_a_detection_at_time_0_begins_a_track_and_moves_it_at_once():
