@@ -517,14 +517,19 @@ def test_cells_hardly_within_the_band_hardly_count(height):
     assert abs(c + 15 * (a + b)) < 0.002
 
 
-@pytest.mark.parametrize(("share", "height"), [(0.02, 0.0), (0.15, -0.45)])
-def test_a_few_cells_below_a_plane_cost_nothing_and_more_do(share, height):
-    """Stripes of two streets, equally wide, one 45 cm above the other, which has some cells 30 cm lower still."""
+@pytest.mark.parametrize(
+    ("share", "lower", "hole", "height"),
+    [(0.02, -0.45, -0.75, 0.0), (0.15, -0.45, -0.75, -0.45), (0.15, -0.3, -0.5, 0.0)],
+)
+def test_a_few_cells_below_a_plane_cost_nothing_and_more_do(share, lower, hole, height):
+    """Stripes of two streets, equally wide, one above the other, which has some cells still lower. Cells half a metre
+    below the upper street do not lie well below it.
+    """
     places = np.stack(np.meshgrid(np.arange(80.0), np.arange(30.0)), axis=-1).reshape(-1, 2) + 0.5
     along = places[:, 0] % 20
-    heights = np.where(along < 10, 0.0, -0.45)
+    heights = np.where(along < 10, 0.0, lower)
     inner = np.flatnonzero((along > 12) & (along < 18))
-    heights[inner[np.random.default_rng(0).permutation(len(inner))[: round(share * 2400)]]] = -0.75
+    heights[inner[np.random.default_rng(0).permutation(len(inner))[: round(share * 2400)]]] = hole
     a, b, c = fit_plane(np.column_stack([places, heights]))
     assert c + 40 * a + 15 * b == pytest.approx(height, abs=0.03)
 

@@ -317,7 +317,7 @@ def test_levels_end_with_a_step_below_a_ten_thousandth_of_their_radius(metres, s
     assert (len(asked), sorted(set(asked))) == (steps, [0.2, 0.35, 0.7, 1.5])
 
 
-def test_surfaces_pair_by_hand():
+def test_surfaces_pair_by_hand(monkeypatch):
     """Sensor 1 is turned by a quarter and sees a point 3 cm above the first's, both on level ground."""
     turned = np.eye(4)
     turned[:2, :2], turned[:3, 3] = [[0, -1], [1, 0]], [1.0, 2.0, 0.0]
@@ -342,6 +342,8 @@ def test_surfaces_pair_by_hand():
     assert first.weight == pytest.approx([weight])
     down = [surfaces[0], Surface(surfaces[1].points, -up, surfaces[1].roughness)]
     assert [len(pair.residual) for pair in joint._surface_pairs(down, rows, [np.eye(4), turned], (0.5, 0.1))] == [0, 0]
+    monkeypatch.setattr(joint, "_SAME_SIDE", 1.0)  # the cosine must be greater
+    assert not len(joint._surface_pairs(surfaces, rows, [np.eye(4), turned], (0.5, 0.1))[0].residual)
 
 
 def test_of_two_road_users_near_a_third_the_nearer_is_it_and_headings_turn_about_z_alone():
