@@ -374,9 +374,9 @@ def test_cells_that_others_support_are_an_oracles():
     assert support_mask(cells[:3], 0.1, 0.08, others=3).tolist() == [True] * 3  # too few to tell
     far = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [9, 9, 0]])
     assert support_mask(far, 0.1, 0.08, others=2).tolist() == [True, True, True, False]
-    row = np.column_stack([np.arange(5) * 8.0, np.zeros((5, 2))])
-    assert not support_mask(row, 0.1, 0.08, others=1).any()  # eight metres are too far
-    assert support_mask(row * 0.99, 0.1, 0.08, others=1).all()
+    line = np.column_stack([np.arange(5) * 8.0, np.zeros((5, 2))])
+    assert not support_mask(line, 0.1, 0.08, others=1).any()  # eight metres are too far
+    assert support_mask(line * 0.99, 0.1, 0.08, others=1).all()
     stairs = np.column_stack([np.arange(5.0), np.zeros(5), [0.0, 0.25, 0.0, 0.25, 0.0]])
     assert not support_mask(stairs[:2], 0.25, 0.0, others=1).any()
     assert support_mask(stairs[:2], 0.26, 0.0, others=1).all()
@@ -456,8 +456,8 @@ def test_maps_of_smaller_cells_and_elsewhere_are_as_good(monkeypatch):
     assert found.origin.tolist() == [-29.75, 10.25]
     assert found.heights.shape == (81, 81)
     placed = module._redraw(half(np.array([10.0, 20.0]), np.zeros((90, 90))), np.array([[30.0, 40, 0.2]]), 0.25, np.inf)
-    peak = np.unravel_index(placed.heights.argmax(), placed.heights.shape)
-    assert (peak, placed.heights[peak]) == ((40, 40), pytest.approx(0.2 * 15 / 16, rel=0.01))
+    assert np.argwhere(placed.heights == placed.heights.max()).tolist() == [[40, 40]]
+    assert placed.heights[40, 40] == pytest.approx(0.2 * 15 / 16, rel=0.01)
     wide = HeightMap(np.array([10.0, 20.0]), np.zeros((60, 60)), 2.0)
     heights = module._redraw(wide, np.array([[10.0, 20.0, 0.2]]), 0.25, np.inf).heights
     assert heights[18, 0] > 0.0
@@ -503,7 +503,7 @@ def test_only_level_planes_are_found_where_no_tilt_is_allowed():
 
 @pytest.mark.parametrize("way", [(0.5, 0.0), (0.0, 0.5)])
 def test_no_plane_leans_more_than_allowed(way):
-    steep = sloped(scattered(np.random.default_rng(6), -20, 20, 0.0, 2000), *way, 0.0)
+    steep = sloped(scattered(np.random.default_rng(6), -20, 20, 0.0, 2000), way[0], way[1], 0.0)
     assert np.hypot(*fit_plane(steep, max_tilt=0.1)[:2]) <= np.tan(0.1)
 
 

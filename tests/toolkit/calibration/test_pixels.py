@@ -457,7 +457,8 @@ def test_digests_are_of_name_model_frames_and_all_images():
     """Messages name a scene by it, so it is the same tomorrow."""
     model = SolidStateLidar(rows=6, columns=8, horizontal_fov=2.0, vertical_fov=0.5)
     depths = [20.0, 0.25, 0.5, np.nan, 0.0, 0.0]
-    found = empty_scene.EmptyScene("s", model, *map(uniform, depths), frames=3)
+    names = ("first", "spread", "share", "second", "second_spread", "second_share")
+    found = empty_scene.EmptyScene("s", model, **dict(zip(names, map(uniform, depths), strict=True)), frames=3)
     said = (
         '["s", {"class": "SolidStateLidar", "columns": 8, "horizontal_fov": 2.0, "max_range": 150.0, "rows": 6, '
         '"sigma": 0.02, "sigma_per_metre": 0.0003, "vertical_fov": 0.5}, 3]'

@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -399,7 +400,7 @@ def test_registrations_know_the_deviations_and_need_three_tenths_of_the_points(m
         asked.append((points, surface, believed, deviation))
         return Registration(believed, np.eye(6), np.zeros((0, 6)), overlaps.pop(), 0.01)
 
-    monkeypatch.setattr(poses.reference_fit, "register", register)
+    monkeypatch.setattr("toolkit.calibration.registration.register", register)
     for is_found in (True, False):
         each = poses.find_pose("points", TRUE[0], "surface", deviation="deviations")  # type: ignore[arg-type]
         assert (each.registration is not None) is is_found
@@ -421,7 +422,8 @@ def test_scenes_are_learnt_of_the_frames_that_are_asked_and_sensors_are_the_firs
     monkeypatch.setattr(poses, "scene_points", lambda scene: (f"points {scene}", f"deviations {scene}"))
     monkeypatch.setattr(poses, "find_pose", found)
     frames = [Frame(TRUE[::-1] if k else TRUE, images(), Objects.empty(), 0.1 * k, k) for k in range(7)]
-    assert poses.find_poses(frames, "surface", frames=6, sample=9) == ("a", "b")  # type: ignore[arg-type]
+    names: Any = poses.find_poses(frames, "surface", frames=6, sample=9)  # type: ignore[arg-type]
+    assert names == ("a", "b")
     each = [(f"points {name}", TRUE[k], "surface", f"deviations {name}") for k, name in enumerate("ab")]
     assert asked == [(7, 9, 6), *each]
     with pytest.raises(ValueError, match="0 frames are too few"):

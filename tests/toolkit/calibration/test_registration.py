@@ -211,8 +211,8 @@ def test_points_and_normals_are_where_surfaces_are_flat():
     assert np.abs(surface.normals[flat, 2]).mean() > 0.99
     assert (~flat).sum() < 0.2 * flat.sum()
     alone = rng.uniform(0, 100, (60, 3))
-    for count, flat in ((30, 30), (60, 0)):  # too few to look, and looked at
-        with pytest.raises(ValueError, match=f"has {flat} points on flat ground or walls, 50 are needed"):
+    for count, said in ((30, 30), (60, 0)):  # too few to look, and looked at
+        with pytest.raises(ValueError, match=f"has {said} points on flat ground or walls, 50 are needed"):
             cloud_surface(alone[:count])
     alone[0, 0], alone[1, 2] = np.nan, np.inf
     with pytest.raises(ValueError, match="has 49 points"):
@@ -473,8 +473,13 @@ def test_fifty_pairs_are_enough():
 @pytest.mark.parametrize(("above", "steps"), [(4e-5, 1), (1e-4, 2), (0.1, 2)])
 def test_a_level_ends_with_a_step_below_a_ten_thousandth_of_its_radius(monkeypatch, above, steps):
     """All points lie as high above a level grid, so that one step is enough, and another to see that."""
-    asked, place = [], resistance
-    monkeypatch.setattr(registration, "resistance", lambda *given: asked.append(1) or place(*given))
+    asked = []
+
+    def noted(*given):
+        asked.append(given)
+        return resistance(*given)
+
+    monkeypatch.setattr(registration, "resistance", noted)
     places, surface = grid_surface()
     start = pose(0.0, 0.0, above)
     moved, _ = registration._align_levels(places, np.full(80, 0.01), surface, start, ((0.5, 0.1, 0.9),))

@@ -451,14 +451,15 @@ def test_sets_that_lie_just_as_near_as_may_be_are_compared_and_one_alone_is_not(
         asked.append(sets.argmax(axis=1).tolist())
         return np.arange(len(sets), dtype=float)
 
-    monkeypatch.setattr(portfolio, "race_until", lambda *_, **__: ended)
+    ends = iter(
+        [Contest(np.arange(2), np.array(figures), np.array([8, k]), 0.9, 8 + k, np.array(figures)) for k in (8, 4)]
+    )
+    monkeypatch.setattr(portfolio, "race_until", lambda *_, **__: next(ends))
     truth = Truth(frames=20)
     monkeypatch.setattr(truth, "mean_ap", mean_ap)
     rows = np.eye(4, dtype=bool)[:2]
-    ended = Contest(np.arange(2), np.array(figures), np.array([8, 8]), 0.9, 16, np.array(figures))
     assert portfolio.contest(deceived, rows, truth).ranking.tolist() == [1, 0]
     assert asked == [[0, 1]]
-    ended = Contest(np.arange(2), np.array(figures), np.array([8, 4]), 0.9, 12, np.array(figures))
     assert portfolio.contest(deceived, rows, truth).ranking.tolist() == [0, 1]
     assert asked == [[0, 1]]  # detections take time
 
