@@ -344,6 +344,12 @@ def test_lowest_cells_are_an_oracles(monkeypatch):
         found = lowest_mask(cells, slope, step, window=window)
         assert found.tolist() == slowly_lowest(cells, slope, step, window)
     assert 0 < found.sum() < 400
+    for seed in range(60):  # strips narrower than the window
+        rng = np.random.default_rng(seed)
+        shape = rng.permutation([int(rng.integers(1, 4)), int(rng.integers(1, 30))])
+        narrow = np.argwhere(rng.random(shape) < 0.8)
+        strip = np.column_stack([narrow + 0.5, rng.normal(0, 1, len(narrow))])
+        assert lowest_mask(strip, 0.2, 0.1).tolist() == slowly_lowest(strip, 0.2, 0.1, 12.0)
     monkeypatch.setattr(module, "_MOST_CELLS", 30 * 25)
     assert lowest_mask(cells, 0.1, 0.25).tolist() == slowly_lowest(cells, 0.1, 0.25, 12.0)
     monkeypatch.setattr(module, "_MOST_CELLS", 30 * 25 - 1)
