@@ -411,3 +411,17 @@ def test_entropy_is_of_the_objectives_own_candidates(seen, small_candidates):
     entropy = module_of_entrants.entropy_objective(objective)
     assert entropy is not None
     assert entropy.candidates is small_candidates
+
+
+def test_seeds_are_0_unless_given(street, monkeypatch):
+    asked = []
+
+    def searches(objective, size, effort, seed, checkpoint):
+        asked.append(seed)
+        return ()
+
+    monkeypatch.setattr(module_of_entrants, "_searches", searches)
+    for seed in ({}, {"seed": 0}, {"seed": 4}):
+        entrants(street.objective, TWO, **seed)
+        keep_entrants(street.objective, TWO, **seed)
+    assert asked == [0] * 4 + [4] * 2
