@@ -351,6 +351,10 @@ def test_the_best_neighbours_are_kept_of_many_and_equal_sizes_stay_in_order(make
     found = [Entrants(part, np.zeros(20), ((),) * 20, 1) for part in (singles[:20], singles[20:])]
     joined = join_entrants([make(mounts=40), make(mounts=40)], found)
     assert joined.sets.tolist() == singles.tolist()
+    pairs = singles[:20] | singles[20:]
+    found = [Entrants(part, np.zeros(20), ((),) * 20, 1) for part in (pairs, singles[:20])]
+    joined = join_entrants([make(mounts=40), make(mounts=40)], found)
+    assert joined.sets.tolist() == [*singles[:20].tolist(), *pairs.tolist()]
 
 
 def answering(monkeypatch, answers):
