@@ -387,7 +387,7 @@ class SceneAdaptation:
         with np.errstate(invalid="ignore"):
             same = (np.abs(seen - self._candidate) <= within) | (np.isinf(seen) & np.isinf(self._candidate))
             hidden = seen < self._candidate - within
-        goes_on = np.isfinite(self._since) & (same | (hidden & ~shown))
+        goes_on = same | (hidden & ~shown)
         begins = ~shown & ~goes_on
         self._candidate = np.where(goes_on, self._candidate, np.where(begins, seen, np.nan)).astype(np.float32)
         self._since = np.where(goes_on, self._since, np.where(begins, time, np.inf))
@@ -420,9 +420,8 @@ def _clusters(images: Float32[np.ndarray, "n rows columns"], model: SensorModel)
     """Find each pixel's farthest cluster of the scene, the largest nearer one, and a mask where that flickers."""
     shape, n = images.shape[1:], len(images)
     in_time = np.where(is_return(images, model.max_range), images, np.inf).reshape(n, -1).T  # a row for each pixel
-    values = np.sort(in_time, axis=1)
-    finite = np.isfinite(values)
-    solid = np.where(finite, values, np.float32(0))
+    values = np.sort(in_time)
+    solid = np.where(np.isfinite(values), values, np.float32(0))
     gap = np.maximum(GAP_SIGMAS * np.asarray(model.deviation(solid)), GAP_SHARE * solid)[:, :-1]
     begins = np.ones(values.shape, bool)
     with np.errstate(invalid="ignore"):  # two missing returns are infinity less infinity: no gap
@@ -438,8 +437,8 @@ def _clusters(images: Float32[np.ndarray, "n rows columns"], model: SensorModel)
         return order[np.searchsorted(pixel[order], np.arange(len(values)), side="right") - 1]
 
     far = pick(np.where(enough, number, size), enough)
-    rivals = enough & (number < far[pixel]) & finite.ravel()[starts]
-    near = pick(np.where(rivals, size, 0), rivals)
+    rivals = enough & (number < far[pixel])
+    near = pick(size, rivals)
     nearest, farthest = (values.ravel()[each][:, None] for each in (starts[near], ends[near] - 1))
     present = (in_time >= nearest) & (in_time <= farthest)
     share = present.mean(axis=1)
@@ -461,7 +460,7 @@ def _measure_mode(
     offset = np.arange(n)
     inside = offset < size[:, None]
     members = values[np.minimum(first[:, None] + offset, len(values) - 1)]
-    deviation = np.sort(np.where(inside, np.abs(members - median[:, None]), np.float32(np.inf)), axis=1)
+    deviation = np.sort(np.where(inside, np.abs(members - median[:, None]), np.float32(np.inf)))
     row = np.arange(len(chosen))
     typical = (deviation[row, (size - 1) // 2] + deviation[row, size // 2]) / 2
     spread = np.maximum(_MAD_TO_SIGMA * typical, np.asarray(model.deviation(median)))
@@ -476,9 +475,9 @@ def _usual_spread(far: _Mode, model: SensorModel) -> Callable[[ImageRanges], Ima
     clear = (far.share >= HALF) & (far.median > 0)
     distance, spread = np.log(far.median[clear]), far.spread[clear]
     if not len(distance):
-        return lambda median: np.asarray(model.deviation(np.nan_to_num(median))) + np.zeros_like(median)
+        return lambda median: np.broadcast_to(model.deviation(np.nan_to_num(median)), median.shape)
     edges = np.linspace(distance.min(), distance.max() + 1e-6, DISTANCES + 1)
-    step = np.clip(np.digitize(distance, edges) - 1, 0, DISTANCES - 1)
+    step = np.digitize(distance, edges)
     usual, middle = ([np.median(each[step == k]) for k in np.unique(step)] for each in (spread, distance))
 
     def at(median: ImageRanges) -> ImageRanges:
@@ -496,7 +495,7 @@ def _narrow_broad(mode: _Mode, usual: ImageRanges, images: Sequence[ImageRanges]
         broad = every[start : start + _AT_ONCE]
         least, greatest, spread = (each.ravel()[broad][:, None] for each in (mode.least, mode.greatest, usual))
         values = np.stack([image.ravel()[broad] for image in images], axis=1)
-        values = np.sort(np.where((values >= least) & (values <= greatest), values, np.inf), axis=1)
+        values = np.sort(np.where((values >= least) & (values <= greatest), values, np.inf))
         place, row = np.arange(values.shape[1]), np.arange(len(broad))
         within = values[:, None, :] <= values[:, :, None] + 2 * SIGMAS * spread[:, :, None]
         count = np.where(np.isfinite(values), within.sum(axis=2) - place, 0)
@@ -504,7 +503,7 @@ def _narrow_broad(mode: _Mode, usual: ImageRanges, images: Sequence[ImageRanges]
         size = count[row, begin]
         median = (values[row, begin + (size - 1) // 2] + values[row, begin + size // 2]) / 2
         inside = (place >= begin[:, None]) & (place < (begin + size)[:, None])
-        deviation = np.sort(np.where(inside, np.abs(values - median[:, None]), np.inf), axis=1)[row, (size - 1) // 2]
+        deviation = np.sort(np.where(inside, np.abs(values - median[:, None]), np.inf))[row, (size - 1) // 2]
         found.median.ravel()[broad] = median
         found.spread.ravel()[broad] = np.clip(_MAD_TO_SIGMA * deviation, spread[:, 0], BROAD * spread[:, 0])
         found.share.ravel()[broad] = size / len(images)

@@ -75,7 +75,7 @@ def fit_plane(points: Points, *, max_tilt: float = MAX_TILT, seed: int = 0) -> _
             return plane
         middle = about[:, :2].mean(axis=0)
         flat = np.column_stack([about[:, :2] - middle, np.ones(len(about))])
-        weight = np.clip(1 - (heights_above_plane(plane, about) / band) ** 2, 0, None) ** 2
+        weight = (1 - (heights_above_plane(plane, about) / band) ** 2) ** 2
         prior = np.diag([_SLOPE_PRIOR, _SLOPE_PRIOR, 0.0]) * len(about)
         normal = flat.T @ (flat * weight[:, None]) + prior
         a, b, c = np.linalg.solve(normal, flat.T @ (weight * about[:, 2]))

@@ -190,7 +190,7 @@ class FastEvaluator:
     shifted so that their mean is that AP.
     """
 
-    def __init__(self, preparation: Preparation, fidelity: FidelityName, seed: int = 0) -> None:
+    def __init__(self, preparation: Preparation, fidelity: FidelityName, seed: int) -> None:
         self.name: FidelityName = fidelity
         self._preparation, self._seed, self.frames = preparation, seed, len(preparation.traffic)
         self._seen: dict[bytes, Visibility] = {}
@@ -241,7 +241,7 @@ class TimedEvaluator:
     until: float
     at_once: int = 1
     least: int = 1
-    done: int = field(default=0, init=False)
+    done: int = 0
 
     @property
     def frames(self) -> int:

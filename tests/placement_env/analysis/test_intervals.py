@@ -8,6 +8,7 @@ from scipy.stats import binomtest, norm
 
 from placement_env.analysis.intervals import (
     BLOCK_FRAMES,
+    HELD_AT_ONCE,
     Interval,
     Tally,
     block_draws,
@@ -69,7 +70,6 @@ def test_resamples_taken_in_pieces_are_the_same(monkeypatch):
     for held in (300, 1):
         monkeypatch.setattr("placement_env.analysis.intervals.HELD_AT_ONCE", held)
         assert tally.resamples(seed=1).tolist() == whole.tolist()
-    monkeypatch.setattr("placement_env.analysis.intervals.HELD_AT_ONCE", 1000)
     taken, draws = [], block_draws(30, seed=1)
 
     class Draws:
@@ -81,6 +81,11 @@ def test_resamples_taken_in_pieces_are_the_same(monkeypatch):
             return draws[some]
 
     given: Any = Draws()
+    monkeypatch.setattr("placement_env.analysis.intervals.HELD_AT_ONCE", HELD_AT_ONCE)
+    tally.resamples(draws=given)
+    assert taken == [1000 * len(tally.scores)]  # all at once, usually
+    taken.clear()
+    monkeypatch.setattr("placement_env.analysis.intervals.HELD_AT_ONCE", 1000)
     assert tally.resamples(draws=given).tolist() == whole.tolist()
     assert 500 < max(taken) <= 1000
 

@@ -85,6 +85,8 @@ def test_what_few_draws_do_not_show_is_added_exactly(perfect, blocks):
     assert found.figure == pytest.approx(PREDICTED + off.mean() + weight * (off - off.mean()), abs=1e-12)
     assert found.resamples.mean(axis=1) == pytest.approx(found.figure, abs=1e-12)
     assert found.resamples.std(axis=1) == pytest.approx(np.full(4, np.sqrt(weight * variance)), abs=1e-12)
+    drawn = np.random.default_rng(0).standard_normal((4, 9))  # the same every time
+    assert np.corrcoef(found.resamples[2], drawn[2])[0, 1] == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize("blocks", [np.inf, 20.0])

@@ -206,7 +206,7 @@ def test_samples_share_out_everything_and_repeat_with_their_seed(values, seed):
     assert worth.synergy_margin.tobytes() == again.synergy_margin.tobytes()
 
 
-@pytest.mark.parametrize("wrong", [{"rounds": 7}, {"confidence": 1.0}, {"sensors": 0}])
+@pytest.mark.parametrize("wrong", [{"rounds": 7}, {"confidence": 1.0}, {"confidence": 0.0}, {"sensors": 0}])
 def test_sampling_refuses(wrong):
     with pytest.raises(ValueError, match="at least 8 rounds"):
         estimate_worth(lambda sets: np.zeros(len(sets)), **({"sensors": 3} | wrong))
@@ -234,6 +234,7 @@ def test_worth_of_tables_and_its_intervals():
     two = failures(lambda sets: sets @ share, chosen, failing=2)
     assert two.most_missed == (0, 1)
     assert two.left == pytest.approx([0.1, 0.3, 0.4])
+    assert failures(lambda sets: sets @ share, chosen, failing=3).left.tolist() == [0.0]
     assert Failures(1.0, np.array([[2], [5]]), np.array([0.5, 0.5])).most_missed == (2,)
     share = np.array([0.4, 0.2, 0.0, 0.1])
     cases = [failures(lambda sets: sets @ share, np.ones(4, bool), failing=k) for k in (1, 2)]
@@ -255,3 +256,11 @@ def test_worth_of_tables_and_its_intervals():
 def test_failures_refuse(failing):
     with pytest.raises(ValueError, match=f"all 2 sensors of the set can fail, got failing={failing}"):
         failures(lambda sets: np.zeros(len(sets)), np.array([True, True, False]), failing=failing)
+
+
+def test_orders_are_those_of_seed_0_unless_given():
+    values = as_function(np.random.default_rng(3).uniform(size=32))
+    usual, *others = (
+        estimate_worth(values, 5, rounds=8, **seed).shapley.tolist() for seed in ({}, {"seed": 0}, {"seed": 1})
+    )
+    assert (usual == others[0], usual == others[1]) == (True, False)

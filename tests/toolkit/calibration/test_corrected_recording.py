@@ -4,7 +4,8 @@ import h5py
 import numpy as np
 import pytest
 
-from toolkit.calibration.poses import copy_corrected
+from toolkit.calibration.poses import FoundPose, copy_corrected, write_corrected
+from toolkit.calibration.registration import Registration
 from toolkit.datasets.dataset import CoopDataset
 from toolkit.datasets.recording import Header, Scene, encode
 from toolkit.datasets.simulation import simulate_dataset
@@ -81,3 +82,27 @@ def test_readers_see_new_extrinsics_and_poses_are_checked(recording, tmp_path):
     with pytest.raises(ValueError, match="pose of sensor 'one' must be a rotation"):
         copy_corrected(recording, {"one": 2 * np.eye(4) - np.diag([0, 0, 0, 1.0])}, out)
     assert not out.exists()
+
+
+def test_a_recording_of_images_is_copied_with_a_note_of_what_was_found(recording, tmp_path):
+    found = [FoundPose(SENSORS[2], Registration(MOVED["two"], np.eye(6), np.zeros((0, 6)), 1.0, 0.01))]
+    out = tmp_path / "corrected.hdf5"
+    write_corrected(recording, found, out)
+    with h5py.File(out) as file:
+        assert json.loads(file.attrs["calibration"]) == json.loads(json.dumps({"two": found[0].described()}))
+        assert h5py.h5g.get_objinfo(file.id, b"coview/site").mtime == 0  # the same again is the same file
+    with CoopDataset(out) as corrected:
+        np.testing.assert_array_equal(corrected.sensors[2].pose, MOVED["two"])
+        np.testing.assert_array_equal(corrected.sensors[1].pose, SENSORS[1].pose)
+
+
+def test_a_recording_without_a_plan_is_copied_too(recording, tmp_path):
+    for number, remove in enumerate((lambda file: file["coview"].attrs.pop("plan"), lambda file: file.pop("coview"))):
+        bare, out = tmp_path / f"bare{number}.hdf5", tmp_path / f"corrected{number}.hdf5"
+        copy_corrected(recording, {}, bare)
+        with h5py.File(bare, "r+") as file:
+            remove(file)
+        with CoopDataset(bare, PLACE) as opened:
+            copy_corrected(opened, {opened.sensors[0].name: MOVED["two"]}, out)
+        with h5py.File(out) as file:
+            assert "plan" not in getattr(file.get("coview"), "attrs", ())

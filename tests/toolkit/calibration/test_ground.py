@@ -1,5 +1,6 @@
 import os
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from toolkit.calibration.ground import (
     level_warning,
     low_points,
     lowest_mask,
+    plain_points,
     support_mask,
 )
 from toolkit.clouds import from_points
@@ -286,7 +288,9 @@ def test_one_cell_counts_as_one_in_a_map_also_at_its_edge():
     assert heights_of_one_cell(-0.09, kerb=0.09)[0, 0] == pytest.approx(-0.09 * 15 / 16, rel=0.01)  # not below
 
 
-@pytest.mark.parametrize(("height", "counts"), [(0.24, True), (0.26, False), (-0.49, True), (-0.51, False)])
+@pytest.mark.parametrize(
+    ("height", "counts"), [(0.24, True), (0.25, False), (0.26, False), (-0.49, True), (-0.5, False), (-0.51, False)]
+)
 def test_cells_far_above_a_map_and_twice_as_far_below_are_left_out(height, counts):
     assert heights_of_one_cell(height).any() == counts
 
@@ -294,6 +298,11 @@ def test_cells_far_above_a_map_and_twice_as_far_below_are_left_out(height, count
 def test_points_on_the_lines_of_a_grid_begin_a_cell():
     points = np.array([[0.5, 0.5, 1.0], [1.0, 0.5, 2.0], [0.5, 1.0, 3.0], [-0.5, 0.5, 4.0]])
     assert sorted(low_points(points, 1.0)[:, 2].tolist()) == [1.0, 2.0, 3.0, 4.0]
+    for two in ([(0.5, 1.5), (1.5, -0.5)], [(0.5, 1.5), (1.5, 0.5)]):  # none is at the grid's corner
+        assert low_points(np.column_stack([two, [5.0, 6.0]]), 1.0)[:, 2].tolist() == [5.0, 6.0]
+    wide = np.array([[0.5, 0.5, 1.0], [1.5, 1.5, 2.0], [2.5, 0.5, 3.0], [2.5, 2.5, 4.0]])
+    assert low_points(wide, 2.0)[:, 2].tolist() == [1.0, 3.0, 4.0]
+    assert low_points(wide, 2.0, share=0.5)[:, 2].tolist() == [1.0, 3.0, 4.0]  # the lower of two
     column = np.column_stack([np.zeros((11, 2)), np.arange(11.0)[::-1]])
     assert [low_points(column, 1.0, share=share)[0, 2] for share in (0.0, 0.1, 0.5, 1.0)] == [0.0, 1.0, 5.0, 10.0]
 
@@ -315,13 +324,13 @@ def test_seeds_are_handed_on_and_are_0_unless_given(monkeypatch):
         asked.clear()
 
 
-def slowly_lowest(cells, slope, step, window):
+def slowly_lowest(cells, slope, step, window, edge=1.0):
     """Whether none within the window lies lower by more than the way there explains, cell by cell."""
-    places = np.floor(cells[:, :2])
+    places = np.floor(cells[:, :2] / edge)
     allowed = []
     for at, (_, _, height) in zip(places, cells, strict=True):
-        near = np.abs(places - at).max(axis=1) <= round(window)
-        rise = slope * np.abs(places - at).sum(axis=1)
+        near = np.abs(places - at).max(axis=1) <= round(window / edge)
+        rise = slope * edge * np.abs(places - at).sum(axis=1)
         allowed.append(height <= (cells[:, 2] + rise)[near].min() + step)
     return allowed
 
@@ -330,16 +339,31 @@ def test_lowest_cells_are_an_oracles(monkeypatch):
     rng = np.random.default_rng(2)
     every = np.argwhere(np.ones((30, 25), bool))
     chosen = every[rng.permutation(len(every))[:400]]
-    cells = np.column_stack([chosen - 7 + rng.random((400, 2)), rng.choice([0.0, 0.3, 0.6, 2.0], 400)])
+    cells = np.column_stack([chosen + rng.random((400, 2)) + np.array([-7, 5]), rng.choice([0.0, 0.3, 0.6, 2.0], 400)])
     for slope, step, window in ((0.1, 0.25, 12.0), (0.02, 0.1, 3.0)):
         found = lowest_mask(cells, slope, step, window=window)
         assert found.tolist() == slowly_lowest(cells, slope, step, window)
     assert 0 < found.sum() < 400
+    for seed in range(60):  # strips narrower than the window
+        rng = np.random.default_rng(seed)
+        shape = rng.permutation([int(rng.integers(1, 4)), int(rng.integers(1, 30))])
+        narrow = np.argwhere(rng.random(shape) < 0.8)
+        strip = np.column_stack([narrow + 0.5, rng.normal(0, 1, len(narrow))])
+        assert lowest_mask(strip, 0.2, 0.1).tolist() == slowly_lowest(strip, 0.2, 0.1, 12.0)
     monkeypatch.setattr(module, "_MOST_CELLS", 30 * 25)
     assert lowest_mask(cells, 0.1, 0.25).tolist() == slowly_lowest(cells, 0.1, 0.25, 12.0)
     monkeypatch.setattr(module, "_MOST_CELLS", 30 * 25 - 1)
     with pytest.raises(ValueError, match="the points cover 30 by 25 m"):
         lowest_mask(cells, 0.1, 0.25)
+    small = cells * [0.5, 0.5, 1.0]
+    monkeypatch.setattr(module, "_MOST_CELLS", 30 * 25)
+    monkeypatch.setattr(module, "GROUND_CELL", 0.5)
+    for window in (6.0, 2.0):
+        found = lowest_mask(small, 0.1, 0.1, window=window)
+        assert found.tolist() == slowly_lowest(small, 0.1, 0.1, window, edge=0.5)
+    monkeypatch.setattr(module, "_MOST_CELLS", 30 * 25 - 1)
+    with pytest.raises(ValueError, match="the points cover 15 by 12 m"):
+        lowest_mask(small, 0.1, 0.25)
 
 
 def test_cells_that_others_support_are_an_oracles():
@@ -356,6 +380,12 @@ def test_cells_that_others_support_are_an_oracles():
     assert support_mask(cells[:3], 0.1, 0.08, others=3).tolist() == [True] * 3  # too few to tell
     far = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [9, 9, 0]])
     assert support_mask(far, 0.1, 0.08, others=2).tolist() == [True, True, True, False]
+    line = np.column_stack([np.arange(5) * 8.0, np.zeros((5, 2))])
+    assert not support_mask(line, 0.1, 0.08, others=1).any()  # eight metres are too far
+    assert support_mask(line * 0.99, 0.1, 0.08, others=1).all()
+    stairs = np.column_stack([np.arange(5.0), np.zeros(5), [0.0, 0.25, 0.0, 0.25, 0.0]])
+    assert not support_mask(stairs[:2], 0.25, 0.0, others=1).any()
+    assert support_mask(stairs[:2], 0.26, 0.0, others=1).all()
 
 
 def test_level_grounds_turn_to_the_plane_and_back_by_the_book():
@@ -405,11 +435,165 @@ def test_maps_cover_the_points_in_reach_of_their_middle():
     near, far = rng.uniform([0, 0], [10, 10], (3000, 2)), rng.uniform([30, 0], [40, 10], (500, 2))
     street = np.column_stack([np.concatenate([near, far]), np.zeros(3500)])
     whole, part = fit_map(street), fit_map(street, reach=10.0)
-    assert whole.heights.shape[0] == pytest.approx(41, abs=1)
-    assert part.heights.shape[0] == pytest.approx(11, abs=1)
+    assert whole.heights.shape == (41, 11)  # one beyond the last cell's middle
+    assert part.heights.shape == (11, 11)
     assert part.origin.tolist() == [0.5, 0.5]
     high = fit_map(street + np.array([0, 0, 2.5]))
-    assert (high.heights.shape, high.heights.tolist()) == ((1, 1), [[0.0]])  # nothing near zero
+    assert (high.heights.tolist(), high.origin.tolist()) == ([[0.0]], [0.0, 0.0])  # nothing near zero
+    for lift in (-2.0, 2.0):
+        assert fit_map(street + np.array([0, 0, lift])).heights.shape == (1, 1)
     for reach in (0.0, -1.0, np.inf):
         with pytest.raises(ValueError, match="reach must be above 0 m"):
             fit_map(street, reach=reach)
+    line = np.column_stack([np.arange(41.0), np.zeros((41, 2))])  # about 20 m
+    assert [len(fit_map(line, reach=reach).heights) for reach in (20.0, 19.9, 0.5)] == [41, 39, 1]
+
+
+def test_maps_of_smaller_cells_and_elsewhere_are_as_good(monkeypatch):
+    def half(origin, heights):
+        return HeightMap(origin, heights, 0.5)
+
+    rng = np.random.default_rng(5)
+    street, middle = hilly(rng, 40000, reach=20.0), rng.uniform(-18, 18, (200, 2))
+    monkeypatch.setattr(module, "GROUND_CELL", 0.5)
+    monkeypatch.setattr(module, "HeightMap", half)
+    found = fit_map(street - [10.0, -30.0, 0.0])
+    assert np.abs(found.at(middle - [10.0, -30.0]) - height_at(middle)).max() < 0.05
+    assert found.origin.tolist() == [-29.75, 10.25]
+    assert found.heights.shape == (81, 81)
+    placed = module._redraw(half(np.array([10.0, 20.0]), np.zeros((90, 90))), np.array([[30.0, 40, 0.2]]), 0.25, np.inf)
+    assert np.argwhere(placed.heights == placed.heights.max()).tolist() == [[40, 40]]
+    assert placed.heights[40, 40] == pytest.approx(0.2 * 15 / 16, rel=0.01)
+    wide = HeightMap(np.array([10.0, 20.0]), np.zeros((60, 60)), 2.0)
+    heights = module._redraw(wide, np.array([[10.0, 20.0, 0.2]]), 0.25, np.inf).heights
+    assert heights[18, 0] > 0.0
+    assert not heights[19:].any()
+
+
+def test_the_last_drawing_is_through_the_middle_of_what_lies_on_the_ground(monkeypatch):
+    """In every cell three points at 0, four at 10 cm and eight at 20: those within 12 cm count."""
+    asked, redraw = [], module._redraw
+
+    def noted(surface, cells, kept, kerb):
+        asked.append((np.unique(cells[:, 2].round(3)).tolist(), kept, kerb))
+        return redraw(surface, cells, kept, kerb)
+
+    monkeypatch.setattr(module, "_redraw", noted)
+    places = np.stack(np.meshgrid(np.arange(20.0), np.arange(20.0)), axis=-1).reshape(-1, 1, 2) + 0.5
+    heights = np.repeat([0.0, 0.1, 0.2], [3, 4, 8])
+    points = np.concatenate([np.broadcast_to(places, (400, 15, 2)), np.tile(heights[:, None], (400, 1, 1))], axis=2)
+    fit_map(points.reshape(-1, 3))
+    first = [(0.25, np.inf)] * 2 + [(0.2, np.inf)] + [(0.2, 0.09)] * 3 + [(0.12, 0.09)]
+    assert asked == [*(([0.0], *each) for each in first), ([0.1], 0.12, 0.09)]
+
+
+def test_three_cells_are_enough_and_pulled_a_little_towards_level():
+    """By a thousandth of the weight of a cell for each: the least squares with that penalty."""
+    cells = np.array([[0.5, 0.5, 0.0], [6.5, 0.5, 0.6], [0.5, 6.5, -1.2]])
+    middle = cells.mean(axis=0)
+    flat = cells[:, :2] - middle[:2]
+    slopes = np.linalg.solve(flat.T @ flat + 3e-3 * np.eye(2), flat.T @ cells[:, 2])
+    wanted = [*slopes, middle[2] - slopes @ middle[:2]]
+    assert fit_plane(cells) == pytest.approx(wanted, abs=1e-6)
+    assert abs(wanted[1] + 0.2) > 1e-5
+
+
+def test_only_level_planes_are_found_where_no_tilt_is_allowed():
+    street = sloped(scattered(np.random.default_rng(3), -20, 20, 0.0, 3000, noise=0.02), 0.01, 0.0, 3.0)
+    assert fit_plane(street, max_tilt=0.0).tolist() == [0.0, 0.0, pytest.approx(3.0, abs=0.1)]
+    assert level(street, method="plane", max_tilt=0.0).tilt == 0.0
+    assert level(street, method="plane", max_tilt=0.1).tilt == pytest.approx(0.01, abs=1e-3)
+    with pytest.raises(ValueError, match=r"max_tilt must lie in 0\.\.45 degrees, got 45\.0"):
+        level(street, max_tilt=np.pi / 4)
+
+
+@pytest.mark.parametrize("way", [(0.5, 0.0), (0.0, 0.5)])
+def test_no_plane_leans_more_than_allowed(way):
+    steep = sloped(scattered(np.random.default_rng(6), -20, 20, 0.0, 2000), way[0], way[1], 0.0)
+    assert np.hypot(*fit_plane(steep, max_tilt=0.1)[:2]) <= np.tan(0.1)
+
+
+@pytest.mark.parametrize("height", [-0.09, 0.09])
+def test_cells_hardly_within_the_band_hardly_count(height):
+    """A fifth of the cells lie 9 of 10 cm above the others, or below: a mean would move by 1.8 cm."""
+    rng = np.random.default_rng(7)
+    places = np.stack(np.meshgrid(np.arange(30.0), np.arange(30.0)), axis=-1).reshape(-1, 2) + 0.5
+    cells = np.column_stack([places, np.where(rng.random(900) < 0.2, height, 0.0)])
+    a, b, c = fit_plane(cells)
+    assert abs(c + 15 * (a + b)) < 0.002
+
+
+@pytest.mark.parametrize(
+    ("share", "lower", "hole", "height"),
+    [(0.02, -0.45, -0.75, 0.0), (0.15, -0.45, -0.75, -0.45), (0.15, -0.3, -0.5, 0.0)],
+)
+def test_a_few_cells_below_a_plane_cost_nothing_and_more_do(share, lower, hole, height):
+    """Stripes of two streets, equally wide, one above the other, which has some cells still lower. Cells half a metre
+    below the upper street do not lie well below it.
+    """
+    places = np.stack(np.meshgrid(np.arange(80.0), np.arange(30.0)), axis=-1).reshape(-1, 2) + 0.5
+    along = places[:, 0] % 20
+    heights = np.where(along < 10, 0.0, lower)
+    inner = np.flatnonzero((along > 12) & (along < 18))
+    heights[inner[np.random.default_rng(0).permutation(len(inner))[: round(share * 2400)]]] = hole
+    a, b, c = fit_plane(np.column_stack([places, heights]))
+    assert c + 40 * a + 15 * b == pytest.approx(height, abs=0.03)
+
+
+def test_points_that_are_not_finite_count_for_nothing():
+    rng = np.random.default_rng(8)
+    points = street(rng) - [0, 0, 1.7]
+    bad = np.array([[np.inf, 0.0, 1.0], [0.0, np.nan, 1.0], [1.0, 2.0, -np.inf]])
+    one, other = level(points), level(np.concatenate([points, bad]))
+    assert one.plane.tobytes() == other.plane.tobytes()
+    assert one.deviation.heights.tobytes() == other.deviation.heights.tobytes()
+    assert level_warning(np.concatenate([points, bad])) == level_warning(points) is not None
+
+
+def test_warnings_are_of_clouds_that_reach_beyond_the_slice_and_have_enough_points(monkeypatch):
+    flat = np.column_stack([np.random.default_rng(9).uniform(-9, 9, (400, 2)), np.full(400, 0.5)])
+    assert level_warning(flat) is None
+    for height in (0.0, 4.0):  # ends of the slice do not belong to it
+        flat[0, 2] = height
+        assert "z = 0.50 m" in warned(flat)
+    low = flat - [0, 0, 3.0]
+    assert "z = -2.50 m" in warned(low[:200])
+    assert level_warning(low[:199]) is None
+    column = np.column_stack([np.zeros((500, 2)), np.linspace(-90, -50, 500)])
+    column[:10, 2] = 1.0
+    assert "2% of 500 points lie between 0 and 4 m, and no ground is found" in warned(column)
+    column[10, 2] = 1.0
+    assert level_warning(column) is None  # more than hardly any
+    monkeypatch.setattr(module, "fit_plane", lambda points, **_: np.array([0.0, 0.0, 0.12]))
+    halves = np.column_stack([np.zeros((400, 2)), np.repeat([0.1, 0.2], 200)])
+    halves[0, 2] = 9.0
+    assert level_warning(halves[1:]) is None  # all lie in the slice
+    assert "z = 0.20 m" in warned(halves)
+    assert level_warning(np.concatenate([halves, [[0, 0, 0.1]]])) is None  # half of them lie near zero
+
+
+def test_points_are_plain_whatever_cloud_they_are_in():
+    points = np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]])
+    assert plain_points(points.astype(np.float32)).dtype == np.float32
+    assert plain_points(points.astype(np.int64)).tolist() == points.tolist()
+    assert plain_points(points.astype(np.int64)).dtype == np.float64
+    four = np.column_stack([points, [0.1, 0.2]])
+    assert plain_points(four).tolist() == points.tolist()
+    assert plain_points(SimpleNamespace(points=points)).tolist() == points.tolist()
+    held = SimpleNamespace(cpu=lambda: SimpleNamespace(numpy=lambda: points))
+
+    class Tensors(dict):
+        positions = held
+
+    assert plain_points(SimpleNamespace(point=Tensors(positions=held))).tolist() == points.tolist()
+    assert plain_points(SimpleNamespace(point=Tensors())).shape == (0, 3)
+    for wrong, said in (
+        *((np.zeros((3, 5)), r"got \(3, 5\): pass points\.T\?"), (np.zeros((5, 5)), r"got \(5, 5\)$")),
+        *(
+            (np.zeros(3), r"got \(3,\)$"),
+            (np.zeros((4, 2)), r"got \(4, 2\)$"),
+            (np.ones((4, 3), bool), r"got \(4, 3\)$"),
+        ),
+    ):
+        with pytest.raises(ValueError, match=said):
+            plain_points(wrong)

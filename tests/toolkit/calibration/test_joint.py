@@ -113,11 +113,16 @@ def test_common_poses_and_thin_walls():
     assert np.abs(found.poses[1][:2, 3] - poses[1][:2, 3]).max() < 0.02
     ahead = Surface(np.array([[0.0, 0, 5], [0, 0, 5]]), np.array([[0.0, 0, 1], [0, 0, -1]]), np.zeros(2))
     assert face_sensor(ahead).normals[:, 2].tolist() == [-1.0, -1.0]
+    near = Surface(np.array([[0.0, 0, 0.5], [1, 0, 0]]), np.array([[0.0, 0, 1], [0, 0, 1]]), np.zeros(2))
+    assert face_sensor(near).normals[:, 2].tolist() == [-1.0, 1.0]  # one that is seen edge on stays
     surface = seen_by(TRUE[0], np.random.default_rng(6))
     with pytest.raises(ValueError, match="got 1 surfaces and 1 poses"):
         align([surface], [TRUE[0]])
-    with pytest.raises(ValueError, match=r"held must be sensor numbers from 0 to 1, got \[2\]"):
-        align([surface] * 2, TRUE[:2], held=[2])
+    with pytest.raises(ValueError, match="got 2 surfaces and 1 poses"):
+        align([surface] * 2, TRUE[:1])
+    for held in ([2], [0, 2], [-1]):
+        with pytest.raises(ValueError, match=rf"held must be sensor numbers from 0 to 1, got \[{held[0]}"):
+            align([surface] * 2, TRUE[:2], held=held)
 
 
 def test_more_pairs_say_what_the_scene_does_not():
@@ -278,11 +283,41 @@ def test_a_motion_of_two_sensors_is_observed_if_rows_that_count_resist_it():
     assert np.abs(hidden @ common.T).max() < 1e-9  # without those of all sensors together
     one = joint_of(rows_along(0, [0.0] * 4), free=np.arange(12) >= 6)  # held, the other resists alone
     assert one._modes[2].sum() == 0
-    six = joint_of(rows_along(0, [0.0] * 6), free=np.arange(12) >= 6)
-    assert six._modes[2].sum() == 1
+    for free in (np.arange(12) >= 6, np.arange(12) < 6):  # whichever is held
+        six = joint_of(rows_along(0, [0.0] * 6), free=free)
+        values, vectors, observed = six._modes
+        assert observed.sum() == 1
+        assert values == pytest.approx([0.0] * 11 + [6.0])
+        assert np.abs(vectors[:, observed][:, 0]) == pytest.approx(np.eye(12)[0 if free[0] else 6])
 
 
-def test_surfaces_pair_by_hand():
+@pytest.mark.parametrize(("strength", "count", "seen"), [(0.3, 56, True), (0.3, 55, False), (0.09, 1000, False)])
+def test_rows_that_resist_little_count_by_their_square_and_those_that_hardly_do_not_at_all(strength, count, seen):
+    """More than five must: with 0.3 of a motion 56 rows are 5.04. Below a tenth is the noise of normals."""
+    for deviation in (1.0, 10.0):  # however unsure they are
+        rows = strength * np.tile(np.eye(6)[3], (count, 1))
+        pairs = Pairs(0, 1, rows, -rows, np.zeros(count), np.full(count, deviation), np.ones(count))
+        assert joint_of(pairs, free=np.arange(12) >= 6)._modes[2].sum() == seen
+
+
+@pytest.mark.parametrize(("metres", "steps"), [(1e-4, 4), (1e-3, 5)])
+def test_levels_end_with_a_step_below_a_ten_thousandth_of_their_radius(metres, steps):
+    """Of 1.5 m at first. One step takes a sensor where sure rows want it, and each level makes one at least."""
+    surface, far, asked = seen_by(TRUE[0], np.random.default_rng(7)), np.eye(4), []
+    far[0, 3] = 500.0
+
+    def more(poses, radius):
+        asked.append(radius)
+        residual = registration.motion_between(far, poses[1]) - [0, 0, 0, metres, 0, 0]
+        rows, sure = np.repeat(np.eye(6), 10, axis=0), np.full(60, 1e-3)
+        return [Pairs(0, 1, np.zeros((60, 6)), rows, np.repeat(residual, 10), sure, np.full(60, 1e6))]
+
+    found = align([surface, surface], [np.eye(4), far], held=[0], more=more)
+    assert found.poses[1][0, 3] == pytest.approx(500 + metres, rel=1e-6)
+    assert (len(asked), sorted(set(asked))) == (steps, [0.2, 0.35, 0.7, 1.5])
+
+
+def test_surfaces_pair_by_hand(monkeypatch):
     """Sensor 1 is turned by a quarter and sees a point 3 cm above the first's, both on level ground."""
     turned = np.eye(4)
     turned[:2, :2], turned[:3, 3] = [[0, -1], [1, 0]], [1.0, 2.0, 0.0]
@@ -307,6 +342,8 @@ def test_surfaces_pair_by_hand():
     assert first.weight == pytest.approx([weight])
     down = [surfaces[0], Surface(surfaces[1].points, -up, surfaces[1].roughness)]
     assert [len(pair.residual) for pair in joint._surface_pairs(down, rows, [np.eye(4), turned], (0.5, 0.1))] == [0, 0]
+    monkeypatch.setattr(joint, "_SAME_SIDE", 1.0)  # the cosine must be greater
+    assert not len(joint._surface_pairs(surfaces, rows, [np.eye(4), turned], (0.5, 0.1))[0].residual)
 
 
 def test_of_two_road_users_near_a_third_the_nearer_is_it_and_headings_turn_about_z_alone():
@@ -317,6 +354,10 @@ def test_of_two_road_users_near_a_third_the_nearer_is_it_and_headings_turn_about
     assert pair.one_row[3].tolist() == (-pair.other_row[3]).tolist() == [0, 0, 1 / LEVER, 0, 0, 0]
     assert pair.deviation == pytest.approx([0.25 * np.sqrt(2)] * 3 + [np.deg2rad(4.0) * np.sqrt(2)])
     assert pair.limit == pytest.approx([1.5] * 3 + [np.deg2rad(20.0)])
+    away = SeenBoxes.of(theirs + np.eye(7)[1], np.eye(4))
+    alone = SeenBoxes.of(theirs, np.eye(4))
+    assert object_pairs([[alone, away]], [np.eye(4)] * 2, 1.0) == []  # as far off as the gate
+    assert len(object_pairs([[alone, away]], [np.eye(4)] * 2, 1.001)) == 1
     for radius, gate in ((0.1, 0.8), (1.0, 1.0), (9.0, 1.5)):
         (pair,) = object_pairs([[SeenBoxes.of(each, np.eye(4)) for each in (own, theirs)]], [np.eye(4)] * 2, radius)
         assert pair.limit[0] == gate

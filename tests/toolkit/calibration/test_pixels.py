@@ -1,5 +1,6 @@
 """Empty scenes beside a slow oracle that takes one pixel after the other."""
 
+import hashlib
 import math
 from itertools import pairwise, product
 
@@ -30,7 +31,7 @@ def images(n, seed, model=MODEL):
         if kind == 0:
             depth = rng.uniform(3, 60, n)
         else:
-            surfaces = rng.choice([0.0, 8.0, 8.4, 20.0, 21.0, 50.0], rng.integers(1, 5), replace=False)
+            surfaces = rng.choice([0.0, 0.6, 8.0, 8.4, 20.0, 21.0, 50.0], rng.integers(1, 5), replace=False)
             which = rng.integers(len(surfaces), size=n)
             depth = surfaces[np.sort(which) if kind == 1 else which]
             depth = depth + rng.normal(0, 0.02, n) * (depth > 0)
@@ -89,7 +90,7 @@ def test_clusters_of_every_pixel_are_an_oracles(n, model):
 
 def random_mode(seed, shape=MODEL.shape):
     rng = np.random.default_rng(seed)
-    median = np.where(rng.random(shape) < 0.2, 0, rng.uniform(5, 60, shape)).astype(np.float32)
+    median = np.where(rng.random(shape) < 0.2, 0, np.exp(rng.uniform(-1.0, 4.1, shape))).astype(np.float32)
     spread = np.where(median > 0, rng.uniform(0.01, 0.2, shape), 0).astype(np.float32)
     share = rng.choice([0.3, 0.5, 0.9], shape).astype(np.float32)
     return empty_scene._Mode(median, spread, share, median - 1, median + 1)
@@ -108,7 +109,7 @@ def test_the_usual_spread_is_the_median_of_pixels_as_far_that_mostly_see_the_sce
         steps.setdefault(int((distance - low) / (high - low) * 24), []).append((distance, spread))
     middles = [np.median([d for d, _ in steps[k]]) for k in sorted(steps)]
     usual = [np.median([s for _, s in steps[k]]) for k in sorted(steps)]
-    asked = np.array([[0.0, 5.5, 20.0, 59.0, 200.0, np.nan]], np.float32)
+    asked = np.array([[0.0, 0.2, 0.7, 5.5, 20.0, 59.0, 200.0, np.nan]], np.float32)
     logs = [math.log(each) if each > 0 else 0.0 for each in asked[0]]
     wanted = [
         max(np.interp(at, middles, usual), deviation(d)) for at, d in zip(logs, np.nan_to_num(asked[0]), strict=True)
@@ -146,7 +147,7 @@ def test_broad_clusters_are_narrowed_as_an_oracle_does(monkeypatch, at_once):
     usual = rng.uniform(0.011, 0.05, MODEL.shape).astype(np.float32)
     least = np.sort(stack, axis=0)[3]
     mode = empty_scene._Mode(
-        np.median(stack, axis=0), usual * rng.choice([1.0, 1.9, 2.1, 9.0], MODEL.shape).astype(np.float32),
+        np.median(stack, axis=0), usual * rng.choice([1.0, 2.0, 2.1, 9.0], MODEL.shape).astype(np.float32),
         np.ones(MODEL.shape, np.float32), least, np.sort(stack, axis=0)[-2],
     )  # fmt: skip
     before = [each.copy() for each in mode]
@@ -216,8 +217,6 @@ def test_blocks_of_rows_and_pixels_are_learnt_alike(monkeypatch):
             learner.add(image)
         return learner.scene()
 
-    whole = learnt()
-    assert np.isfinite(whole.second).any()
     clusters, heights = empty_scene._clusters, []
 
     def noted(stack, model):
@@ -225,6 +224,10 @@ def test_blocks_of_rows_and_pixels_are_learnt_alike(monkeypatch):
         return clusters(stack, model)
 
     monkeypatch.setattr(empty_scene, "_clusters", noted)
+    whole = learnt()
+    assert np.isfinite(whole.second).any()
+    assert heights == [6]  # all at once, usually
+    heights.clear()
     for block, wanted in ((1, [1] * 6), (400, [2] * 3), (639, [3] * 2), (640, [4, 2]), (960, [6])):
         monkeypatch.setattr(empty_scene, "_BLOCK", block)
         assert learnt().digest == whole.digest
@@ -274,12 +277,12 @@ class Pixel:
             self.candidate = None
 
 
-@pytest.mark.parametrize(("seed", "model"), [(0, MODEL), (1, CAMERA), (2, MODEL), (3, MODEL)])
-def test_every_pixel_adapts_as_the_rules_say(seed, model):
+@pytest.mark.parametrize(("seed", "model", "unit"), [(0, MODEL, 1), (1, CAMERA, 1), (2, MODEL, 1), (3, MODEL, 0.08)])
+def test_every_pixel_adapts_as_the_rules_say(seed, model, unit):
+    """Surfaces as far as 50 m, or within 4 m, some of them less than one."""
     rng, shape = np.random.default_rng(seed), model.shape
-    surfaces = np.array([0.0, 8.0, 20.0, 50.0])
-    first = rng.choice(surfaces, shape).astype(np.float32)
-    second = np.where(rng.random(shape) < 0.5, np.nan, rng.choice([0.0, 12.0], shape)).astype(np.float32)
+    first = rng.choice(unit * np.array([0.0, 8.0, 20.0, 50.0]), shape).astype(np.float32)
+    second = np.where(rng.random(shape) < 0.5, np.nan, rng.choice([0.0, 12.0 * unit], shape)).astype(np.float32)
     spread = np.where(first > 0, 0.05, 0).astype(np.float32)
     second_spread = np.where(second > 0, 0.05, 0).astype(np.float32)
     share = np.full(shape, 0.7, np.float32)
@@ -294,7 +297,7 @@ def test_every_pixel_adapts_as_the_rules_say(seed, model):
     for _ in range(60):
         time += float(rng.choice([0.0, 5.0, 20.0]))
         moved = rng.random(shape) < 0.15  # most surfaces stay for a while
-        image = np.where(moved, rng.choice([0.0, 5.0, 8.0, 12.0, 20.0, 30.0, 50.0], shape), image)
+        image = np.where(moved, rng.choice(unit * np.array([0.0, 5.0, 8.0, 12.0, 20.0, 30.0, 50.0]), shape), image)
         noisy = (image + rng.normal(0, 0.03, shape) * (image > 0)).astype(np.float32)
         adapting.update(noisy, time)
         for at, pixel in pixels.items():
@@ -331,6 +334,10 @@ def test_scenes_are_of_images_spread_over_the_first_frames():
     assert empty_scene.learn_empty_scenes(frames, sample=1)[0].frames == 1
     assert empty_scene.learn_empty_scenes(frames, frames=99)[0].frames == 9
     assert empty_scene.Scenes(frames, sample=3)(1).name == "b"
+    assert empty_scene.Scenes(frames[:1])(1).first[0, 0] == 20.0
+    assert empty_scene.learn_empty_scenes(frames, frames=1)[0].frames == 1
+    with pytest.raises(ValueError, match="no cloud has a point"):
+        empty_scene.Scenes([])["a"]
 
 
 def test_known_scenes_have_the_models_spread_near_by_too_and_are_seen_to_their_edge():
@@ -348,3 +355,125 @@ def test_known_scenes_have_the_models_spread_near_by_too_and_are_seen_to_their_e
     assert not wide.shows(edges + 1.001).any()
     with pytest.raises(ValueError, match="read-only"):
         wide.first[0, 0] = 1.0
+    both = empty_scene.EmptyScene("s", MODEL, edges - 10, spread, none, edges, spread, none, 1)
+    assert both.shows(edges + 1.0).all()
+    assert both.shows(edges - 1.0).all()
+    assert not both.shows(edges + 1.001).any()
+
+
+def uniform(value):
+    return np.full(MODEL.shape, value, np.float32)
+
+
+def test_every_image_of_the_sample_counts():
+    """A wall at 10 m in two of three images, and one at 30 m in the last."""
+    sensors = (Sensor("a", MODEL, np.eye(4)),)
+    frames = [Frame(sensors, (uniform(10.0 + 20 * (k == 2)),), Objects.empty(), 0.1 * k, k) for k in range(3)]
+    (found,) = empty_scene.learn_empty_scenes(frames, sample=3)
+    assert found.first[0, 0] == 10.0
+
+
+def learnt_of(columns):
+    """Scene of images whose pixels show these depths from the left, one list for each image."""
+    learner = empty_scene.SceneLearner(Sensor("s", MODEL, np.eye(4)))
+    for depths in columns:
+        learner.add(np.broadcast_to(np.array(depths, np.float32), MODEL.shape).copy())
+    return learner.scene()
+
+
+def test_a_tenth_of_the_images_and_before_nothing_half_of_them_are_enough():
+    """The second pixel shows what stands beside it in 2 of 20 images, or in 2 of 21."""
+    for count, enough in ((20, True), (21, False)):
+        found = learnt_of([[10.0, 10.0 if k in (3, 9) else 20.0, *[20.0] * 6] for k in range(count)])
+        assert bool(found.second[0, 1] == 10.0) == enough
+        assert found.first[0, 1] == 20.0
+    for count, seen, enough in ((20, 10, True), (20, 9, False)):  # elsewhere nothing returns at all
+        found = learnt_of(
+            [[0.0, 0.0, 0.0, 0.0, 20.0 if k % 2 == 0 and k < 2 * seen else 0.0] + [0.0] * 3 for k in range(count)]
+        )
+        assert found.first[0, 4] == 0.0
+        assert bool(found.second[0, 4] == 20.0) == enough
+
+
+def test_measurements_just_a_gap_apart_are_one_cluster(monkeypatch):
+    """The gap at 8 m is 2 m, and at 10 m 2.5: 8 and 10 are one surface, 13 another."""
+    monkeypatch.setattr(empty_scene, "GAP_SIGMAS", 0.0)
+    monkeypatch.setattr(empty_scene, "GAP_SHARE", 0.25)
+    far, near, _ = empty_scene._clusters(np.stack([uniform(each) for each in (8.0, 10.0, 13.0, 13.0)]), MODEL)
+    assert (far.median[0, 0], far.share[0, 0]) == (13.0, 0.5)
+    assert (near.median[0, 0], near.least[0, 0], near.greatest[0, 0], near.share[0, 0]) == (9.0, 8.0, 10.0, 0.5)
+
+
+def test_the_densest_stretch_has_both_its_ends_and_may_be_a_single_measurement():
+    """Eight usual spreads are a metre. Measurements outside the cluster do not count, however many they are."""
+
+    def narrow(values, least, greatest, usual):
+        one = [np.full((1, 1), each, np.float32) for each in (11.0, 9.0, 1.0, least, greatest)]
+        images = [np.full((1, 1), each, np.float32) for each in values]
+        found = empty_scene._narrow_broad(empty_scene._Mode(*one), np.full((1, 1), usual, np.float32), images)
+        return found.median.item(), found.share.item()
+
+    assert narrow((10.0, 10.5, 11.0, 13.0, 15.0), 10.0, 15.0, 0.125) == pytest.approx((10.5, 3 / 5))
+    assert narrow((10.0, 12.0, 14.0, 20.0), 10.0, 14.0, 0.125) == pytest.approx((14.0, 1 / 4))
+
+
+def test_a_surface_is_continued_to_the_edge_of_the_image_and_of_its_noise(monkeypatch):
+    def mask(far, near, spread):
+        none = np.zeros(MODEL.shape, np.float32)
+        return empty_scene._continuation_mask(empty_scene._Mode(near, uniform(spread), none, none, none), far)
+
+    far, near = uniform(30.0), uniform(np.nan)
+    far[2, 3], near[2, 4], near[4, 4] = 10.0, 11.0, 11.001
+    assert np.argwhere(mask(far, near, 0.25)).tolist() == [[2, 4]]  # four spreads off, and no more
+    close = uniform(0.05)  # beyond the edge is no surface at no distance
+    assert not mask(uniform(10.0), close, 0.02).any()
+    monkeypatch.setattr(empty_scene, "OTHER_SURFACE", 0.5)
+    far, near = uniform(4.0), uniform(np.nan)
+    far[2, 3], near[2, 2] = 6.0, 6.0  # just half as far again as the plane through the pixel and the one before
+    assert not mask(far, near, 0.01).any()
+    far[2, 3], near[2, 2] = 6.25, 6.25
+    assert np.argwhere(mask(far, near, 0.01)).tolist() == [[2, 2]]
+
+
+def test_adaptation_takes_what_lies_at_the_edge_of_a_spread():
+    """A wall at 20 m with a spread of 0.25 m: up to a metre off it is shown, or unchanged."""
+    none = uniform(0.0)
+    wall = empty_scene.EmptyScene("s", MODEL, uniform(20.0), uniform(0.25), none, uniform(np.nan), none, none, 1)
+
+    def after(depths, **times):
+        adapting = empty_scene.SceneAdaptation(wall, **times)
+        for time, depth in depths:
+            adapting.update(uniform(depth), time)
+        return adapting.scene.first[0, 0]
+
+    assert after([(0.0, 21.0), (60.0, 21.0)]) == pytest.approx(20 + 1 - math.exp(-60 / 600))
+    assert after([(0.0, 21.001), (60.0, 21.001)]) == np.float32(21.001)
+    assert after([(0.0, 8.0), (86_400.0, 9.0)]) == 8.0  # as it was when it came
+    assert after([(0.0, 8.0), (86_400.0, 9.001)]) == 20.0
+    assert after([(0.0, 21.5), (0.5, 21.5)], reveal=0.5, settle=0.5, seconds=0.5) == 21.5
+
+
+def test_digests_are_of_name_model_frames_and_all_images():
+    """Messages name a scene by it, so it is the same tomorrow."""
+    model = SolidStateLidar(rows=6, columns=8, horizontal_fov=2.0, vertical_fov=0.5)
+    depths = [20.0, 0.25, 0.5, np.nan, 0.0, 0.0]
+    names = ("first", "spread", "share", "second", "second_spread", "second_share")
+    found = empty_scene.EmptyScene("s", model, **dict(zip(names, map(uniform, depths), strict=True)), frames=3)
+    said = (
+        '["s", {"class": "SolidStateLidar", "columns": 8, "horizontal_fov": 2.0, "max_range": 150.0, "rows": 6, '
+        '"sigma": 0.02, "sigma_per_metre": 0.0003, "vertical_fov": 0.5}, 3]'
+    )
+    images = b"".join(uniform(depth).tobytes() for depth in depths)
+    assert found.digest == hashlib.sha256(said.encode() + images).hexdigest()
+
+
+def test_one_pixel_that_is_infinite_or_negative_spoils_a_scene():
+    good = {name: uniform(0.5) for name in ("first", "spread", "share", "second", "second_spread", "second_share")}
+    for wrong in (np.inf, -0.5):
+        bad = uniform(0.5)
+        bad[3, 3] = wrong
+        for name in good:
+            with pytest.raises(ValueError, match=f"{name} of 's' must be finite and 0 or more"):
+                empty_scene.EmptyScene("s", MODEL, **good | {name: bad}, frames=1)
+    with pytest.raises(ValueError, match="must be float32 of"):
+        empty_scene.EmptyScene("s", MODEL, **good | {"share": uniform(0.5).astype(float)}, frames=1)

@@ -1,7 +1,9 @@
 """Crooked lidars of a recording of clouds are put right, by each other and by what stands there."""
 
+import json
 from dataclasses import replace
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -232,7 +234,9 @@ def test_by_each_other(count, driving):
     assert move < 0.04
 
 
-@pytest.mark.parametrize(("count", "driving", "learns"), [(5, 0.0, 1), (5, 0.1, 1), (4, 0.0, 0), (5, 0.6, 0)])
+@pytest.mark.parametrize(
+    ("count", "driving", "learns"), [(5, 0.0, 1), (5, 0.1, 1), (5, 0.125, 1), (4, 0.0, 0), (5, 0.126, 0), (5, 0.6, 0)]
+)
 def test_scenes_are_learnt_of_lidars_that_stand_still_in_enough_samples(monkeypatch, count, driving, learns):
     learnt, fitted = [], []
 
@@ -345,6 +349,7 @@ def test_sensors_have_their_share_of_what_an_alignment_found(monkeypatch):
     [
         *((0.09, 0.019, 1e-6, False), (0.11, 0.0, 1e-6, True), (0.0, 0.021, 1e-6, True)),
         *((0.0, 0.1, 0.02, False), (0.0, 0.11, 0.02, True), (1.0, 0.0, 0.0034, False), (1.1, 0.0, 0.0034, True)),
+        (0.0, 0.02, 1e-6, False),
     ],
 )
 def test_drifts_are_above_what_is_worth_it_and_three_deviations(turn_deg, metres, deviation, drifted):
@@ -380,3 +385,65 @@ def test_road_users_are_searched_in_a_few_frames_evenly_from_the_first_to_the_la
     assert asked == [(searched, detector, PLACE), (2, [1], joint.object_pairs, ("seen",))]
     with pytest.raises(ValueError, match="a detector is for a recording of a known site"):
         poses.find_poses(recording(TRUE), None, detector=detector)
+
+
+def test_a_pose_has_not_drifted_by_nothing(monkeypatch):
+    monkeypatch.setattr(poses, "WORTH_TURN", 0.0)
+    monkeypatch.setattr(poses, "WORTH_MOVE", 0.0)
+    assert not found_at(np.eye(4), deviation=0.0).drifted
+
+
+def test_registrations_know_the_deviations_and_need_three_tenths_of_the_points(monkeypatch):
+    asked, overlaps = [], [0.299, 0.3]
+
+    def register(points, surface, believed, *, deviation=None):
+        asked.append((points, surface, believed, deviation))
+        return Registration(believed, np.eye(6), np.zeros((0, 6)), overlaps.pop(), 0.01)
+
+    monkeypatch.setattr("toolkit.calibration.registration.register", register)
+    for is_found in (True, False):
+        each = poses.find_pose("points", TRUE[0], "surface", deviation="deviations")  # type: ignore[arg-type]
+        assert (each.registration is not None) is is_found
+        assert asked.pop() == ("points", "surface", TRUE[0].pose, "deviations")
+
+
+def test_scenes_are_learnt_of_the_frames_that_are_asked_and_sensors_are_the_first_ones(monkeypatch):
+    asked = []
+
+    def learn(recording, sample, *, frames):
+        asked.append((len(recording), sample, frames))
+        return "ab"
+
+    def found(points, sensor, surface, *, deviation):
+        asked.append((points, sensor, surface, deviation))
+        return sensor.name
+
+    monkeypatch.setattr(poses, "learn_empty_scenes", learn)
+    monkeypatch.setattr(poses, "scene_points", lambda scene: (f"points {scene}", f"deviations {scene}"))
+    monkeypatch.setattr(poses, "find_pose", found)
+    frames = [Frame(TRUE[::-1] if k else TRUE, images(), Objects.empty(), 0.1 * k, k) for k in range(7)]
+    names: Any = poses.find_poses(frames, "surface", frames=6, sample=9)  # type: ignore[arg-type]
+    assert names == ("a", "b")
+    each = [(f"points {name}", TRUE[k], "surface", f"deviations {name}") for k, name in enumerate("ab")]
+    assert asked == [(7, 9, 6), *each]
+    with pytest.raises(ValueError, match="0 frames are too few"):
+        poses.find_poses([], "surface")  # type: ignore[arg-type]
+
+
+def test_poses_are_written_by_name_with_null_for_what_is_not_observed(tmp_path):
+    poses.save_poses(tmp_path / "poses.json", [found_at(pose(0.3), 0.01, [[0, 0, 0, 1.0, 0, 0]])])
+    text = (tmp_path / "poses.json").read_text()
+    assert text.splitlines()[:2] == ["{", ' "c": {']  # a person may read it
+    assert json.loads(text)["c"]["standard_deviation"]["move_m"] == [None, 0.01, 0.01]
+
+
+def test_clouds_are_written_as_a_folder(monkeypatch, tmp_path):
+    written = []
+    monkeypatch.setattr(poses, "write_recording", lambda *given: written.append(given))
+    samples = recording_sample_poses(1)
+    crooked = Sensor("b", MODEL_CLOUDS, ERROR @ TRUE_CLOUDS[1].pose)
+    each = poses.FoundPose(crooked, Registration(TRUE_CLOUDS[1].pose, np.eye(6), np.zeros((0, 6)), 1.0, 0.01))
+    poses.write_corrected(samples, [each], tmp_path)
+    ((corrected, out, layout),) = written
+    assert (out, layout) == (tmp_path, "folder")
+    np.testing.assert_allclose(corrected[0].clouds[1].world_SE3_sensor, TRUE_CLOUDS[1].pose, atol=1e-9)

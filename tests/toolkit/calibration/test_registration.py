@@ -210,10 +210,15 @@ def test_points_and_normals_are_where_surfaces_are_flat():
     flat = surface.points[:, 2] < 0.1
     assert np.abs(surface.normals[flat, 2]).mean() > 0.99
     assert (~flat).sum() < 0.2 * flat.sum()
-    with pytest.raises(ValueError, match="0 points on flat ground or walls, 50 are needed"):
-        cloud_surface(rng.uniform(0, 100, (30, 3)))
+    alone = rng.uniform(0, 100, (60, 3))
+    for count, said in ((30, 30), (60, 0)):  # too few to look, and looked at
+        with pytest.raises(ValueError, match=f"has {said} points on flat ground or walls, 50 are needed"):
+            cloud_surface(alone[:count])
+    alone[0, 0], alone[1, 2] = np.nan, np.inf
+    with pytest.raises(ValueError, match="has 49 points"):
+        cloud_surface(alone[:51])
     points, deviation = scene_points(scene(8.0))
-    assert points.shape == (300, 3)
+    assert points.shape == scene_points(scene(0.5))[0].shape == (300, 3)
     assert np.allclose(points[:, 2], 8.0)
     slant = np.linalg.norm(points, axis=1) / 8.0
     np.testing.assert_allclose(deviation, 0.02 * slant / 4.0, rtol=1e-5)
@@ -350,6 +355,10 @@ def test_starts_that_end_alike_are_one_and_of_those_as_good_the_nearest_is_taken
     assert fine == [*starts, [0, 0, 0, 0, 0.1, 0]] if hidden else fine == starts
     assert found.pose[:2, 3] == pytest.approx([0.0 if hidden else 0.06, 0.1])
     assert (found.overlap, found.scatter) == (0.7, 0.02)
+    ends, agreements[0.0] = iter([0.0, 0.04, 0.06, 0.06, 0.2]), 0.25
+    agreements[0.06] = agreements[0.2] = 0.5
+    monkeypatch.setattr(registration, "_AS_GOOD", 0.25)  # the believed pose is just as good
+    assert register(np.zeros((9, 3)), surface, np.eye(4)).pose[0, 3] == 0.0
 
 
 def test_noise_that_few_frames_show_is_no_less_than_one_frames():
@@ -365,7 +374,8 @@ def test_fifty_points_are_enough_and_small_things_have_points():
         registration._check_flat(49)
     post = np.array([[0.0, 0], [0.6, 0], [0.6, 0.6], [0, 0.6]])
     surface = site_surface(Site("s", np.array([-3.0, -3, 3, 3]), solids=(Solid(post, 0.0, 0.9, "container"),)))
-    assert np.isclose(surface.points[:, 2], 0.9).sum() == pytest.approx(0.36 / SURFACE_SPACING**2, abs=10)
+    assert np.isclose(surface.points[:, 2], 0.9).sum() == 16  # of its 0.36 m², without a remainder
+    assert not surface.roughness.any()
     ground = np.abs(surface.points[:, :2]).max()
     assert ground > 20.0  # thirty metres beyond the area
     other = site_surface(Site("s", np.array([-3.0, -3, 3, 3])), seed=1)
@@ -411,3 +421,76 @@ def test_a_reference_is_read_by_its_ending(monkeypatch):
     ):
         found: object = registration.read_surface(reference)
         assert found == f"surface of {wanted}"
+
+
+def grid_of(rows, columns, noise=0.0, at=(0.0, 0.0, 0.0)):
+    """Points as far apart as a surface keeps them, each off its plane."""
+    places = np.stack(np.meshgrid(np.arange(rows), np.arange(columns)), axis=-1).reshape(-1, 2) * SURFACE_SPACING
+    above = noise * np.random.default_rng(0).standard_normal(len(places))
+    return np.column_stack([places, above]) + np.array(at)
+
+
+@pytest.mark.parametrize(("noise", "share"), [(0.02, 1.0), (0.2, 0.0)])
+def test_a_surface_is_thin_beside_its_extent(noise, share):
+    """Twenty-four points 15 cm apart reach 21 cm to either side (standard deviation), of which a third is 7."""
+    flat, slab = grid_of(25, 25), grid_of(25, 25, noise, at=(90.0, 0.0, 0.0))
+    found = cloud_surface(np.concatenate([flat, slab]))
+    second = found.points[:, 0] > 50
+    assert (~second).sum() == 625
+    assert second.mean() / (1 - second.mean()) == pytest.approx(share, abs=0.1)
+    assert found.roughness[~second].max() < 1e-6
+    if second.any():
+        assert np.median(found.roughness[second]) == pytest.approx(noise, rel=0.3)
+        assert np.abs(found.normals[second][:, 2]).mean() > 0.95
+
+
+def test_a_strip_is_a_surface_and_a_wire_is_none():
+    """Of three rows of points, and of one that is 2 mm thick."""
+    flat, strip = grid_of(25, 25), grid_of(60, 3, at=(0.0, 90.0, 0.0))
+    wire = grid_of(60, 1, at=(0.0, -90.0, 0.0)) + 0.002 * np.random.default_rng(1).standard_normal((60, 3))
+    found = cloud_surface(np.concatenate([flat, strip, wire])).points[:, 1]
+    assert (np.abs(found) < 50).sum() == 625
+    assert (found > 50).sum() > 120
+    assert (found < -50).sum() < 5
+
+
+def grid_surface(count=80):
+    places = np.array([[x, y, 0.0] for x in range(10) for y in range(8)], float)[:count]
+    return places, Surface(places, np.tile([0.0, 0, 1], (count, 1)), np.zeros(count))
+
+
+def test_fifty_pairs_are_enough():
+    for count, enough in ((50, True), (49, False)):
+        places, surface = grid_surface(count)
+        given = (places, np.full(count, 0.01), surface, np.eye(4), ((0.5, 0.1, 0.2),))
+        if enough:
+            assert registration._align_levels(*given)[1].overlap == 1.0
+        else:
+            with pytest.raises(ValueError, match=r"49 of 49 points lie within 0\.5 m of the reference, 50 are needed"):
+                registration._align_levels(*given)
+
+
+@pytest.mark.parametrize(("above", "steps"), [(4e-5, 1), (1e-4, 2), (0.1, 2)])
+def test_a_level_ends_with_a_step_below_a_ten_thousandth_of_its_radius(monkeypatch, above, steps):
+    """All points lie as high above a level grid, so that one step is enough, and another to see that."""
+    asked = []
+
+    def noted(*given):
+        asked.append(given)
+        return resistance(*given)
+
+    monkeypatch.setattr(registration, "resistance", noted)
+    places, surface = grid_surface()
+    start = pose(0.0, 0.0, above)
+    moved, _ = registration._align_levels(places, np.full(80, 0.01), surface, start, ((0.5, 0.1, 0.9),))
+    assert len(asked) == steps
+    assert moved[2, 3] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_points_are_thinned_in_cubes_of_any_size():
+    points = np.random.default_rng(2).uniform(-3, 5, (400, 3))
+    for voxel in (0.5, 2.0):
+        first: dict[tuple[int, ...], int] = {}
+        for row, cube in enumerate(np.floor(points / voxel).astype(int).tolist()):
+            first.setdefault(tuple(cube), row)
+        assert thin_rows(points, voxel).tolist() == sorted(first.values())

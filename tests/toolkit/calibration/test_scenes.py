@@ -135,9 +135,12 @@ def test_scenes_are_learnt_given_or_none_for_sensors_that_move(tmp_path):
         learn_sample_scenes([here, carried])
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        learn_sample_scenes([sample(0, WALL), sample(1, WALL, moved=0.4)])
-    with pytest.warns(UserWarning, match="learnt from 4 samples, so who stands still in them is part of the scene"):
+        learn_sample_scenes([sample(0, WALL), sample(1, WALL, moved=0.5)])
+    with pytest.warns(
+        UserWarning, match="learnt from 4 samples, so who stands still in them is part of the scene"
+    ) as w:
         learn_sample_scenes(sample(k, WALL) for k in range(4))
+    assert w[0].filename == __file__
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         learn_sample_scenes(sample(k, WALL) for k in range(5))
@@ -149,3 +152,12 @@ def test_scenes_are_learnt_given_or_none_for_sensors_that_move(tmp_path):
 def test_large_images_are_kept_in_smaller_numbers(columns, asked, kept):
     grid = LidarGrid(RowLidar(tuple(np.linspace(0.3, -0.5, 64).tolist()), columns=columns))
     assert sample_scenes._Learner("north", grid, asked).learner.sample == kept
+
+
+def test_only_sensors_of_the_first_samples_and_so_many_of_their_images_are_kept():
+    """A wall at 20 m, and at 30 in the last sample: of two images kept, the last is one."""
+    every = [sample(k, WALL * (1.5 if k == 4 else 1.0)) for k in range(5)]
+    assert Scenes(every)["north"].scene.first[0, 0] == pytest.approx(20.0, abs=0.01)
+    assert Scenes(every, sample=2)["north"].scene.first[0, 0] == pytest.approx(30.0, abs=0.01)
+    late = [*(sample(k, WALL) for k in range(8)), sample(8, WALL, name="south")]
+    assert list(learn_sample_scenes(late)) == ["north"]

@@ -135,8 +135,7 @@ def delay_frames(
             each = [channels] * len(now.sensors) if isinstance(channels, LinkChannel) else list(channels)
             history, arrived = [], [[] for _ in now.sensors]
             lines = [Line(channel, [seed, k, sensor]) for sensor, channel in enumerate(each)]
-        elif any(line.channel != PERFECT for line in lines) and now.time - history[-1].time > MOST_APART:
-            apart = now.time - history[-1].time
+        elif (apart := now.time - history[-1].time) > MOST_APART and any(line.channel != PERFECT for line in lines):
             raise ValueError(
                 f"frames must be at most {MOST_APART} s apart to show late or lost messages, got {apart:g} s: "
                 "record with coview simulate --every 0.1"
@@ -199,7 +198,7 @@ class Tracks:
         check_boxes(detections.boxes)
         if not (math.isfinite(time) and (time >= self._time or not len(self))):
             raise ValueError(f"detections must come in order of time, got {time} s after {self._time} s")
-        step, again = time - self._time if len(self) else 0.0, bool(len(self)) and time == self._time
+        step, again = time - self._time if len(self) else 0.0, time == self._time
         move, pushed = np.eye(4), np.array([step**2 / 2, step]) * ACCELERATION
         move[[0, 1], [2, 3]] = step
         state = self._state @ move.T
@@ -207,7 +206,7 @@ class Tracks:
 
         apart = np.linalg.norm(detections.boxes[:, None, :2] - state[None, :, :2], axis=2)
         apart[detections.labels[:, None] != self._labels[None]] = np.inf
-        variance = np.diagonal(covariance, axis1=1, axis2=2)[:, :2].max(axis=1, initial=0)
+        variance = covariance[:, 0, 0]  # as much along y
         rows, taken = np.full(len(detections), -1, np.int64), np.zeros(len(self), bool)  # track of each detection
         near = np.argwhere(apart <= np.minimum(GATE + SIGMA * np.sqrt(variance), WIDEST_GATE))
         for detection, track in near[np.argsort(apart[tuple(near.T)], kind="stable")]:

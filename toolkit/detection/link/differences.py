@@ -159,7 +159,7 @@ class Reference:
     @staticmethod
     def of(number: int, step_mm: int, steps: ImageSteps, sent: ImageMask) -> Reference:
         """Start from an image that was sent whole."""
-        return Reference(number, step_mm, np.where(sent, _FINE * steps, 0), sent.astype(np.int64))
+        return Reference(number, step_mm, _FINE * steps, sent.astype(np.int64))
 
     @cached_property
     def checksum(self) -> int:
@@ -201,8 +201,7 @@ class Reference:
 
 def still_squares(reference: Reference, steps: ImageSteps, sent: ImageMask) -> Bool[np.ndarray, "down across"]:
     """Mark squares that the reference predicts better than neighbours do."""
-    stands = _count_pixels(reference.standing(steps, sent))
-    return (stands > 0) & (stands > STILL_SHARE * _count_pixels(reference.known))
+    return _count_pixels(reference.standing(steps, sent)) > STILL_SHARE * _count_pixels(reference.known)
 
 
 def encode_difference(
@@ -216,7 +215,7 @@ def encode_difference(
     if steps.shape != reference.fine.shape:
         raise ValueError(f"the reference is an image of {reference.fine.shape}, got one of {steps.shape}")
     there = _count_pixels(reference.known) > 0
-    still = reference.known & _spread(squares & there, steps.shape)
+    still = reference.known & _spread(squares, steps.shape)
     by_reference = sent & still
     whole, towards = reference.predict(by_reference)
     residuals = towards * (steps[by_reference] - whole)

@@ -27,11 +27,9 @@ def pack_integers(values: Int64[np.ndarray, " n"]) -> bytes:
     low = np.where(values < _SMALL, 0, size - 2)
     second = (values >> low) & 1
     symbols = np.where(values < _SMALL, values, _SMALL + 2 * (size - _FIRST_SIZE) + second)
-    deflated = b""
-    for strategy in _STRATEGIES:
-        packer = zlib.compressobj(9, zlib.DEFLATED, -15, 9, strategy)
-        packed = packer.compress(symbols.astype(np.uint8).tobytes()) + packer.flush()
-        deflated = packed if not deflated or len(packed) < len(deflated) else deflated
+    content = symbols.astype(np.uint8).tobytes()
+    packers = (zlib.compressobj(9, zlib.DEFLATED, -15, 9, strategy) for strategy in _STRATEGIES)
+    deflated = min((packer.compress(content) + packer.flush() for packer in packers), key=len)
     return _variable(len(values)) + _variable(len(deflated)) + deflated + write_bits(values, low)
 
 
@@ -54,7 +52,7 @@ def unpack_integers(data: bytes, start: int, most: int) -> tuple[Int64[np.ndarra
     symbols = np.frombuffer(content, np.uint8).astype(np.int64)
     if len(symbols) and symbols.max() > _SMALL + 2 * (32 - _FIRST_SIZE) + 1:
         raise ValueError(f"packed numbers have symbols up to {_SMALL + 57}, got {symbols.max()}")
-    half, second = np.divmod(np.maximum(symbols - _SMALL, 0), 2)
+    half, second = np.divmod(symbols - _SMALL, 2)
     low = np.where(symbols < _SMALL, 0, half + _FIRST_SIZE - 2)
     bits, end = read_bits(data, start + length, low)
     return np.where(symbols < _SMALL, symbols, (2 + second << low) | bits), end
@@ -154,7 +152,7 @@ def decode_mask(content: bytes, start: int, shape: tuple[int, int]) -> tuple[Ima
     changes[places] = True
     if content[start] == _ALONG_ROWS:
         return np.logical_xor.accumulate(changes).reshape(shape), end
-    return np.logical_xor.accumulate(np.logical_xor.accumulate(changes.reshape(shape), axis=1), axis=0), end
+    return np.logical_xor.accumulate(np.logical_xor.accumulate(changes.reshape(shape), axis=1)), end
 
 
 def encode_values(steps: ImageSteps, mask: ImageMask, given: ImageMask | None = None) -> bytes:

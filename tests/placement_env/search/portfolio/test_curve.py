@@ -297,3 +297,30 @@ def test_amounts_are_prices_of_sets_each_once(street):
     cheap = replace(street.candidates, mounts=mounts, axes=replace(street.candidates.axes, prices=()))
     tenths = Objective(Setting(candidates=cheap, fidelity=street.objective.scored_by, scheme="late"))
     assert list_amounts(tenths, 3, 0.6) == pytest.approx((0.1, 0.2, 0.3, 0.4, 0.5, 0.6))  # 0.1 + 0.2 is 0.3
+
+
+def test_the_winner_of_the_amount_before_stays_however_many_there_are(street):
+    """All three sensors find less than two, which only the winner of 22 units brings into the race for 32.5."""
+    asked = levelled(street, least=0.25)
+    points = budget_curve(street.objective, 3, amounts=(32.5, 11.0, 22.0), judging=asked)
+    assert [(point.money, len(point.subset)) for point in points] == [(11.0, 1), (22.0, 2)]
+    assert points[1].subset == (0, 1)
+
+
+def test_fewer_sensors_than_poles_that_must_carry_one_are_refused(street):
+    setting = replace(street.objective.setting, keep=("post1", "post2"))
+    with pytest.raises(ValueError, match="2 poles must carry a sensor"):
+        budget_curve(Objective(setting), 1, judging=levelled(street))
+
+
+def test_an_amount_that_is_the_price_of_a_set_to_the_cent_is_taken(street):
+    assert list_amounts(street.objective, 3, 33.0, 3) == (11.0, 33 * 2 / 3, 33.0)
+    assert list_amounts(street.objective, 3, 33.0, 8)[0] == 11.0  # no set costs a fourth or an eighth of 33
+
+
+def test_many_sums_are_held_coarsely(street, monkeypatch):
+    """Of prices 10.5, 11 and 23, and nothing, those that lie in the same half of 24 count once, the dearest."""
+    monkeypatch.setattr(curve, "SUMS", 4)
+    assert list_amounts(street.objective, 1, 24.0) == (10.5, 11.0, 23.0)  # four with nothing: all are held
+    monkeypatch.setattr(curve, "SUMS", 2)
+    assert list_amounts(street.objective, 1, 24.0) == (11.0, 23.0)

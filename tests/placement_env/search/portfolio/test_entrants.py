@@ -351,3 +351,81 @@ def test_the_best_neighbours_are_kept_of_many_and_equal_sizes_stay_in_order(make
     found = [Entrants(part, np.zeros(20), ((),) * 20, 1) for part in (singles[:20], singles[20:])]
     joined = join_entrants([make(mounts=40), make(mounts=40)], found)
     assert joined.sets.tolist() == singles.tolist()
+    pairs = singles[:20] | singles[20:]
+    found = [Entrants(part, np.zeros(20), ((),) * 20, 1) for part in (pairs, singles[:20])]
+    joined = join_entrants([make(mounts=40), make(mounts=40)], found)
+    assert joined.sets.tolist() == [*singles[:20].tolist(), *pairs.tolist()]
+
+
+def answering(monkeypatch, answers):
+    """Searches of each size that answer with these sets, and the sizes that were searched."""
+    searched = []
+
+    def searches(objective, size, *_):
+        searched.append(size)
+        for n, members in enumerate(answers[size]):
+            best = SimpleNamespace(subset=members)
+            yield f"search {n}", lambda best=best: SimpleNamespace(best=best, evaluations=1)
+
+    monkeypatch.setattr(module_of_entrants, "_searches", searches)
+    return searched
+
+
+def test_sets_that_may_not_be_built_do_not_enter(street, monkeypatch):
+    poor = street.objective.weighed(street.objective.weights, most_price=22.0)
+    answering(monkeypatch, {2: [(0, 3), (), (0, 1)]})
+    found = entrants(poor, Effort((2,), neighbours=0))
+    assert found.searches == (("search 2",),)
+    assert found.sets.tolist() == [[True, True, False, False]]
+    assert found.considered >= 3
+
+
+def test_where_no_set_of_a_size_was_found_larger_ones_are_not_searched(street, monkeypatch):
+    searched = answering(monkeypatch, {1: [(0,)], 2: [(), ()], 3: [(0, 1, 2)]})
+    found = entrants(street.objective, Effort((1, 2, 3), neighbours=0))
+    assert searched == [1, 2]
+    assert found.sets.sum(axis=1).tolist() == [1]
+
+
+def test_neighbours_of_several_answers_are_ranked_together(make):
+    """The poor answer comes first: its neighbours do not go before better ones of the other."""
+    objective = make(mounts=7, seed=2)
+    every = neighbours(np.array([0, 1]), 7)[1:]
+    pairs = every[every.sum(axis=1) == 2]
+    by_reward = pairs[np.argsort(objective.scores(pairs).reward, kind="stable")]
+    answers = np.stack([by_reward[0], by_reward[-1]])
+    rows, considered = module_of_entrants._neighbours(objective, answers, 5)
+    near = np.concatenate([neighbours(np.flatnonzero(answer), 7)[1:] for answer in answers])
+    near = near[objective.feasible(near)]
+    assert considered == len(near)
+    rewards = objective.scores(np.unique(near, axis=0)).reward
+    assert objective.scores(np.array(rows)).reward == pytest.approx(np.sort(rewards)[::-1][:5])
+
+
+def test_searches_for_a_required_ap_choose_from_the_same_candidates(searches, street, monkeypatch):
+    """An objective made from a site has its candidates from the pool, not from the setting."""
+    monkeypatch.setattr(street.objective, "setting", replace(street.objective.setting, candidates=None))
+    found = dict(searches(Effort((1, 2), seconds=9.0, evaluations=300, min_ap=0.5)))
+    assert found["swap for AP 0.5"][1].candidates is street.objective.candidates
+
+
+def test_entropy_is_of_the_objectives_own_candidates(seen, small_candidates):
+    objective = Objective(Setting(candidates=small_candidates, fidelity=Coverage(seen), scheme="late"), visibility=seen)
+    objective.setting = replace(objective.setting, candidates=None)
+    entropy = module_of_entrants.entropy_objective(objective)
+    assert entropy is not None
+    assert entropy.candidates is small_candidates
+
+
+def test_seeds_are_0_unless_given(street, monkeypatch):
+    asked = []
+
+    def searches(objective, size, effort, seed, checkpoint):
+        asked.append(seed)
+        return ()
+
+    monkeypatch.setattr(module_of_entrants, "_searches", searches)
+    for seed in ({}, {"seed": 0}, {"seed": 4}):
+        entrants(street.objective, TWO, **seed)
+        keep_entrants(street.objective, TWO, **seed)
+    assert asked == [0] * 4 + [4] * 2

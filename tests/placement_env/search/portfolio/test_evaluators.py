@@ -290,3 +290,47 @@ def test_over_drawings_of_a_site_all_figures_are_means(hazy):
     for name in ("ap", "kbit", "resamples"):
         assert getattr(found, name) == pytest.approx(np.mean([getattr(one, name) for one in each], axis=0))
     assert found.ap.shape == (3,)
+
+
+@pytest.mark.parametrize("frames", [96, 93])
+def test_frames_of_a_race_follow_a_permutation_of_the_blocks(frames, blocks_of_four):
+    """The seed's first permutation is that of the blocks, so orders of equally many blocks go alike."""
+    blocks = np.random.default_rng(6).permutation(24)
+    order = race_order(frames, seed=6)
+    whole = race_order(96, seed=6)
+    assert (whole[:24] // 4).tolist() == blocks.tolist()
+    assert order.tolist() == [k for k in whole.tolist() if k < frames]
+
+
+def test_resamples_of_detections_are_drawn_by_the_seed(hazy):
+    """In the haze sensor 1 finds two of four cars in the second block alone: an AP of one half, as often as drawn."""
+    _, rough = hazy
+    for made, seed in ((replace(rough, seed=5), 5), (rough, 0), (DetectorEvaluator(rough.detected), 0)):
+        resamples = CasesEvaluator((made,)).evaluate(SETS[1:2], EVERY).resamples[0]
+        drawn = draws_of_blocks(np.arange(2), seed=seed)[:, 1]
+        assert resamples == pytest.approx(0.5 * drawn / 2)
+
+
+def test_a_fast_fidelity_knows_a_single_candidate_and_all_classes_and_looks_silently(small_traffic, monkeypatch):
+    """It looks with the processes and the cache of its run, but tells nobody how far it is."""
+    stages, runs = [], []
+
+    def noted(*given, run, **named):
+        runs.append(run)
+        return see(*given, run=run, **named)
+
+    monkeypatch.setattr(evaluators, "see", noted)
+    for only, classes in (([1], ("vehicle",)), ([0, 2], ("vehicle", "pedestrian"))):
+        candidates = paper_candidates(small_traffic.site).select(np.array(only))
+        setting = Setting(small_traffic.site, candidates=candidates, classes=classes)
+        made = Preparation(setting, Run(frames=len(small_traffic), progress=lambda *stage: stages.append(stage)))
+        vars(made).update(traffic=small_traffic, network="general")
+        evaluator = build_evaluator(made, "coverage")
+        seen = see(small_traffic, candidates, labels=made.setting.counted.labels)
+        assert evaluator.count_objects(np.arange(5)) == seen.points.shape[1]
+        sets = np.array([[False] * len(only), [True] * len(only)])
+        expected = Coverage(seen, classes=made.setting.counted)(sets).ap
+        assert evaluator.evaluate(sets, np.arange(5)).ap == pytest.approx(expected)
+        assert evaluator.evaluate(sets[:1], np.arange(5)).ap.tolist() == [0.0]
+        assert runs == [replace(made.run, progress=None)] * len(runs)
+    assert stages == []

@@ -137,8 +137,9 @@ def test_profiles_are_judged_and_what_does_not_fit_refused(deceived):
     assert (alone.by_errors, alone.errors_by) == ((), "")
     with pytest.raises(ValueError, match="a portfolio needs fresh traffic"):
         portfolio.search(deceived, 2)
-    with pytest.raises(ValueError, match="confidence must lie between 0 and 1, got 1"):
-        portfolio.search(deceived, 2, judging=Judging(confidence=1.0))
+    for confidence in (0.0, 1.0):
+        with pytest.raises(ValueError, match=f"confidence must lie between 0 and 1, got {confidence}"):
+            Judging(confidence=confidence)
     with pytest.raises(ValueError, match="budget must be a whole number of at least 1"):
         portfolio.search(deceived, 0, judging=Judging(evaluators=(Truth(), Truth())))
 
@@ -300,7 +301,7 @@ def test_a_race_with_a_time_may_take_all_of_it(deceived, monkeypatch):
     most, contest, shares, limit = [], portfolio.contest, [], Schedule.limit
 
     def limited(schedule, evaluator, share=1.0, *least):
-        shares.append(share)
+        shares.append((share, *least))
         return limit(schedule, evaluator, share, *least)
 
     monkeypatch.setattr(Schedule, "limit", limited)
@@ -313,7 +314,7 @@ def test_a_race_with_a_time_may_take_all_of_it(deceived, monkeypatch):
     for seconds in (None, 60.0):
         portfolio.search(deceived, 2, judging=Judging(evaluators=(Truth(), Truth())), seconds=seconds)
     assert most == [portfolio.SET_FRAMES, np.inf]
-    assert shares == [0.5, 0.5, *[1.0] * (len(shares) - 2)]  # races take half of the time
+    assert shares == [(0.5, 1), (0.5, 1), *[(1.0,)] * (len(shares) - 2)]  # races take half of the time
 
 
 def test_it_detects_on_a_real_evaluator(street):
@@ -385,3 +386,119 @@ def test_a_set_that_is_worth_just_its_price_is_not_built(street, monkeypatch):
 def test_budgets_that_are_no_number_of_sensors_are_refused(street, budget):
     with pytest.raises(ValueError, match="budget must be a whole number"):
         portfolio.search(street.objective, budget, judging=Judging(evaluators=(Truth(), Truth())))
+
+
+def test_fewer_sensors_than_poles_that_must_carry_one_are_refused(deceived):
+    kept = Objective(replace(deceived.setting, keep=("post1", "post2")))
+    with pytest.raises(ValueError, match="2 poles must carry a sensor"):
+        portfolio.search(kept, 1, judging=Judging(evaluators=(Truth(), Truth())))
+
+
+def test_poles_that_must_carry_a_sensor_do_so_whatever_it_is_worth(deceived):
+    kept = Objective(replace(deceived.setting, keep=("post1",), weights=Weights(price=1.0)))
+    found = portfolio.search(kept, 1, judging=Judging(evaluators=(Truth(), Truth())))
+    assert found.best.subset == (1,)
+
+
+def test_an_answer_says_what_was_scored_and_of_which_sensors(deceived):
+    found = portfolio.search(deceived, 2, judging=Judging(evaluators=(Truth(), Truth())))
+    assert found.origin["sensors"] == ["post1_eye", "post2_eye"]
+    history, scored = found.history, found.evaluations
+    assert scored > 10
+    assert history.evaluations.tolist() == [scored, scored]
+    assert history.reward.tolist() == [found.best.reward] * 2
+
+
+def test_only_the_first_must_be_worth_what_it_costs(street, monkeypatch):
+    def ended(objective, sets, *_, **__):
+        figures = np.r_[0.1, np.full(len(sets) - 1, -0.1)]
+        return Contest(np.arange(len(sets)), figures, np.full(len(sets), 24), 1.0, 1, figures)
+
+    monkeypatch.setattr(portfolio, "contest", ended)
+    weighed = replace(street.objective.setting, fidelity=Deceived(), weights=Weights(price=0.001))
+    assert portfolio.search(Objective(weighed), 1, judging=Judging(evaluators=(Truth(), Truth()))).best.subset
+
+
+def test_whoever_watches_is_told_the_leader_of_the_race_with_its_costs(street, monkeypatch):
+    """Sensors 1 and 2 lead on the three frames for which there was time; their price is 21.5."""
+    given, told = {}, []
+
+    def noted(rewards, sets, order, rules, *, predicted):
+        given.update(rewards=rewards, order=order)
+        return Contest(np.array([0, 1]), predicted, np.array([7, 7]), 1.0, 14, np.array([0.5, 0.4]))
+
+    class Cut(Truth):
+        def evaluate(self, sets, frames, progress=None):
+            return super().evaluate(sets, frames, progress)._replace(frames=3)
+
+    monkeypatch.setattr(portfolio, "race_until", noted)
+    weighed = replace(street.objective.setting, fidelity=Deceived(), weights=Weights(price=0.01))
+    objective = Objective(weighed)
+    sets = np.array([[1, 0, 0, 0], [0, 1, 1, 0], [0, 0, 1, 0]], bool)
+    portfolio.contest(objective, sets, Cut(frames=20), seed=3, frames=5)
+    assert given["order"].tolist() == race_order(20, seed=3)[:5].tolist()
+    given["rewards"](sets, given["order"])
+    objective.watch = lambda *better: told.append(better)
+    found = given["rewards"](sets, np.array([9, 3, 0, 21, 33]))
+    assert told == [((1, 2), pytest.approx(0.55 - 0.215), 3)]
+    assert (found.frames, found.blocks) == (3, 2.0)  # 9 lies in the third block, 3 and 0 in the first
+
+
+def test_sets_that_lie_just_as_near_as_may_be_are_compared_and_one_alone_is_not(deceived, monkeypatch):
+    figures, asked = [0.0, -portfolio.NEAR_TIE], []
+
+    def mean_ap(sets, frames):
+        asked.append(sets.argmax(axis=1).tolist())
+        return np.arange(len(sets), dtype=float)
+
+    ends = iter(
+        [Contest(np.arange(2), np.array(figures), np.array([8, k]), 0.9, 8 + k, np.array(figures)) for k in (8, 4)]
+    )
+    monkeypatch.setattr(portfolio, "race_until", lambda *_, **__: next(ends))
+    truth = Truth(frames=20)
+    monkeypatch.setattr(truth, "mean_ap", mean_ap)
+    rows = np.eye(4, dtype=bool)[:2]
+    assert portfolio.contest(deceived, rows, truth).ranking.tolist() == [1, 0]
+    assert asked == [[0, 1]]
+    assert portfolio.contest(deceived, rows, truth).ranking.tolist() == [0, 1]
+    assert asked == [[0, 1]]  # detections take time
+
+
+class Clock:
+    """A schedule with so much time left when it is asked, and evaluators that do so many frames, None for all."""
+
+    seconds = 1.0
+
+    def __init__(self, left, frames):
+        self.lefts, self.counts, self.judged = iter(left), iter(frames), []
+
+    @property
+    def left(self):
+        return next(self.lefts)
+
+    def limit(self, evaluator):
+        def evaluate(sets, frames, report=None):
+            self.judged.append((sets.argmax(axis=1).tolist(), len(frames)))
+            return Evaluated(np.zeros(len(sets)), np.zeros(len(sets)), np.zeros((len(sets), 1)), next(self.counts))
+
+        return SimpleNamespace(evaluate=evaluate)
+
+
+@pytest.mark.parametrize(
+    ("left", "frames", "asked"),
+    [
+        ([1.0, 1.0, 1.0], [None, None, None, None], [0, 1, 2, 3]),
+        ([1.0, 0.0], [None, None], [0, 1]),  # no time is left for the third
+        ([1.0, 1.0], [None, None, 5], [0, 1, 2]),  # the third ran out of it
+        ([-1.0], [16], [0]),
+        ([1.0, -1.0], [16, None], [0, 1]),
+    ],
+)
+def test_sets_are_judged_one_after_another_while_time_is_left(left, frames, asked):
+    clock, final = Clock(left, frames), Truth(frames=40)
+    judged, used = portfolio._judge_in_time(np.eye(4, dtype=bool), final, clock, None)  # type: ignore[arg-type]
+    count = 40 if frames[0] is None else frames[0]
+    assert clock.judged == [([asked[0]], 40), *(([n], count) for n in asked[1:])]
+    assert used.tolist() == race_order(40)[:count].tolist()
+    done = len(asked) - (frames[-1] == 5)
+    assert judged.ap.tolist() == VALUE[:done].tolist()

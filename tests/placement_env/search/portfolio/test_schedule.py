@@ -81,3 +81,8 @@ def test_less_time_is_fewer_frames_shared_by_searches_races_and_judgement():
     free = Schedule()
     assert (free.searching(5), free.left) == (None, np.inf)
     assert vars(free.limit(slow)) is vars(slow)
+
+
+def test_from_two_minutes_on_all_frames_are_simulated():
+    assert [Schedule(seconds).frames(97) for seconds in (120.0, 119.0)] == [97, 96]
+    assert (Schedule(9.0).at_once, TimedEvaluator(Slow(), 0.0).at_once) == (1, 1)

@@ -219,3 +219,37 @@ def test_frames_are_read_with_the_errors_and_the_noise_that_are_asked(monkeypatc
     list(delay_frames(recording(2), LinkChannel(), errors="poor", noise_seed=4))
     list(delay_frames(recording(1), LinkChannel()))
     assert asked == [(0, "poor", 4), (1, "poor", 4), (0, PAPER_ERRORS, 0)]
+
+
+def test_traffic_goes_on_where_one_of_several_tracks_does():
+    frames = recording(6, anew=(3,))
+    for frame, ids in zip(frames, ([1, 2], [2, 3], [3, 4], [4, 5], [6, 7], [7, 8]), strict=True):
+        boxes = np.repeat(frame.objects.boxes, 2, axis=0)
+        object.__setattr__(frame, "objects", Objects(boxes, np.array([0, 0]), np.array(ids)))
+    lagged = list(delay_frames(frames, LinkChannel(), noise_seed=None))
+    assert [round(each.since, 1) for each in lagged] == [0.0, 0.1, 0.2, 0.3, 0.0, 0.1]
+
+
+def test_frames_too_far_apart_for_any_channel_are_refused_by_how_far():
+    frames = recording(4)
+    late = [*frames[:3], replace(frames[3], time=3.2)]
+    assert len(shown(LinkChannel(), late)[0]) == 4
+    with pytest.raises(ValueError, match=r"frames must be at most 0\.5 s apart .*, got 3 s: record"):
+        shown([LinkChannel(), LinkChannel(delay=0.1)], late)
+
+
+def test_points_stay_off_their_rays_by_as_much_as_they_were_measured():
+    """The first sensor's message takes a frame, the second's none, and shifts are known from the second frame on."""
+    frames = recording(4)
+    shifts = [tuple(np.full((2, 2, 3), k + 0.1 * sensor, np.float32) for sensor in range(2)) for k in range(4)]
+    known = [frames[0], *(replace(frames[k], shifts=shifts[k]) for k in range(1, 4))]
+    lagged = delay_frames(known, [LinkChannel(delay=0.1), LinkChannel()], noise_seed=None)
+    found = [each.frame.shifts for each in lagged]
+    assert found[0] == ()
+    assert found[1][0] is None
+    assert found[1][1] is shifts[1][1]
+    assert all(found[k][0] is shifts[k - 1][0] and found[k][1] is shifts[k][1] for k in (2, 3))
+    half = [replace(frames[k], shifts=(None, shifts[k][1])) for k in range(2)]
+    assert [each.frame.shifts[0] for each in delay_frames(half, LinkChannel(), noise_seed=None)] == [None, None]
+    none = [replace(frames[k], shifts=(None, None)) for k in range(2)]
+    assert [each.frame.shifts for each in delay_frames(none, LinkChannel(), noise_seed=None)] == [(), ()]

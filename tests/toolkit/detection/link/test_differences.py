@@ -90,11 +90,13 @@ def test_what_refers_to_nothing_or_no_sender_writes_is_refused():
     numbers = dict(vars(header))
     for changed, body, said in (
         ({}, content[:5], "at least 6 bytes"),
+        ({}, content[:6], "the message is cut off"),
         ({}, b"\0" + content[1:], "1 to 255 messages back and goes on or not, got 0"),
         ({}, content[:1] + b"\2" + content[2:], "goes on or not, got 1, 2"),
         ({}, b"\2" + content[1:], "refers to message -1"),
         ({"step_mm": 40}, content, "has steps of its reference, 20 mm, got 40 mm"),
         *(({"sensor": 7}, content, "whose sensor is"), ({"scene": 7}, content, "whose scene is")),
+        ({"columns": 79}, content, "whose columns is"),
         *(({"rows": 59}, content, "whose rows is"), ({"kind": MessageKind.RANGE_IMAGE}, content, "kind difference")),
     ):
         with pytest.raises(ValueError, match=said):
@@ -302,6 +304,9 @@ def test_squares_and_pixels_that_stand_still_take_few_bits():
     lonely = reference_of(np.full((8, 8), 50), one)
     assert differences.still_squares(lonely, np.full((8, 8), 50), one).tolist() == [[True]]
     assert not differences.still_squares(lonely, np.full((8, 8), 90), one).any()
+    for stands, still in ((3, False), (4, True)):  # of five, of which six tenths are three
+        five = np.where(np.arange(5) < stands, 50, 90)[None]
+        assert differences.still_squares(reference_of([[50] * 5]), five, np.ones((1, 5), bool)).tolist() == [[still]]
     rng = np.random.default_rng(0)
     mask = np.zeros((150, 200), bool)
     mask[60:100, 70:130] = True
@@ -373,6 +378,10 @@ def test_the_same_points_arrive_in_fewer_bytes(refers_to):
     assert ((got == whole).all(axis=1)).tolist() == [True, False, False, False, True, False]
     assert (got[[1, 2, 3, 5]] < 0.9 * whole[[1, 2, 3, 5]]).all()
     assert set(memory) == {(0, scheme.digest), (1, scheme.digest)}
+    for sensor in range(2):
+        sender, reader = memory[sensor, scheme.digest]
+        assert (sender.step, sender.refers_to, sender.key_every) == (0.04, refers_to, 4)
+        assert sender.scene is reader.scene is SCENES[sensor]
 
 
 def test_views_that_remember_nothing_and_parameters():
@@ -429,3 +438,30 @@ def test_differences_go_on_up_to_the_next_whole_image_and_only_forwards():
     sender = differences.DifferenceSender(SCENE)
     assert (sender.step, sender.refers_to, sender.key_every) == (0.02, "previous", 10)
     assert kinds([sender.write(image(3)), sender.write(image(3))]) == [2, 2]  # the same number is none after it
+
+
+def test_whole_images_are_considered_where_few_pixels_stand(monkeypatch):
+    """However long the difference is, which is made up."""
+    second = image(1)
+    sent = (second.measurement > 0) & (second.measurement < SENSOR.model.max_range)
+    monkeypatch.setattr(differences, "encode_difference", lambda *_: bytes(10**5))
+    for more, kind in ((0, MessageKind.DIFFERENCE), (1, MessageKind.FOREGROUND)):
+        sender = differences.DifferenceSender(SCENE)
+        sender.write(image(0))
+        steps = range_images.to_steps(second.measurement, sent, 0.02)
+        stands = int(sender._reference.standing(steps, sent).sum())
+        assert stands > 1000
+        monkeypatch.setattr(differences, "FEW_PIXELS", stands + more)
+        assert kinds([sender.write(second)]) == [kind]
+
+
+def test_the_least_and_the_most_steps_stand_still_too():
+    most, sent, squares = image_coding.MOST_STEPS, np.ones((1, 3), bool), np.ones((1, 1), bool)
+    steps = np.array([[0, 7, most - 1]])
+    reference = reference_of(steps)
+    content = differences.encode_difference(steps, sent, reference, squares)
+    assert differences.decode_difference(content, 0, reference)[0].tolist() == steps.tolist()
+    for wrong in ([[-1, 7, 7]], [[0, 7, most]]):
+        content = differences.encode_difference(np.array(wrong), sent, reference, squares)
+        with pytest.raises(ValueError, match="measurements out of range"):
+            differences.decode_difference(content, 0, reference)

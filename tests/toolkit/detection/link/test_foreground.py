@@ -188,8 +188,10 @@ def test_schemes_need_scenes_cropped_as_points_are():
     assert foreground.Foreground().digest == "Foreground(step=0.02, sigmas=4.0, name='foreground')"
     with pytest.raises(ValueError, match="step must be"):
         foreground.Foreground(step=-1.0)
-    with pytest.raises(ValueError, match="sigmas must be above 0"):
-        foreground.Foreground(sigmas=0.0)
+    for sigmas in (0.0, np.inf):
+        with pytest.raises(ValueError, match="sigmas must be above 0"):
+            foreground.Foreground(sigmas=sigmas)
+    assert foreground.Foreground(sigmas=0.5).sigmas == 0.5
 
 
 @pytest.mark.parametrize("model", MODELS, ids=lambda model: model.kind)

@@ -33,7 +33,7 @@ def test_bytes_are_those_of_the_table_in_whole_steps():
     assert [step_in_mm(step) for step in (0.001, 0.02, 0.04, 0.08, 65.535)] == [1, 20, 40, 80, 65535]
     assert time_in_us(1.25) == 1_250_000
     assert time_in_us(0.0) == 0
-    for step in (0.0, -0.02, 0.0205, 65.536, float("nan"), float("inf")):
+    for step in (0.0, 1e-10, -0.02, 0.0205, 65.536, 66.0, float("nan"), float("inf")):
         with pytest.raises(ValueError, match="step must be"):
             step_in_mm(step)
     assert time_in_us(2.0**42) == 2**42 * 10**6
@@ -78,3 +78,7 @@ def test_numbers_that_do_not_fit_are_refused(field):
     for value in (least - 1, end):
         with pytest.raises(ValueError, match=field):
             MessageHeader(MessageKind.BOXES, **{field: value})
+
+
+def test_a_header_is_of_nothing_in_particular_unless_said():
+    assert MessageHeader(MessageKind.BOXES) == MessageHeader(MessageKind.BOXES, 0, 0, 0, 20, 0, 0, 0)

@@ -1,12 +1,15 @@
 """Boxes as bytes and back, to 2 cm and half a degree."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
 from toolkit.detection.codec import PAPER, Codec, ImageCodec, Message, Origin, RangeImage, check_codec
 from toolkit.detection.link import range_images
-from toolkit.detection.link.message import read_message, sensor_number
+from toolkit.detection.link.message import read_message, sensor_number, write_message
+from toolkit.geometry import pose
 from toolkit.objects import Detections
 from toolkit.sensors.models import DepthCamera, SolidStateLidar, SpinningLidar
 from toolkit.sensors.sensor import Sensor
@@ -48,6 +51,7 @@ def test_scores_bound_boxes_and_encoders_bound_images():
     assert encode_boxes(once) == encode_boxes(decode_boxes(encode_boxes(once)))
     assert 8 * len(encode_boxes(some(100))) < 100 * 90
     assert encode_boxes(Detections.empty()) == b"\x00\x00"
+    assert len(encode_boxes(some(1))) == 2 + 9 * 5  # one box needs no bits beside its least numbers
     boxes = np.array([[0, 0, 0, 4, 2, 1, np.deg2rad(359.0)], [0, 0, 0, 4, 2, 1, np.deg2rad(-180)]])
     got = decode_boxes(encode_boxes(Detections(boxes, np.array([1.5, -0.2]))))
     assert got.scores.tolist() == [1.0, 0.0]
@@ -68,6 +72,8 @@ def test_scores_bound_boxes_and_encoders_bound_images():
         (np.nan, "finite"),
         (np.inf, "finite"),
         (1e9, "within 21475 km"),
+        ((1 << 30) * 0.02, "within 21475 km"),
+        (((1 << 30) - 1) * 0.02, "2000 m of sensor 'p'"),
         (2001.0, "2000 m of sensor 'p'"),
     ):
         boxes = np.array([[value, 0, 0, 4, 2, 1, 0.0]])
@@ -81,7 +87,9 @@ def test_scores_bound_boxes_and_encoders_bound_images():
         decode_boxes(content + b"x")
     with pytest.raises(ValueError, match="got 1 more bytes"):
         decode_boxes(b"\x00\x00x")
-    wide = bytearray(content)
+    wide = bytearray(encode_boxes(Detections(some(1).boxes[[0, 0]], np.full(2, 0.5))))
+    wide[2] = 31
+    assert len(decode_boxes(bytes(wide[:-1]) + bytes(8))) == 2
     wide[2] = 32
     with pytest.raises(ValueError, match="up to 31 bits, got 32"):
         decode_boxes(bytes(wide))
@@ -190,3 +198,29 @@ def test_codecs_of_images_refuse_points_alone_and_go_by_name():
     assert codec.bits(boxes=1) == codec.bits(boxes=1, messages=1) == 272 + 75
     assert np.array([codec.bits(points=1), codec.bits(), codec.bits(messages=0)]).tolist() == [272 + 5, 272, 0]
     assert codec.bits(points=np.array([0, 100]), boxes=2, messages=3).tolist() == [816 + 150, 816 + 650]
+
+
+def test_boxes_are_as_far_from_their_sensor_wherever_it_stands():
+    far = Sensor("f", DepthCamera(), pose(500.0, 0.0, 0.0))
+    for x, fits in ((2499.0, True), (-1499.0, True), (-1501.0, False), (2501.0, False)):
+        box = Detections(np.array([[x, 0, 0, 4, 2, 1, 0.0]]), np.array([0.5]))
+        if fits:
+            assert range_images.decode_boxes(range_images.encode_boxes(box, far), far).boxes[0, 0] == pytest.approx(x)
+        else:
+            with pytest.raises(ValueError, match="2001 m away"):
+                range_images.encode_boxes(box, far)
+
+
+def test_messages_of_boxes_have_no_image_and_no_scene():
+    codec, sent = range_images.RangeImages(), Detections(np.array([[1.0, 2, 3, 4, 2, 1.5, 0.5]]), np.array([0.5]))
+    header, content = read_message(codec.encode_boxes(sent, Origin(POLE, 2.5, 11)).content)
+    assert (header.rows, header.columns, header.scene, header.step_mm) == (0, 0, 0, 20)
+    for name in ("rows", "columns", "scene", "step_mm"):
+        other = write_message(replace(header, **{name: 7}), content)
+        with pytest.raises(ValueError, match=f"whose {name} is (0|20), got 7"):
+            codec.decode_boxes(Message(other, 0), POLE)
+
+
+def test_whole_steps_are_those_of_what_is_sent():
+    measured, sent = np.array([[1.0, 0.09, 3.0]], np.float32), np.array([[True, True, False]])
+    assert range_images.to_steps(measured, sent, 0.04).tolist() == [[25, 2, 0]]

@@ -58,7 +58,7 @@ def test_the_nearest_is_joined_once_in_order():
     assert tracks._rows.tolist() == [1, 0, 2]
     tracks.update(cars([[30, 0]]), 0.2)
     assert len(tracks) == 4
-    for apart, step, tracks_then in ((3.0, 0.1, 1), (3.2, 0.1, 2), (7.9, 0.5, 1), (8.1, 0.5, 2)):
+    for apart, step, tracks_then in ((3.0, 0.1, 1), (3.2, 0.1, 2), (7.9, 0.5, 1), (8.0, 0.5, 1), (8.1, 0.5, 2)):
         tracks = Tracks()
         tracks.update(cars([[0.0, 0.0]]), 0.0)
         tracks.update(cars([[apart, 0.0]]), step)
@@ -104,7 +104,7 @@ def test_tracks_join_their_label_and_move_at_a_sure_speed():
     assert tracks._rows.tolist() == [0]
     assert tracks._state[1, 0] == 0.9
     tracks._state[0, 2:] = 3.0, 4.0  # a speed of 5 m/s, sure below a deviation of 2.5 m/s
-    for across, along, moved in ((0.1, 6.1, 0.3), (6.1, 0.1, 0.3), (0.1, 6.2, 0.0)):
+    for across, along, moved in ((0.1, 6.1, 0.3), (6.1, 0.1, 0.3), (3.125, 3.125, 0.0), (0.1, 6.2, 0.0)):
         tracks._covariance[0, [2, 3], [2, 3]] = across, along
         assert tracks.at(0.2).boxes[0, 0] == pytest.approx(0.8 + moved)
         assert tracks.at(0.2).boxes[0, 1] == pytest.approx(4 / 3 * moved)
@@ -209,3 +209,20 @@ def test_many_tracks_are_those_of_a_slow_filter(seed):
             moved = found.boxes[row, :2] + (0.4 * speed if sure else 0.0)
             assert after.boxes[row, :2] == pytest.approx(moved, abs=1e-9)
         time += float(rng.choice([0.0, 0.1, 0.1, 0.3, 1.0, 1.1]))
+
+
+@pytest.mark.parametrize("count", [20, 40, 100])
+def test_of_equally_near_detections_the_first_joins(count):
+    """The second half of them lies half as far off."""
+    tracks = Tracks()
+    tracks.update(cars([[0, 0]]), 0.0)
+    half = count // 2
+    tracks.update(cars([[0.5, 0.0]] * half + [[0.25, 0.0]] * half), 0.1)
+    assert tracks._rows.tolist() == [*range(1, half + 1), 0, *range(half + 1, count)]
+
+
+def test_a_detection_at_time_0_begins_a_track_and_moves_it_at_once():
+    tracks = Tracks()
+    for time in (0.0, 0.0):
+        tracks.update(cars([[0.3, 0.0]]), time)
+        assert (len(tracks), tracks._state[0].tolist()) == (1, [0.3, 0.0, 0.0, 0.0])
