@@ -17,7 +17,7 @@ import numpy as np
 
 from placement_env.candidates.candidates import Candidates, aim_sensor
 from placement_env.candidates.pool import NoCandidates, paper_candidates, pool
-from placement_env.fidelity.panorama.live import HEIGHT_STEP
+from placement_env.fidelity.panorama.live import HEIGHT_STEP, MOST_BYTES
 from placement_env.fidelity.preparation import Preparation
 from placement_env.fidelity.seeing import see
 from placement_env.fidelity.visibility import Visibility
@@ -300,7 +300,8 @@ class LivePlanner:
             for height in np.arange(mount.min_height, mount.max_height + HEIGHT_STEP, HEIGHT_STEP).tolist():
                 up = np.array([0.0, 0.0, mount.position[2] + min(height, mount.max_height) - sensor.position[2]])
                 others.append((k, aim_sensor(sensor, sensor.position + up, 0.0, 0.0)))
-        for k, sensor in [*enumerate(every.sensors), *others]:
+        ahead = others if live.bytes < MOST_BYTES / 2 else []  # else they would push each other out for ever
+        for k, sensor in [*enumerate(every.sensors), *ahead]:
             if not live.knows(sensor):
                 live.see(replace(every.select([k]), sensors=(sensor,)), reach="own")
                 return True
