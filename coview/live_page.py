@@ -14,20 +14,25 @@ import time
 from collections import deque
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
+from dataclasses import replace
 from html import escape
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from coview.live_tables import HINT, MAP_KEY, figures_html, note_html, variants_html
+from coview.live_tables import HINT, MAP_KEY, details_html, figures_html, note_html, variants_html
+from placement_env.classes import SMALL
 from placement_env.live.planner import LivePlanner, Suggestion
 from placement_env.live.project import ProjectFile, export_variant, report_variant
 from placement_env.live.seen_map import MAP_HEIGHTS, SeenMaps
 from placement_env.live.variant import LiveSensor
 from placement_env.report.pages.scene import add_site
 from toolkit.arrays import Float64
+from toolkit.detection.schemes import PAPER_SCHEMES
 from toolkit.plots.palette import FAINT, OUTCOME, sensor_colour
+from toolkit.sensors.error_profiles import PROFILES
 from toolkit.sensors.sensor import Sensor
 from toolkit.viewing import scene
 from toolkit.viewing.scene import Handle, viser_server
@@ -43,7 +48,8 @@ PATIENCE = 1.0  # s that a suggestion waits for more poles to be looked at
 QUIET = 0.4  # s without a change after which views are refined
 CATCH = 3.0  # m from the pointer within which a pole catches a sensor that is carried
 AWAY = 1.25  # times as far from the area as the report's view, since the panel narrows the scene
-GHOST = "#4463f6"
+GHOST, KEPT_OUT = "#4463f6", "#b3261e"
+CLASSES = {"vehicle": ("vehicle",), "cyclist and pedestrian": SMALL, "all three": ("vehicle", *SMALL)}
 Spot = Float64[np.ndarray, "3"]
 
 
@@ -72,11 +78,15 @@ class LivePage:
         self._maps: dict[float, SeenMaps] = {}
         self._image: Handle = None
         self._traffic: list[Handle] = []
+        self._drawn: dict[str, object] = {}  # what the scene shows, so that only what has changed is sent again
+        self._spots: list[Spot] = []  # clicked on the ground
+        self._await_spot: Callable[[Spot], None] | None = None
         self._filling = False
         site = planner.yard.site
         add_site(server.scene, site, set())
         eye, middle = (np.array(each) for each in scene.overview(tuple(site.area.tolist())))
         scene.set_view(server, tuple(middle + AWAY * (eye - middle)), tuple(middle))
+        server.scene.on_click()(self._click)
         self._add_panel()
         self._threads = [threading.Thread(target=t, daemon=True) for t in (self._work, self._refine, self._work_long)]
         for thread in self._threads:
@@ -182,6 +192,17 @@ class LivePage:
             gui.add_button("Accept the best").on_click(lambda _: self._change(self._accept_best))
             gui.add_button("Search from here").on_click(lambda _: self._later("searching", self._search))
             gui.add_button("Measure with the detector").on_click(lambda _: self._later("measuring", self._measure))
+        with tabs.add_tab("Draw"):
+            gui.add_button("Add a sensor at a click").on_click(
+                lambda _: self._pick("the foot of its pole", self._plant)
+            )
+            gui.add_button("Draw a keep-out area").on_click(
+                lambda _: self._pick("its corners, then Close", self._bound)
+            )
+            gui.add_button("Close the area").on_click(lambda _: self._change(self._close_area))
+            gui.add_button("Remove all areas").on_click(lambda _: self._change(planner.set_keep_out, ()))
+        with tabs.add_tab("Score"):
+            self._add_score_tab()
         with tabs.add_tab("Variants"):
             self._table = gui.add_html("")
             self._wanted = gui.add_dropdown("Shown", ("A",))
@@ -202,6 +223,73 @@ class LivePage:
         with tabs.add_tab("Files"):
             gui.add_button("Export site, map and schedule").on_click(lambda _: self._later("exporting", self._export))
             gui.add_button("Judge and write the report").on_click(lambda _: self._later("judging", self._report))
+
+    def _add_score_tab(self) -> None:
+        gui, asked = self.server.gui, self.planner.asked
+        self._details = gui.add_html("")
+        counted = next((k for k, names in CLASSES.items() if names == asked.counted.names), "as given")
+        classes = gui.add_dropdown("Classes", tuple(dict.fromkeys((counted, *CLASSES))), initial_value=counted)
+        iou = gui.add_dropdown("IoU", tuple(dict.fromkeys((f"{asked.cases.iou}", "0.5", "0.7", "0.8", "0.5:0.95"))))
+        scheme = gui.add_dropdown("Scheme", tuple(dict.fromkeys((asked.fusion.name, *PAPER_SCHEMES))))
+        errors = gui.add_dropdown("Errors if measured", tuple(dict.fromkeys((asked.cases.names[0], *PROFILES))))
+        limit = gui.add_number("Budget (0: none)", 0 if np.isinf(asked.most_price) else asked.most_price, min=0)
+
+        def ask() -> LiveAnswer:
+            now = self.planner.asked
+            cases = replace(now.cases, iou=iou.value, errors=(errors.value,))
+            return self.planner.ask(
+                classes=CLASSES.get(classes.value, asked.classes),
+                cases=cases,
+                scheme=scheme.value if scheme.value != asked.fusion.name else asked.scheme,
+                most_price=limit.value or np.inf,
+            )
+
+        for field in (classes, iou, scheme, errors, limit):
+            field.on_update(lambda _: self._change(ask))
+
+    def _pick(self, what: str, then: Callable[[Spot], None]) -> None:
+        self._spots, self._await_spot, self._note = [], then, f"click on the ground: {what}"
+        self.do(self._show_note)
+
+    def _click(self, event: Handle) -> None:
+        """Follow a click on the ground where one is awaited."""
+        eye, way = np.array(event.ray_origin), np.array(event.ray_direction)
+        if self._await_spot is not None and way[2] < -1e-6:
+            level = float(self.planner.yard.site.ground(np.array(event.client.camera.look_at)[:2]))
+            spot, then = eye + way * (level - eye[2]) / way[2], self._await_spot
+            self.do(lambda: then(spot))
+
+    def _plant(self, spot: Spot) -> None:
+        self._await_spot = None
+        x, y = self.planner.yard.site.area.reshape(2, 2).mean(axis=0) - spot[:2]
+        where = float(spot[0]), float(spot[1])
+        self._show(self.planner.add(where, float(np.arctan2(y, x)), model=self._model.value))
+
+    def _bound(self, spot: Spot) -> None:
+        self._spots.append(spot)
+        self._note = f"{len(self._spots)} corners"
+        self._show_note()
+        self._draw_areas()
+
+    def _close_area(self) -> LiveAnswer:
+        corners = tuple((float(x), float(y)) for x, y, _ in self._spots)
+        self._spots, self._await_spot = [], None
+        return self.planner.set_keep_out((*self.planner.variant.keep_out, corners))
+
+    def _draw_areas(self) -> None:
+        """Draw the keep-out areas, and the one that is being drawn."""
+        site, lines = self.planner.yard.site, []
+        open_area = [tuple(spot[:2]) for spot in self._spots]
+        areas = [(*corners, corners[0]) for corners in self.planner.variant.keep_out]
+        for way in (*areas, open_area):
+            spots = [np.array([x, y, float(site.ground(np.array([x, y]))) + 0.2]) for x, y in way]
+            lines += [[start, end] for start, end in pairwise(spots)]
+        for handle in self._nodes.pop("areas/", []):
+            handle.remove()
+        made = scene.add_lines(
+            self.server.scene, "/areas", np.array(lines).reshape(-1, 2, 3), KEPT_OUT, width=4.0, visible=True
+        )
+        self._nodes["areas/"] = [made] if made is not None else []
 
     def _add_command(self, label: str, key: Any, then: Callable[[], None]) -> None:
         self.server.gui.add_command(label, hotkey=key, modifier="cmd/ctrl").on_trigger(lambda _: then())
@@ -303,10 +391,11 @@ class LivePage:
         answer = self._answer
         if answer is None:
             return
-        self._figures.content = figures_html(answer)
+        self._figures.content, self._details.content = figures_html(answer), details_html(answer)
         with self.server.atomic():
             self._draw_sensors()
             self._draw_ghosts()
+            self._draw_areas()
         self._show_note()
         self._draw_traffic()
         self._draw_map()
@@ -338,10 +427,15 @@ class LivePage:
 
     def _draw_sensors(self) -> None:
         variant = self.planner.variant
-        for name in [name for name in self._nodes if name not in {sensor.name for sensor in variant.sensors}]:
+        kept = {sensor.name for sensor in variant.sensors} | {"", "areas/"}
+        for name in [name for name in self._nodes if name not in kept]:
+            self._drawn.pop(name, None)
             for handle in self._nodes.pop(name):
                 handle.remove()
         for index, live in enumerate(variant.sensors):
+            if live.name in self._nodes and self._drawn.get(live.name) == (index, live):
+                continue
+            self._drawn[live.name] = index, live
             sensor = self.planner.yard.build_sensor(variant, live)
             colour = scene.rgb(FAINT if live.failed else sensor_colour(index))
             if live.name not in self._nodes:
@@ -419,6 +513,7 @@ class LivePage:
             self._show(self.planner.move(name, position=(float(spot[0]), float(spot[1])), dragging=True))
         else:
             self._nodes[name][0].position = spot
+            self._drawn.pop(name, None)
         self._end_drag(name, last)
 
     def _lift(self, name: str, up: float, *, last: bool) -> None:
@@ -462,6 +557,7 @@ class LivePage:
             node, target = f"/ghosts/{k}", self._find_target(sensor)
             api, colour = self.server.scene, scene.rgb(GHOST)
             made.append(api.add_box(f"{node}/housing", colour, (1.1, 1.1, 0.9), opacity=0.4, position=sensor.position))
+            made[-1].on_click(lambda _, each=each: self._change(self.planner.accept, each))
             made.append(api.add_line_segments(f"{node}/view", self._view_lines(sensor, target), colour))
             text = f"{'without ' * (each.kind == 'remove')}AP {each.answer.ap:.3f}"
             place = sensor.position + np.array([0.0, 0.0, 2.2])
@@ -474,6 +570,9 @@ class LivePage:
             return
         here = np.flatnonzero(seen.frame == int(self._frame.value))
         found = answer.probability[here] >= FOUND
+        if self._drawn.get("/traffic") == (here.tolist(), found.tolist()):
+            return
+        self._drawn["/traffic"] = here.tolist(), found.tolist()
         for handle in self._traffic:
             handle.remove()
         boxes, missed = seen.boxes[here[found]], seen.boxes[here[~found]]

@@ -39,11 +39,15 @@ def figures_html(answer: LiveAnswer) -> str:
             f"{escape(answer.what)}</div>"
         )
     money = f" {escape(answer.currency)}" if answer.currency else " poles"
-    worst = f"{answer.worst:.3f} without {escape(answer.worst_sensor)}" if answer.worst_sensor else "no sensor is left"
+    worst = "no sensor is left"
+    if answer.worst_sensor:
+        ends = f" ({_ends(answer.worst_low, answer.worst_high, '.3f')})" if np.isfinite(answer.worst_low) else ""
+        worst = f"{answer.worst:.3f}{ends} without {escape(answer.worst_sensor)}"
+    budget = f" of {answer.budget:,.10g}" if np.isfinite(answer.budget) else ""
     facts = (
         ("Worst failure leaves AP", f'<span class="live-worst">{worst}</span>'),
         ("Data", f'<span class="live-kbit">{answer.kbit:,.0f}</span> kbit per frame'),
-        ("Price", f'<span class="live-price">{answer.price:,.10g}</span>{money}, {answer.sensors} sensors'),
+        ("Price", f'<span class="live-price">{answer.price:,.10g}</span>{budget}{money}, {answer.sensors} sensors'),
         ("Seen by no sensor", f"{answer.unseen} of {answer.objects} road users"),
         ("Fullest link", _fullest(answer)),
     )
@@ -56,10 +60,22 @@ def figures_html(answer: LiveAnswer) -> str:
         f'<div style="{_BOX}"><span class="live-ap" style="font-size:28px;font-weight:700">{answer.ap:.3f}</span> '
         f"AP, predicted{' (refining)' if answer.coarse else ''}"
         f'<div style="{_SMALL}">95 %: {_ends(answer.low, answer.high, ".3f")}; N = {answer.objects} road users, '
-        f"{answer.frames} frames; surrogate &#177; {answer.spread:.3f}</div>{change}{problems}"
+        f"{answer.frames} frames; surrogate &#177; {answer.spread:.3f}. AP, average precision, is 1 where every road "
+        f"user is found and nothing else is.</div>{change}{problems}"
         f'<table style="width:100%">{rows}</table>{several}'
         f"{_bars('Found, by approach (95 %), N', answer.approaches)}</div>"
     )
+
+
+def details_html(answer: LiveAnswer) -> str:
+    """Share found at each level of traffic, and the load of each link."""
+    rows = "".join(
+        f'<tr><td>{escape(link.pole)}</td><td align="right">{link.mbit_s:.1f}, at most {link.peak_mbit_s:.1f} of '
+        f"{link.capacity_mbit_s:g} Mbit/s</td></tr>"
+        for link in answer.links
+    )
+    links = f'<div style="{_SMALL};margin-top:.4em">Links, over {answer.frames} frames</div><table>{rows}</table>'
+    return f'<div style="{_BOX}">{_bars("Found, by traffic (95 %), N", answer.levels)}{links}</div>'
 
 
 def _fullest(answer: LiveAnswer) -> str:

@@ -7,6 +7,7 @@ needs: see `docs/how-to/live.md` for how often they hold.
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from typing import cast
@@ -16,14 +17,16 @@ import numpy as np
 from placement_env.analysis.approaches import find_approaches
 from placement_env.analysis.intervals import Interval, block_draws, count_blocks, figure_interval, percentiles
 from placement_env.candidates.candidates import Candidates
+from placement_env.cases import LEVEL_NAMES
 from placement_env.fidelity.coverage import sent_per_frame
 from placement_env.fidelity.preparation import Preparation
 from placement_env.fidelity.surrogate import Surrogate, resample_ap
 from placement_env.fidelity.visibility import Visibility
 from placement_env.handover.mounted import MBIT, RATE, LinkLoad
 from placement_env.objective import Objective
-from toolkit.arrays import Bool, Float32, Float64
+from toolkit.arrays import Bool, Float32, Float64, Int64
 
+LEVELS = 3  # of traffic
 LEAST_BLOCKS = 5  # blocks of frames that have an interval here
 SURE = 0.5  # hit probability from which a road user counts as found in the scene
 
@@ -46,10 +49,10 @@ class LiveAnswer:
     """Figures of a variant.
 
     ap, low, high: predicted AP and its 95 % interval over frames; spread: standard deviation of the prediction by the
-    surrogate's fit; kbit: of all sensors per frame; price: in `currency`, "" for ordinary poles; worst: AP left after
-    the worst single failure, of `worst_sensor`; change, change_low, change_high: AP since the answer before, on the
-    same frames; unseen: road users without a point on them; problems: sentences on what cannot be built so; coarse: a
-    view was taken from half metres of height.
+    surrogate's fit; kbit: of all sensors per frame; price, budget: in `currency`, "" for ordinary poles; worst,
+    worst_low, worst_high: AP left after the worst single failure, of `worst_sensor`; levels: of traffic; change,
+    change_low, change_high: AP since the answer before, on the same frames; unseen: road users without a point on them;
+    problems: sentences on what cannot be built so; coarse: a view was taken from half metres of height.
     """
 
     what: str
@@ -61,6 +64,8 @@ class LiveAnswer:
     kbit: float
     price: float
     worst: float
+    worst_low: float
+    worst_high: float
     worst_sensor: str
     spread: float
     change: float
@@ -68,11 +73,13 @@ class LiveAnswer:
     change_high: float
     classes: tuple[FoundShare, ...]
     approaches: tuple[FoundShare, ...]
+    levels: tuple[FoundShare, ...]
     links: tuple[LinkLoad, ...]
     objects: int
     frames: int
     unseen: int
     currency: str = ""
+    budget: float = math.inf
     problems: tuple[str, ...] = ()
     coarse: bool = False
     resamples: Float64[np.ndarray, " resamples"] = field(default_factory=lambda: np.zeros(0), repr=False, compare=False)
@@ -80,7 +87,9 @@ class LiveAnswer:
 
     def as_dict(self) -> dict[str, object]:
         """Return the figures for JSON."""
-        return {name: value for name, value in asdict(self).items() if name not in ("resamples", "probability")}
+        unlimited = {"budget"} if math.isinf(self.budget) else set()
+        left_out = {"resamples", "probability"} | unlimited
+        return {name: value for name, value in asdict(self).items() if name not in left_out}
 
     def since(self, before: LiveAnswer | None, what: str) -> LiveAnswer:
         """The answer with the change of AP since another, on the same frames, and what made it."""
@@ -116,7 +125,11 @@ class Meter:
         surrogate = cast(Surrogate, objective.scored_by)
         classes, resamples, probability = self._by_class(surrogate, standing, seen)
         ap, objects = float(scores.ap[0]), len(probability)
-        ends = figure_interval(ap, resamples, blocks=self.blocks, objects=objects, fewest=LEAST_BLOCKS)
+        worst, least = (float(scores.ap[1:][lost]), left[lost]) if len(members) else (0.0, standing)
+        ends, left_ends = (
+            figure_interval(figure, draws, blocks=self.blocks, objects=objects, fewest=LEAST_BLOCKS)
+            for figure, draws in ((ap, resamples), (worst, self._resample(surrogate, least)[0]))
+        )
         spread = float(surrogate.spread(whole)[0]) if len(members) else 0.0
         return LiveAnswer(
             what="",
@@ -127,19 +140,23 @@ class Meter:
             recall=float(scores.recall[0]),
             kbit=float(scores.kbit[0]),
             price=float(objective.price(np.ones_like(whole))[0]),
-            worst=float(scores.ap[1:][lost]) if len(members) else 0.0,
+            worst=worst,
+            worst_low=left_ends.low,
+            worst_high=min(left_ends.high, 1.0),
             worst_sensor=objective.names[members[lost]] if len(members) else "",
             spread=spread,
             change=0.0,
             change_low=0.0,
             change_high=0.0,
             classes=classes,
-            approaches=self._by_approach(seen, probability),
+            approaches=self._by_group(*self._approaches, probability),
+            levels=self._by_group(*self._levels, probability),
             links=self._loads(candidates, seen, standing),
             objects=objects,
             frames=seen.frames,
             unseen=int((seen.points[standing].sum(axis=0) == 0).sum()),
             currency=self._currency,
+            budget=self.preparation.setting.most_price,
             problems=_list_problems(objective),
             resamples=resamples,
             probability=probability,
@@ -158,24 +175,33 @@ class Meter:
         self, surrogate: Surrogate, standing: Bool[np.ndarray, " C"], seen: Visibility
     ) -> tuple[tuple[FoundShare, ...], Float64[np.ndarray, " resamples"], Float64[np.ndarray, " O"]]:
         """Each class, resampled AP of all, and the hit probability of each object."""
-        names, labels = surrogate.classes.names, surrogate.classes.labels
-        probability, drawn, rows = np.zeros(len(seen.boxes)), [], []
-        aps = surrogate.by_class(standing[None]).ap[0]
-        for name, label, model, hits, ap in zip(
-            names, labels, surrogate.models, surrogate.hits(standing), aps.tolist(), strict=True
-        ):
-            own = seen.labels == label
-            probability[own] = hits
-            drawn.append(resample_ap(hits, model.false_alarms, self._counts[:, own]))
+        resamples, drawn = self._resample(surrogate, standing)
+        probability, rows = np.zeros(len(seen.boxes)), []
+        aps = surrogate.by_class(standing[None]).ap[0].tolist()
+        for k, (name, hits) in enumerate(zip(surrogate.classes.names, surrogate.hits(standing), strict=True)):
+            probability[seen.labels == surrogate.classes.labels[k]] = hits
             ends = Interval(np.nan, np.nan)
             if len(hits):
-                ends = figure_interval(ap, drawn[-1], blocks=self.blocks, objects=len(hits), fewest=LEAST_BLOCKS)
+                ends = figure_interval(aps[k], drawn[k], blocks=self.blocks, objects=len(hits), fewest=LEAST_BLOCKS)
             recall = float(hits.mean()) if len(hits) else np.nan
-            rows.append(FoundShare(name, ap, recall, *ends, len(hits)))
-        return tuple(rows), surrogate.classes.combined(np.stack(drawn, axis=1)), probability
+            rows.append(FoundShare(name, aps[k], recall, *ends, len(hits)))
+        return tuple(rows), resamples, probability
 
-    def _by_approach(self, seen: Visibility, probability: Float64[np.ndarray, " O"]) -> tuple[FoundShare, ...]:
-        names, place = self._approaches
+    def _resample(
+        self, surrogate: Surrogate, standing: Bool[np.ndarray, " C"]
+    ) -> tuple[Float64[np.ndarray, " resamples"], list[Float64[np.ndarray, " resamples"]]]:
+        """AP of all and of each class over the draws of frames."""
+        labels, hits = surrogate.classes.labels, surrogate.hits(standing)
+        drawn = [
+            resample_ap(each, model.false_alarms, self._counts[:, self.unseen.labels == label])
+            for label, model, each in zip(labels, surrogate.models, hits, strict=True)
+        ]
+        return surrogate.classes.combined(np.stack(drawn, axis=1)), drawn
+
+    def _by_group(
+        self, names: tuple[str, ...], place: Int64[np.ndarray, " O"], probability: Float64[np.ndarray, " O"]
+    ) -> tuple[FoundShare, ...]:
+        """Share found of each group of objects. place: group of each."""
         rows = []
         for k in np.unique(place).tolist():
             own = place == k
@@ -191,6 +217,13 @@ class Meter:
     def _approaches(self) -> tuple[tuple[str, ...], np.ndarray]:
         found = find_approaches(self.preparation.setting.place)
         return found.names, found.locate(self.unseen.boxes)
+
+    @cached_property
+    def _levels(self) -> tuple[tuple[str, ...], np.ndarray]:
+        level = np.zeros(self.preparation.frames, np.int64)
+        for k, part in enumerate(self.preparation.split(LEVELS)):
+            level[part] = k
+        return LEVEL_NAMES[LEVELS], level[self.unseen.frame]
 
     def _loads(self, candidates: Candidates, seen: Visibility, standing: np.ndarray) -> tuple[LinkLoad, ...]:
         setting, loads = self.preparation.setting, []

@@ -12,18 +12,29 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from threading import RLock
+from typing import Any
 
 import numpy as np
 
 from placement_env.candidates.candidates import Candidates, aim_sensor
 from placement_env.candidates.pool import NoCandidates, paper_candidates, pool
-from placement_env.fidelity.panorama.live import HEIGHT_STEP
+from placement_env.fidelity.panorama.live import HEIGHT_STEP, MOST_BYTES
 from placement_env.fidelity.preparation import Preparation
 from placement_env.fidelity.seeing import see
 from placement_env.fidelity.visibility import Visibility
 from placement_env.live.figures import LiveAnswer, Meter
 from placement_env.live.stock_views import StockViews, join_views
-from placement_env.live.variant import TILT_SPAN, LiveSensor, Variant, Where, Yard, check_name, free_name
+from placement_env.live.variant import (
+    TILT_SPAN,
+    Corners,
+    LiveSensor,
+    Variant,
+    Where,
+    Yard,
+    check_area,
+    check_name,
+    free_name,
+)
 from placement_env.objective import Score
 from placement_env.report.planning.question import Stock
 from placement_env.setting import Rendering, Setting
@@ -70,23 +81,44 @@ class LivePlanner:
         stock, place = setting.candidates, setting.place
         hang = place.sensors if sensors is None else tuple(sensors)
         sold = stock if isinstance(stock, Stock) else Stock()
-        self.asked, self.catalogue, self.currency = setting, sold.catalogue, sold.currency
+        self.catalogue, self.currency = sold.catalogue, sold.currency
         self.yard = Yard.of(place, _offer(setting), hang, sold.keep_out)
-        self.setting = replace(setting, candidates=self.yard.stock).with_fidelity("surrogate")
-        made = Preparation(self.setting, run or Run(frames=frames, seed=seed))
-        made.check()
-        self.preparation = made.plain
-        self._meter, self._lock, self._views = Meter(self.preparation, self.currency), RLock(), dict[object, Row]()
-        self._stock = StockViews(self.preparation)
+        self._lock = RLock()
+        self._open(setting, run or Run(frames=frames, seed=seed))
         start = self.yard.place(hang)
         self.variants: dict[str, Variant] = {"A": start}
         self.current = "A"
         self._past: list[tuple[str, Variant]] = []
         self._future: list[tuple[str, Variant]] = []
-        self._answers: dict[Variant, LiveAnswer] = {}
         self._before: LiveAnswer | None = None
         self._dragging: str | None = None
         self.tell: Callable[[bool], None] = lambda dragging: None  # called after every change, before its answer
+
+    def _open(self, asked: Setting, run: Run, **known: object) -> None:
+        """Prepare for a question. known: parts of the preparation before that are the same."""
+        setting = replace(asked, candidates=self.yard.stock).with_fidelity("surrogate")
+        made = Preparation(setting, run)
+        made.check()
+        self.asked, self.setting, self.preparation = asked, setting, made.plain
+        vars(self.preparation).update(known)
+        self._meter, self._answers = Meter(self.preparation, self.currency), dict[Variant, LiveAnswer]()
+        if "live" not in known:
+            self._views, self._stock = dict[object, Row](), StockViews(self.preparation)
+
+    def ask(self, **changes: Any) -> LiveAnswer:
+        """Score by other classes, cases or scheme, or within another price, in the same traffic.
+
+        changes: fields of `Setting`: classes, cases, scheme, most_price. Raises ValueError and OSError where nothing
+        predicts that, and keeps the question that was.
+        """
+        with self._lock:
+            asked, made = replace(self.asked, **changes), self.preparation
+            known = {"traffic": made.traffic}
+            if asked.counted.labels == self.asked.counted.labels:
+                known["live"] = made.live
+            self._open(asked, made.run, **known)
+            self._before = None
+            return self.answer("another question")
 
     @property
     def variant(self) -> Variant:
@@ -208,6 +240,11 @@ class LivePlanner:
             sensor = replace(self.variant.find(name), failed=failed)
             return self._become(self.variant.with_sensor(sensor), f"{name} {'failed' if failed else 'works again'}")
 
+    def set_keep_out(self, areas: Iterable[Corners]) -> LiveAnswer:
+        """Let no pole be used within areas, each given by its corners. Raises ValueError for one that is none."""
+        with self._lock:
+            return self._become(replace(self.variant, keep_out=tuple(map(check_area, areas))), "keep-out areas")
+
     def undo(self) -> LiveAnswer:
         """Take the last change back. Raises ValueError where there is none."""
         return self._step(self._past, self._future, "undo")
@@ -243,7 +280,10 @@ class LivePlanner:
         candidates = self.yard.candidates(variant)
         seen, coarse = self.look(variant)
         standing = np.array([not sensor.failed for sensor in variant.sensors], np.bool_)
-        found = replace(self._meter.measure(candidates, seen, standing), coarse=coarse)
+        barred = {mount.name for mount in candidates.mounts if self.yard.bars(variant, mount)}
+        said = tuple(f"{each.name} hangs in a keep-out area" for each in variant.sensors if each.mount in barred)
+        found = self._meter.measure(candidates, seen, standing)
+        found = replace(found, coarse=coarse, problems=found.problems + said)
         with self._lock:
             if len(self._answers) > KEPT_ANSWERS:
                 self._answers.clear()
@@ -300,7 +340,8 @@ class LivePlanner:
             for height in np.arange(mount.min_height, mount.max_height + HEIGHT_STEP, HEIGHT_STEP).tolist():
                 up = np.array([0.0, 0.0, mount.position[2] + min(height, mount.max_height) - sensor.position[2]])
                 others.append((k, aim_sensor(sensor, sensor.position + up, 0.0, 0.0)))
-        for k, sensor in [*enumerate(every.sensors), *others]:
+        ahead = others if live.bytes < MOST_BYTES / 2 else []  # else they would push each other out for ever
+        for k, sensor in [*enumerate(every.sensors), *ahead]:
             if not live.knows(sensor):
                 live.see(replace(every.select([k]), sensors=(sensor,)), reach="own")
                 return True
@@ -339,7 +380,7 @@ class LivePlanner:
         found, poles = [], set[int]()
         for candidate in ranked:
             mount = int(self.yard.stock.mount[candidate])
-            if mount in poles:
+            if mount in poles or self.yard.bars(base, self.yard.stock.mounts[mount]):
                 continue
             poles.add(mount)
             found.append(self._improve(kind, base, self._hang(base, candidate, taken)))

@@ -19,7 +19,7 @@ from toolkit.sensors.sensor import Sensor
 CELL = 0.5  # m
 MAP_FRAMES = 48  # of the traffic, evenly chosen; a bit of 64 each
 MAP_HEIGHTS = {"a child": 1.0, "a car": 1.5}  # m above the ground where a place must be seen
-KEPT_PLACES = 256  # of sensors in memory, 8 bytes a cell
+KEPT_BYTES = 40_000_000  # of places of sensors in memory, 8 a cell
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +70,7 @@ class SeenMaps:
                 for bit, frame in enumerate(self._frames.tolist()):
                     _, length = build_moment(traffic, frame).met(lines[free])
                     bits[free] |= np.where(length >= 1, np.uint64(1 << bit), np.uint64(0))
-            while len(self._kept) >= KEPT_PLACES:
+            while self._kept and (len(self._kept) + 1) * bits.nbytes > KEPT_BYTES:
                 self._kept.pop(next(iter(self._kept)), None)
             self._kept[key] = bits
         return self._kept[key]

@@ -22,7 +22,9 @@ PASSABLE = ("kerb", "island")  # solids that a pole may stand on
 KERB_GAP = 0.3  # m between a pole and a lane, wall or keep-out area
 FARTHEST = 100.0  # m between a pole and the detection area
 LONGEST_NAME = 60
+KEPT_OUT = "it is a keep-out area"
 Where = str | tuple[float, float]  # of a sensor: name of a pole, or x and y (m)
+Corners = tuple[tuple[float, float], ...]  # of an area: x and y (m) of each
 
 
 @dataclass(frozen=True)
@@ -46,10 +48,11 @@ class LiveSensor:
 
 @dataclass(frozen=True)
 class Variant:
-    """Sensors, and poles of one's own beside those of the stock."""
+    """Sensors, poles of one's own beside those of the stock, and areas where no pole may be used."""
 
     sensors: tuple[LiveSensor, ...] = ()
     poles: tuple[Mount, ...] = ()
+    keep_out: tuple[Corners, ...] = ()
 
     def find(self, name: str) -> LiveSensor:
         """Return a sensor by name. Raises ValueError for an unknown one."""
@@ -66,16 +69,17 @@ class Variant:
     def as_dict(self) -> dict[str, object]:
         """Return what JSON keeps."""
         poles = [{**asdict(pole), "position": pole.position.tolist()} for pole in self.poles]
-        return {"sensors": [asdict(sensor) for sensor in self.sensors], "poles": poles}
+        return {"sensors": [asdict(sensor) for sensor in self.sensors], "poles": poles, "keep_out": self.keep_out}
 
     @staticmethod
     def of_dict(found: object) -> Variant:
         """Read what `as_dict` gave. Raises ValueError where it does not fit."""
-        if not isinstance(found, Mapping) or set(found) != {"sensors", "poles"}:
-            raise ValueError(f"a variant has sensors and poles, got {found!r:.60}")
+        if not isinstance(found, Mapping) or {*found, "keep_out"} != {"sensors", "poles", "keep_out"}:
+            raise ValueError(f"a variant has sensors, poles and keep_out, got {found!r:.60}")
         try:
             sensors = tuple(LiveSensor(**_checked(LiveSensor, each)) for each in found["sensors"])
-            return Variant(sensors, tuple(Mount(**each) for each in found["poles"]))
+            areas = tuple(map(check_area, found.get("keep_out", ())))
+            return Variant(sensors, tuple(Mount(**each) for each in found["poles"]), areas)
         except (TypeError, KeyError) as error:
             raise ValueError(f"a variant needs whole sensors and poles, got {error}") from None
 
@@ -96,6 +100,14 @@ def check_name(name: str) -> str:
     if not 0 < len(name) <= LONGEST_NAME or not name.isprintable():
         raise ValueError(f"a name must be one line of 1 to {LONGEST_NAME} characters, got {name!r:.70}")
     return name
+
+
+def check_area(corners: Iterable[Iterable[float]]) -> Corners:
+    """Return the corners of an area. Raises ValueError unless they are three or more around a plain shape."""
+    found = tuple((float(x), float(y)) for x, y in corners)
+    if len(found) < 3 or not np.isfinite(found).all() or not shapely.Polygon(found).is_valid:
+        raise ValueError(f"an area needs three corners or more, and no edge may cross another, got {found!r:.80}")
+    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,12 +189,20 @@ class Yard:
     def stand(self, variant: Variant, where: Where) -> tuple[Mount, Variant]:
         """Pole of a name, or near a place (`SNAP`), else a new one there. Raises ValueError where none may stand."""
         if isinstance(where, str):
-            return self.find_mount(variant, where), variant
-        spot = float(where[0]), float(where[1])
-        mount, after = self._mount_near(variant, spot, SNAP)
-        if after is not variant and (said := self.refuse(spot)):
-            raise ValueError(f"no pole can stand at {spot[0]:.1f}, {spot[1]:.1f}: {said}")
+            mount, after = self.find_mount(variant, where), variant
+        else:
+            spot = float(where[0]), float(where[1])
+            mount, after = self._mount_near(variant, spot, SNAP)
+            if after is not variant and (said := self.refuse(spot)):
+                raise ValueError(f"no pole can stand at {spot[0]:.1f}, {spot[1]:.1f}: {said}")
+        if self.bars(variant, mount):
+            raise ValueError(f"{mount.name} cannot be used: {KEPT_OUT}")
         return mount, after
+
+    def bars(self, variant: Variant, mount: Mount) -> bool:
+        """True for a pole in a keep-out area of the variant."""
+        point = shapely.Point(mount.position[:2])
+        return any(shapely.Polygon(corners).distance(point) < KERB_GAP for corners in variant.keep_out)
 
     def refuse(self, spot: tuple[float, float]) -> str:
         """Say why no pole may stand at a place, "" where one may."""
@@ -199,7 +219,7 @@ class Yard:
     def _barred(self) -> dict[str, shapely.Geometry]:
         solid = [shapely.Polygon(each.footprint) for each in self.site.solids if each.kind not in PASSABLE]
         lanes = [shapely.Polygon(lane) for lane in self.site.lanes]
-        areas = {"it is on a lane": lanes, "something stands there": solid, "it is a keep-out area": self.keep_out}
+        areas = {"it is on a lane": lanes, "something stands there": solid, KEPT_OUT: self.keep_out}
         found = {said: shapely.union_all(list(each)) for said, each in areas.items() if len(each)}
         for each in found.values():
             shapely.prepare(each)

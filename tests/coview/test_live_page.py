@@ -193,6 +193,28 @@ def test_nothing_is_lost_by_a_reload_a_second_browser_and_a_kill(page):
     page.until(lambda v: v.as_dict() != kept["variants"][kept["current"]])
 
 
+def test_an_area_is_drawn_and_another_question_is_asked(page):
+    page.press("Draw", "Draw a keep-out area")
+    page.tab.locator(".live-note").wait_for()
+    xmin, ymin, xmax, ymax = SITE.area.tolist()
+    for share in ((0.3, 0.3), (0.5, 0.3), (0.4, 0.5)):
+        page.tab.mouse.click(*page.pixel([xmin + share[0] * (xmax - xmin), ymin + share[1] * (ymax - ymin), 0.0]))
+        page.tab.wait_for_timeout(500)
+    page.tab.get_by_role("button", name="Close the area").click()
+    (area,) = page.until(lambda v: v.keep_out).keep_out
+    assert area[1] == pytest.approx((xmin + 0.5 * (xmax - xmin), ymin + 0.3 * (ymax - ymin)), abs=1.5)
+    page.press("Draw", "Remove all areas")
+    page.until(lambda v: not v.keep_out)
+    before = page.ap
+    page.tab.get_by_role("tab", name="Score").click()
+    page.tab.get_by_label("IoU").click()
+    page.tab.get_by_role("option", name="0.8").click()
+    page.tab.wait_for_function(f"parseFloat(document.querySelector('.live-ap').innerText) < {before - 0.002}")
+    page.tab.get_by_label("IoU").click()
+    page.tab.get_by_role("option", name="0.7").click()
+    page.tab.wait_for_function(f"document.querySelector('.live-ap').innerText === '{before:.3f}'")
+
+
 def test_an_export_is_read_back(page, engine):
     page.press("Files", "Export site, map and schedule")
     page.tab.wait_for_function("document.querySelector('.live-note')?.innerText.includes('site.json')")

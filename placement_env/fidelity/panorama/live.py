@@ -29,7 +29,7 @@ from toolkit.sensors.sensor import Sensor, SensorModel
 from toolkit.sites.site import Mount
 
 HEIGHT_STEP = 0.5  # m between the panoramas of a mount
-MOST_STRIPS = 20_000_000  # strips kept in memory over all places, about 60 bytes each
+MOST_BYTES = 600_000_000  # of the panoramas kept in memory
 
 Place = tuple[float, float, float]
 Reach = Literal["mount", "own", "nearest"]
@@ -81,6 +81,11 @@ class LiveView:
         """True where the view from a sensor's own height needs no panorama."""
         return self._knows([(_place(*sensor.position.tolist()), 1.0)], sensor.model)
 
+    @property
+    def bytes(self) -> int:
+        """Memory of the panoramas."""
+        return sum(each.bytes for each in list(self._kept.values()))
+
     def _knows(self, shares: list[tuple[Place, float]], model: SensorModel) -> bool:
         return all(place in self._kept and model in self._kept[place].stills for place, _ in shares)
 
@@ -112,7 +117,7 @@ class LiveView:
             self._kept[place] = Surround.of(strips, self._scored, stills)
         for place in asked:
             self._kept.move_to_end(place)
-        while len(self._kept) > len(asked) and sum(len(each.item) for each in self._kept.values()) > MOST_STRIPS:
+        while len(self._kept) > len(asked) and self.bytes > MOST_BYTES:
             self._kept.popitem(last=False)
         return {place: self._kept[place] for place in asked}
 

@@ -7,7 +7,8 @@ sensor tilted slightly more than a table is looked up in that table, with the re
 
 from __future__ import annotations
 
-from functools import lru_cache
+from itertools import pairwise
+from threading import Lock
 from typing import NamedTuple
 
 import numpy as np
@@ -19,7 +20,7 @@ from toolkit.sensors.sensor import Sensor, SensorModel
 AZIMUTHS = 3600  # places of azimuth in a turn
 ELEVATIONS = 3600  # places of elevation from straight down to straight up
 TABLE_TILTS = float(np.deg2rad(1.0))  # rad between the tilts of tables
-MOST_TABLES = 96  # tables kept at a time, 3 to 12 MB each
+MOST_BYTES = 400_000_000  # of the tables kept at a time, 3 to 12 MB each
 CELL_COLUMNS = 240  # columns of cells over all directions, for the standing scene
 CELL_EDGES = np.deg2rad(np.r_[-90.0:-30.0:0.5, -30.0:5.0:0.1, 5.0:90.5:0.5])  # finest towards the horizon
 CELL_ROWS = len(CELL_EDGES) - 1
@@ -85,7 +86,8 @@ class RayTable:
     """Rays of a model, tilted and rolled (rad).
 
     first_column, columns: places of azimuth with rays; first_row: the lowest of elevation; cells, cell_rays: cells with
-    rays (column after column, azimuth from the heading), for uses that need no fine grid, and number of rays in each.
+    rays (column after column, azimuth from the heading), for uses that need no fine grid, and number of rays in each;
+    bytes: of memory.
     """
 
     def __init__(self, model: SensorModel, tilt: float, roll: float) -> None:
@@ -100,12 +102,15 @@ class RayTable:
         place = (column - self.first_column) * shape[1] + row - self.first_row
         kind = np.uint32 if len(column) >> 16 else np.uint16
         counts = np.bincount(place, minlength=shape[0] * shape[1]).astype(kind).reshape(shape)
-        np.add.accumulate(counts, axis=0, out=counts)
+        for before, after in pairwise(counts):  # row by row, as accumulate along this axis is five times slower
+            np.add(before, after, out=after)
         self._sums = np.zeros((shape[0] + 1, shape[1] + 1), kind)
         np.add.accumulate(counts, axis=1, out=self._sums[1:, 1:])
         column, row = find_cells(azimuth, elevation)
-        self.cells, rays = np.unique(column * CELL_ROWS + row, return_counts=True)
-        self.cell_rays = rays.astype(np.float32)
+        rays = np.bincount(column * CELL_ROWS + row)
+        self.cells = np.flatnonzero(rays)
+        self.cell_rays = rays[self.cells].astype(np.float32)
+        self.bytes = self._sums.nbytes + self.cells.nbytes + self.cell_rays.nbytes
 
     def counts(
         self, rectangles: Rectangles, heading: np.float32, more: np.float32
@@ -138,7 +143,21 @@ class RayTable:
         return counts
 
 
-ray_table = lru_cache(maxsize=MOST_TABLES)(RayTable)
+_TABLES: dict[tuple[SensorModel, float, float], RayTable] = {}  # longest unused first
+_LOCK = Lock()
+
+
+def ray_table(model: SensorModel, tilt: float, roll: float) -> RayTable:
+    """Return the table of a model, tilted and rolled (rad), made once as long as `MOST_BYTES` hold it."""
+    key = model, tilt, roll
+    with _LOCK:
+        table = _TABLES.pop(key, None)
+        if table is None:
+            table, room = RayTable(*key), MOST_BYTES - sum(each.bytes for each in _TABLES.values())
+            while _TABLES and room < table.bytes:
+                room += _TABLES.pop(next(iter(_TABLES))).bytes
+        _TABLES[key] = table
+        return table
 
 
 class Rectangles(NamedTuple):

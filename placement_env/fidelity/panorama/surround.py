@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -13,7 +13,7 @@ import numpy as np
 from placement_env.fidelity.occlusion import worth
 from placement_env.fidelity.panorama import ray_table
 from placement_env.fidelity.traffic import Traffic, build_renderer, scored
-from toolkit.arrays import Float32, Float64, Int64, UInt8
+from toolkit.arrays import Float32, Float64, Int32, Int64, UInt8
 from toolkit.points import Crop, has_centre_inside
 from toolkit.rendering.renderer import Moment, Renderer
 from toolkit.rendering.strips import BEYOND, WITHIN, Counted, Strips, SuccessiveStrips, concatenate_strips
@@ -57,8 +57,8 @@ class Surround:
 
     scored: ScoredItems
     rectangles: ray_table.Rectangles
-    item: Int64[np.ndarray, " n"]
-    frame: Int64[np.ndarray, " n"]
+    item: Int32[np.ndarray, " n"]
+    frame: Int32[np.ndarray, " n"]
     widest: float
     gains: dict[SensorModel, tuple[np.ndarray, np.ndarray]]
     stills: dict[SensorModel, Still]
@@ -77,9 +77,15 @@ class Surround:
         for model, still in stills.items():
             behind = still.behind((strips.left + strips.right) / 2, (strips.bottom + strips.top) / 2)
             gains[model] = (counts - behind[0], far - behind[1])
-        item, widest = np.where(counts, scored.place[strips.item], scored.items), rectangles.right - rectangles.left
-        most = float(widest.max(initial=0))
-        return Surround(scored, rectangles, item, scored.frame[strips.item], most, gains, stills)
+        most = float((rectangles.right - rectangles.left).max(initial=0))
+        item, frame = np.where(counts, scored.place[strips.item], scored.items), scored.frame[strips.item]
+        return Surround(scored, rectangles, item.astype(np.int32), frame.astype(np.int32), most, gains, stills)
+
+    @cached_property
+    def bytes(self) -> int:
+        """Memory of the arrays."""
+        pairs = [*self.gains.values(), *((still.sent, still.far) for still in self.stills.values())]
+        return sum(each.nbytes for each in (*self.rectangles, self.item, self.frame, *sum(pairs, ())))
 
     def seen(
         self, lookup: ray_table.Lookup

@@ -252,3 +252,43 @@ def test_resampled_ap_of_every_object_once_is_the_expected_ap() -> None:
 def test_names_are_free() -> None:
     planner = Variant()
     assert free_name(planner, "camera 1") == "camera 1"
+
+
+def test_keep_out_areas_bar_poles_and_can_be_undone(planner) -> None:
+    sensor, free = planner.sensors[0], next(iter(planner.yard.mounts.values()))
+    x, y = free.position[:2]
+    corners = ((x - 1, y - 1), (x + 1, y - 1), (x + 1, y + 1), (x - 1, y + 1))
+    with pytest.raises(ValueError, match="three corners or more"):
+        planner.set_keep_out([corners[:2]])
+    planner.set_keep_out([corners])
+    for where in (free.name, (float(x), float(y))):
+        with pytest.raises(ValueError, match="keep-out area"):
+            planner.add(where)
+    assert all(each.sensor.mount != free.name for each in planner.suggest())
+    again = Variant.of_dict(planner.variant.as_dict())
+    assert again == planner.variant
+    around = ((sensor.x - 1, sensor.y - 1), (sensor.x + 1, sensor.y - 1), (sensor.x, sensor.y + 2))
+    assert any("hangs in a keep-out area" in said for said in planner.set_keep_out([around]).problems)
+    planner.undo()
+    planner.undo()
+    assert not planner.variant.keep_out
+
+
+def test_another_question_is_answered_on_the_same_traffic(planner) -> None:
+    before, traffic = planner.finish(), planner.preparation.traffic
+    strict = planner.ask(cases=Cases(iou=0.8))
+    assert strict.ap < before.ap
+    assert strict.objects == before.objects
+    small = planner.ask(classes=("cyclist", "pedestrian"), cases=Cases(), most_price=5)
+    assert [each.name for each in small.classes] == ["cyclist", "pedestrian"]
+    assert small.budget == 5
+    assert any("more than 5" in said for said in small.problems)
+    assert planner.preparation.traffic is traffic
+    assert planner.finish().ap == pytest.approx(planner.score().ap, abs=0.005)
+    with pytest.raises(ValueError):
+        planner.ask(classes=("vehicle",), cases=Cases(iou=0.33))
+    planner.ask(classes=("vehicle",), most_price=float("inf"))
+    again = planner.finish()
+    assert again.ap == pytest.approx(before.ap, abs=1e-9)
+    assert again.worst == pytest.approx(before.worst)
+    assert sum(level.objects for level in again.levels) == again.objects

@@ -91,7 +91,7 @@ def test_sensors_are_looked_up_by_tilt_and_turned_back():
     np.testing.assert_allclose([steady.more, tilted.more / PER_STEEP], [0, np.deg2rad(0.4)], atol=1e-5)
 
 
-def test_rays_of_cells_are_counted_once_in_numbers_wide_enough():
+def test_rays_of_cells_are_counted_once_in_numbers_wide_enough(monkeypatch):
     azimuth, elevation = angles(CAMERA, 0.0, 0.3)
     table = RayTable(CAMERA, 0.3, 0.0)
     assert table.cell_rays.sum() == np.prod(CAMERA.shape)
@@ -110,7 +110,12 @@ def test_rays_of_cells_are_counted_once_in_numbers_wide_enough():
     every = [np.array([each], np.float32) for each in (-np.pi, np.pi, -np.pi / 2, np.pi / 2)]
     assert whole(RayTable(large, 0.0, 0.0), every).tolist() == [90_000]
     assert ray_table(CAMERA, 0.3, 0.0) is ray_table(DepthCamera(width=120, height=90), 0.3, 0.0)
-    assert module.ray_table.cache_parameters()["maxsize"] == 96
+    before = ray_table(CAMERA, 0.3, 0.0)
+    monkeypatch.setattr(module, "MOST_BYTES", 2 * before.bytes)
+    for tilt in (0.31, 0.32, 0.33):
+        ray_table(CAMERA, tilt, 0.0)
+        assert sum(each.bytes for each in module._TABLES.values()) <= module.MOST_BYTES
+    assert ray_table(CAMERA, 0.3, 0.0) is not before  # dropped meanwhile
     assert compute_aim(Sensor("s", CAMERA, look((0.0, 0.0, 5.0), 0.0))).tilt == pytest.approx(0.0)
 
 
