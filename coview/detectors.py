@@ -120,8 +120,8 @@ def recording_detector(
     if site is not None and at_site:
         dataset = cast("CoopDataset", recording)
         if bare == CLUSTER:
-            return ClusterDetector.of(dataset)
-        detector = site_detector(bare + BARE, site)
+            return _on_grids(ClusterDetector.of(dataset), place)
+        detector = _on_grids(site_detector(bare + BARE, site), place)
         return KnownBackground(detector, recording_background(dataset)) if known else detector
     known = known and (name or GENERAL).endswith(BACKGROUND)
     if bare != CLUSTER and not known:
@@ -133,7 +133,9 @@ def recording_detector(
     if known:
         _check_long(recording)
     learnt = learn_cluster_detector(scenes or empty_scene.Scenes(recording), recording[0], place)
-    return learnt if bare == CLUSTER else KnownBackground(place_detector(bare, place), learnt.background)
+    return (
+        _on_grids(learnt, place) if bare == CLUSTER else KnownBackground(place_detector(bare, place), learnt.background)
+    )
 
 
 def _check_long(recording: Recording) -> None:
@@ -199,7 +201,17 @@ def place_detector(name: str, place: Place) -> Detector:
     if name in ("voxelnet", CLUSTER):
         raise ValueError(f"{name} needs a site: take general, another shipped network, a weights file or your own")
     x, y = place.half
-    return site_detector(name, Site("recording", np.array([-x, -y, x, y])))
+    return _on_grids(site_detector(name, Site("recording", np.array([-x, -y, x, y]))), place)
+
+
+def _on_grids(detector: Detector, place: Place) -> Detector:
+    """Detector on as many shifted grids as the place asks for. Raises ValueError for one that has no grid."""
+    if place.phases == 1:
+        return detector
+    if not hasattr(detector, "shift_grids"):
+        raise ValueError("--phases shifts the grid of a network, which this detector is not: leave it out")
+    on_grids: Detector = detector.shift_grids(place.phases)
+    return on_grids
 
 
 def split_background(name: str, site: Site | None = None) -> tuple[str, bool]:

@@ -12,7 +12,15 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from models.network.candidates import LEAST_RIVAL, Candidates, all_candidates, apply_rivals, candidates, suppress
+from models.network.candidates import (
+    LEAST_RIVAL,
+    Candidates,
+    all_candidates,
+    apply_rivals,
+    average_boxes,
+    candidates,
+    suppress,
+)
 from models.network.faces import measure_faces
 from models.network.grid import anchors, collate, voxelise
 from models.network.sparse import SparseVoxelNet, is_quick_at_bfloat16
@@ -20,11 +28,14 @@ from models.network.tiles import TiledVoxelNet, UnionPlan, tileable
 from models.network.voxelnet import VoxelNet
 from models.weight_files import digest_detector, digest_tensors, load_weights
 from toolkit.arrays import Bool, Float, Points
+from toolkit.boxes import nms
 from toolkit.objects import LABELS, Detections, label_index
 from toolkit.points import join_clouds
 from toolkit.runtime.parallel import keep_freed_memory
 
 SHIPPED = Path(__file__).parent / "weights"
+SPREAD = np.array([0.7548776662466927, 0.5698402909980532])  # steps whose multiples fill a square evenly (Roberts 2018)
+SAME = 0.3  # footprint IoU above which boxes of several grids are averaged
 _Clouds = Sequence[Float[np.ndarray, "_ 3"]]
 
 
@@ -57,7 +68,7 @@ class VoxelNetDetector:
         self.thresholds = own if score_threshold is None else (score_threshold,) * len(own)
         most = LEAST_RIVAL if self.config.rivalry else 1.0
         self._looked_at = tuple(min(least, most) for least in self.thresholds)
-        self.nms_threshold = nms_threshold
+        self.nms_threshold, self.phases = nms_threshold, 1
         self._weights = digest_tensors(network.state_dict())
         self.network = SparseVoxelNet(network).to(self.device)
         self._tiled = TiledVoxelNet(self.network) if tileable(self.network) else None
@@ -78,7 +89,17 @@ class VoxelNetDetector:
     def digest(self) -> str:
         """SHA-256 of weights, configuration and thresholds."""
         least = self.thresholds if len(set(self.thresholds)) > 1 else self.thresholds[0]
-        return digest_detector(self._weights, self.config.to_dict(), least, self.nms_threshold)
+        own = digest_detector(self._weights, self.config.to_dict(), least, self.nms_threshold)
+        return own if self.phases == 1 else f"{own} on {self.phases} grids"
+
+    def shift_grids(self, phases: int) -> VoxelNetDetector:
+        """Same detector on several grids, shifted by parts of a cell: where one grid lies matters less.
+
+        Boxes of one class that overlap are averaged, and have the greatest of their scores.
+        """
+        other = copy.copy(self)
+        other.phases = phases
+        return other
 
     def quick(self) -> VoxelNetDetector:
         """Same detector with coarser numbers in about half the time where the processor has them, else itself."""
@@ -91,7 +112,17 @@ class VoxelNetDetector:
 
     def __call__(self, points: Points, /) -> Detections:
         """Detect in one cloud."""
-        return self.batch([points])[0]
+        if self.phases == 1 or not len(points):
+            return self.batch([points])[0]
+        (xmin, _, xmax, _), (rows, _) = self.area, self.config.map_shape
+        parts = []
+        for phase in range(self.phases):
+            shift = np.append(phase * SPREAD % 1 * (xmax - xmin) / rows, 0.0)
+            found = self.batch([(points + shift).astype(np.float32)])[0]
+            parts.append(replace(found, boxes=found.boxes - np.append(shift, np.zeros(4))))
+        pooled = Detections.merge(parts)
+        kept = nms(pooled.boxes, pooled.scores, self.nms_threshold, labels=pooled.labels)
+        return average_boxes(pooled, kept, SAME)
 
     def batch(self, clouds: _Clouds) -> list[Detections]:
         """Detect in several clouds at once."""
@@ -110,7 +141,7 @@ class VoxelNetDetector:
         The results are those of each union's points, to the rounding of float32, in much less time where most clouds
         reach only a part of the area (`models.network.tiles`)."""
         found: dict[int, Detections] = {}
-        if clouds and len(unions) and self._tiled is not None:
+        if clouds and len(unions) and self._tiled is not None and self.phases == 1:
             plan = self._tiled.plan([torch.as_tensor(cloud).float().to(self.device) for cloud in clouds], unions)
             if self._tiled.gains(plan):
                 found = dict(self._at_once(self._tiled, plan, clouds))

@@ -113,7 +113,7 @@ class LivePlanner:
         """
         with self._lock:
             asked, made = replace(self.asked, **changes), self.preparation
-            known = {"traffic": made.traffic}
+            known: dict[str, Any] = {"traffic": made.traffic}
             if asked.counted.labels == self.asked.counted.labels:
                 known["live"] = made.live
             self._open(asked, made.run, **known)
@@ -241,7 +241,7 @@ class LivePlanner:
             return self._become(self.variant.with_sensor(sensor), f"{name} {'failed' if failed else 'works again'}")
 
     def set_keep_out(self, areas: Iterable[Corners]) -> LiveAnswer:
-        """Let no pole be used within areas, each given by its corners. Raises ValueError for one that is none."""
+        """Let no pole be used within areas, each given by its corners. Raises ValueError for what is no area."""
         with self._lock:
             return self._become(replace(self.variant, keep_out=tuple(map(check_area, areas))), "keep-out areas")
 

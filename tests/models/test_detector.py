@@ -28,6 +28,28 @@ def points(n=2000, seed=0):
     return np.random.default_rng(seed).uniform((-9, -9, -1), (9, 9, 4), (n, 3)).astype(np.float32)
 
 
+def test_shifted_grids_pool_what_each_of_them_finds():
+    detector, cloud = VoxelNetDetector(network()), points()
+    phased = detector.shift_grids(3)
+    assert (detector.phases, phased.phases) == (1, 3)
+    assert phased.digest != detector.digest == detector.shift_grids(1).digest
+    assert not len(phased(cloud[:0]))
+    shifts = np.outer(np.arange(3), [0.7548776662466927, 0.5698402909980532]) % 1 * 0.4  # cells of the map are 0.4 m
+    parts = []
+    for shift in shifts:
+        found = detector(cloud + np.float32([*shift, 0]))
+        parts.append(found.boxes[:, :2] - shift)
+    found, best = phased(cloud), detector(cloud)
+    each = np.concatenate(parts)
+    away = np.linalg.norm(found.boxes[:, None, :2] - each, axis=2).min(axis=1)
+    assert len(found)
+    assert np.median(away) < 0.5  # boxes are means of those that overlap
+    assert found.scores.max() >= best.scores.max() - 1e-6
+    halves = [cloud[:900], cloud[900:]]
+    (union,) = phased.unions(halves, np.ones((1, 2), bool))
+    np.testing.assert_array_equal(union.boxes, found.boxes)
+
+
 def test_digests_change_and_what_is_outside_is_ignored():
     detector: Detector = VoxelNetDetector(network())
     inside = points()

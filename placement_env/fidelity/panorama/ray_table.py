@@ -20,7 +20,7 @@ from toolkit.sensors.sensor import Sensor, SensorModel
 AZIMUTHS = 3600  # places of azimuth in a turn
 ELEVATIONS = 3600  # places of elevation from straight down to straight up
 TABLE_TILTS = float(np.deg2rad(1.0))  # rad between the tilts of tables
-MOST_BYTES = 400_000_000  # of the tables kept at a time, 3 to 12 MB each
+MOST_TABLE_BYTES = 400_000_000  # of the tables kept at a time, 3 to 12 MB each
 CELL_COLUMNS = 240  # columns of cells over all directions, for the standing scene
 CELL_EDGES = np.deg2rad(np.r_[-90.0:-30.0:0.5, -30.0:5.0:0.1, 5.0:90.5:0.5])  # finest towards the horizon
 CELL_ROWS = len(CELL_EDGES) - 1
@@ -148,12 +148,12 @@ _LOCK = Lock()
 
 
 def ray_table(model: SensorModel, tilt: float, roll: float) -> RayTable:
-    """Return the table of a model, tilted and rolled (rad), made once as long as `MOST_BYTES` hold it."""
+    """Return the table of a model, tilted and rolled (rad), made once as long as `MOST_TABLE_BYTES` hold it."""
     key = model, tilt, roll
     with _LOCK:
         table = _TABLES.pop(key, None)
         if table is None:
-            table, room = RayTable(*key), MOST_BYTES - sum(each.bytes for each in _TABLES.values())
+            table, room = RayTable(*key), MOST_TABLE_BYTES - sum(each.bytes for each in _TABLES.values())
             while _TABLES and room < table.bytes:
                 room += _TABLES.pop(next(iter(_TABLES))).bytes
         _TABLES[key] = table

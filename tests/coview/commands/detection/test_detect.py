@@ -32,6 +32,15 @@ def test_cars_are_found_in_a_folder_of_clouds(clouds, tmp_path, run):
     assert near.mean() > 0.5
 
 
+def test_shifted_grids_are_asked_for_by_number(clouds, tmp_path, run, refused):
+    asked = ("detect", clouds, "--level", "plane", "--area", -40, -20, 40, 20, "--json", "--out")
+    found = [json.loads(run(*asked, tmp_path / f"{n}.json", "--phases", n)[1])["detections"] for n in (1, 3)]
+    assert found[1] >= found[0] > 0
+    assert "1 to 16 grids, got 0" in refused(*asked, tmp_path / "b.json", "--phases", 0)
+    alone = ("evaluate", clouds, "--detector", "cluster", "--phases", 2, "--out", tmp_path / "e")
+    assert "leave it out" in refused(*alone)
+
+
 def test_kitti_and_openlabel_text(clouds, tmp_path, run):
     cloud = sorted(clouds.glob("*/000000.pcd"))[0]
     for form in ("kitti", "openlabel"):
