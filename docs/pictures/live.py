@@ -36,9 +36,11 @@ def main(folder: Path, width: int = 1280) -> None:
             tab.get_by_label("Seen how often").click()
             tab.get_by_role("option", name="a child").click()
             tab.get_by_role("tab", name="Ask").click()
-            tab.get_by_role("button", name="add", exact=True).click()
-            tab.wait_for_function("document.querySelector('.live-note')?.innerText.includes('next sensor: ')")
-            tab.wait_for_timeout(3000)
+            for _ in range(20):  # until the poles that help have been looked at
+                tab.get_by_role("button", name="add", exact=True).click()
+                tab.wait_for_timeout(5000)
+                if "none among" not in tab.locator(".live-note").inner_text():
+                    break
             for close in tab.locator(".mantine-Notification-closeButton").all():  # of software rendering
                 close.click()
             tab.wait_for_timeout(1000)
