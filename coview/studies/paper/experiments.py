@@ -274,8 +274,7 @@ def interpolate_precision(curve: Curve, recall: float) -> float:
     >>> interpolate_precision(Curve(np.array([1.0, 0.5]), np.array([0.5, 0.9]), np.array([0.9, 0.1])), 0.8)
     0.5
     """
-    reached = curve.recall >= recall
-    return float(curve.precision[reached].max(initial=0.0))
+    return float(curve.precision[curve.recall >= recall].max(initial=0.0))
 
 
 def steps(curve: Curve) -> Bool[np.ndarray, " k"]:

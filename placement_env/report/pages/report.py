@@ -65,8 +65,7 @@ def judged_cells(judged: content.Judgement | None) -> tuple[Cell | str | float |
     """Values of `JUDGED_COLUMNS`; dashes without anything to detect."""
     if judged is None:
         return None, "no vehicle", None, 0, None
-    interval = Cell(interval_text(judged), judged.low)
-    return judged.ap, interval, judged.recall, judged.vehicles, judged.frames
+    return judged.ap, Cell(interval_text(judged), judged.low), judged.recall, judged.vehicles, judged.frames
 
 
 def text_columns(*titles: str) -> tuple[Column, ...]:

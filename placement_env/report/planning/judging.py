@@ -168,8 +168,7 @@ class Judge:
             left, draws = self.judge_drawn(sets, first, stage("failures"))
         if len(self.profiles) > 1:
             over_errors, draws = self.judge_drawn(sets, self.cases, stage("errors"))
-        each = zip(judged, left, over_levels, over_errors, strict=True)
-        return [SetJudgement(*figures) for figures in each], draws
+        return [SetJudgement(*figures) for figures in zip(judged, left, over_levels, over_errors, strict=True)], draws
 
     def by_level(self, chosen: tuple[int, ...]) -> list[Judgement | None]:
         """Judge one intact set at each level of traffic. None for a level without objects."""
@@ -186,8 +185,7 @@ class Judge:
 
     def of_classes(self, classes: Classes) -> Judge:
         """Judge of other classes at the first error profile."""
-        profiles = (self.detected.of_classes(classes),)
-        return replace(self, profiles=profiles, cases=self.intact, levels=(), drawings=())
+        return replace(self, profiles=(self.detected.of_classes(classes),), cases=self.intact, levels=(), drawings=())
 
     def by_class(self, chosen: tuple[int, ...]) -> tuple[ClassAP, ...]:
         """Judge one set for each class that counts."""
@@ -225,8 +223,7 @@ class Judge:
         found = np.array(drawn)[:, :, place.reshape(-1)]  # profile, level, row, figure
         over = _reduce(np.moveaxis(found, 1, 0), cases.levels_by)
         if cases.levels_by == "mean":
-            counts = np.where(np.isnan(found[..., :1]), 0, found[..., COUNTS])
-            over[..., COUNTS] = counts.sum(axis=1)
+            over[..., COUNTS] = np.where(np.isnan(found[..., :1]), 0, found[..., COUNTS]).sum(axis=1)
         if cases.failing:
             lost = [np.flatnonzero(owners == n)[1:] for n in range(len(sets))]  # the first is the set itself
             over = np.stack([_reduce(np.moveaxis(over[:, some], 1, 0), cases.failures) for some in lost], axis=1)
@@ -250,8 +247,7 @@ class Judge:
 
 def judge_tallies(tallies: Sequence[Sequence[Tally]], classes: Classes, seed: int) -> Judgement:
     """Judge from a tally of each class at each IoU threshold, averaged over these."""
-    draws = block_draws(len(tallies[0][0].truths), seed=seed)
-    return _judgement(_draw_tallies(tallies, classes, draws), classes)
+    return _judgement(_draw_tallies(tallies, classes, block_draws(len(tallies[0][0].truths), seed=seed)), classes)
 
 
 def _draw_tallies(tallies: Sequence[Sequence[Tally]], classes: Classes, draws: Draws) -> _Figures:
@@ -270,8 +266,7 @@ def _reduce(figures: Float64[np.ndarray, "cases *rest figures"], by: Combine) ->
     """Figures of the case of least AP, or means over cases, without NaN."""
     if by == "worst":
         ap = figures[..., :1]
-        worst = np.where(np.isnan(ap), np.inf, ap).argmin(axis=0)
-        return np.take_along_axis(figures, worst[None], axis=0)[0]
+        return np.take_along_axis(figures, np.where(np.isnan(ap), np.inf, ap).argmin(axis=0)[None], axis=0)[0]
     mean = np.ma.masked_invalid(figures).mean(axis=0).filled(np.nan)
     mean[..., COUNTS] = figures[0, ..., COUNTS]
     return mean
@@ -356,8 +351,7 @@ class _Options:
         for i, score in enumerate(map(objective.score, map(np.flatnonzero, found.sets))):
             names = tuple(objective.names[c].replace("/", "-") for c in score.subset)  # as files name sensors
             # as found: scored beside other sets it may round differently
-            predicted = round(float(found.predicted[i]), 6)
-            figures = score.price, score.kbit_per_sensor, score.kbit, predicted
+            figures = score.price, score.kbit_per_sensor, score.kbit, round(float(found.predicted[i]), 6)
             poles = tuple(objective.candidates.mounts[m].name for m in objective.candidates.mount[list(score.subset)])
             self.options.append(PlanOption(names, *figures, judged=None, searches=found.searches[i], poles=poles))
 

@@ -188,8 +188,7 @@ def by_range(scored: Scored, sensors: Sequence[Sensor], seed: int) -> tuple[cont
 def by_approach(scored: Scored, site: Site, seed: int) -> tuple[content.BreakdownRow, ...]:
     """Judge by the lane nearest to each vehicle."""
     places = find_approaches(site)
-    rows = by_group(scored, places.names, places.locate, seed)
-    return tuple(row for row in rows if row.judged is not None)
+    return tuple(row for row in by_group(scored, places.names, places.locate, seed) if row.judged is not None)
 
 
 def measure_blind_streets(site: Site, ground: Ground) -> dict[str, float]:
@@ -417,8 +416,7 @@ class ChosenSet:
         _, (own,) = judge.judge_drawn(whole, intact)
         for name in PAPER_SCHEMES:
             alike = {each: getattr(known, each) for each in ("codec", "memo", "processes", "classes")}
-            other = Detected(known.renders, known.detector, name, **alike).at(ious[0], ious)
-            at = replace(judge, profiles=(other,))
+            at = replace(judge, profiles=(Detected(known.renders, known.detector, name, **alike).at(ious[0], ious),))
             kbit = float(np.mean([outcome.bits.mean() for outcome in at.outcomes(self.members)])) / 1000
             for iou in sorted({*IOUS, *ious}) if len(ious) == 1 else (*IOUS, ious):
                 (judged,), (drawn,) = at.judge_drawn(whole, replace(intact, iou=iou), self.stage("fusion schemes"))
@@ -463,8 +461,7 @@ class ChosenSet:
             built = np.concatenate([built, options[best : best + 1]])
         added = np.diff(built, axis=0).argmax(axis=1)
         prices = self.objective.price(self.rows(built[1:])).tolist()
-        judged = self._judge(built[1:], "order of building")
-        steps = zip(added.tolist(), prices, judged, strict=True)
+        steps = zip(added.tolist(), prices, self._judge(built[1:], "order of building"), strict=True)
         return tuple(content.BuildStep(self.names[i], price, each) for i, price, each in steps)
 
 
