@@ -289,7 +289,6 @@ class _RedrawnErrors(RecordingView):
 
 def _blind(lagged: Lagged, sensors: Sequence[int]) -> Lagged:
     """Frames without what these sensors measure."""
-
     frame, sent = (
         replace(each, measurements=tuple(np.zeros_like(x) if k in sensors else x for k, x in enumerate(each.images)))
         for each in (lagged.frame, lagged.sent)

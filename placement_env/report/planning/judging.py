@@ -22,16 +22,8 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from placement_env.analysis.intervals import (
-    BLOCK_FRAMES,
-    Draws,
-    Tally,
-    block_draws,
-    count_blocks,
-    draws_of_blocks,
-    figure_interval,
-    is_as_good,
-)
+from placement_env.analysis import intervals
+from placement_env.analysis.intervals import BLOCK_FRAMES, Draws, Tally
 from placement_env.analysis.shrinkage import shrink
 from placement_env.cases import USUAL_CASES, Cases
 from placement_env.classes import Classes, Combine
@@ -232,7 +224,7 @@ class Judge:
 
     def _draw(self, outcomes: Sequence[Outcome], frames: Int64[np.ndarray, " _"], ious: Sequence[float]) -> _Figures:
         """Figures of one set in some frames, whose blocks are drawn."""
-        draws = draws_of_blocks(frames // BLOCK_FRAMES, seed=self.seed)
+        draws = intervals.draws_of_blocks(frames // BLOCK_FRAMES, seed=self.seed)
         return _draw_tallies(self._tally(outcomes, frames, ious), self.detected.classes, draws)
 
     def _tally(
@@ -247,7 +239,8 @@ class Judge:
 
 def judge_tallies(tallies: Sequence[Sequence[Tally]], classes: Classes, seed: int) -> Judgement:
     """Judge from a tally of each class at each IoU threshold, averaged over these."""
-    return _judgement(_draw_tallies(tallies, classes, block_draws(len(tallies[0][0].truths), seed=seed)), classes)
+    draws = intervals.block_draws(len(tallies[0][0].truths), seed=seed)
+    return _judgement(_draw_tallies(tallies, classes, draws), classes)
 
 
 def _draw_tallies(tallies: Sequence[Sequence[Tally]], classes: Classes, draws: Draws) -> _Figures:
@@ -274,8 +267,8 @@ def _reduce(figures: Float64[np.ndarray, "cases *rest figures"], by: Combine) ->
 
 def _judgement(figures: _Figures, classes: Classes) -> Judgement:
     ap, recall, precision, vehicles, frames = figures[: DRAWS.start].tolist()
-    blocks = count_blocks(int(frames))
-    low, high = figure_interval(ap, figures[DRAWS], blocks=blocks, objects=int(vehicles), confidence=CONFIDENCE)
+    counts = {"blocks": intervals.count_blocks(int(frames)), "objects": int(vehicles)}
+    low, high = intervals.figure_interval(ap, figures[DRAWS], **counts, confidence=CONFIDENCE)
     kind = NOUNS[classes.names[0]] if len(classes) == 1 else "object"
     defined = None if np.isnan(precision) else precision
     return Judgement(ap, low, high, recall, defined, int(vehicles), int(frames), kind)
@@ -443,8 +436,8 @@ def choose(
     highest = max(each.ap for each in judged.values())
     close = [i for i, each in judged.items() if each.ap >= highest - NEAR_TIE]
     best = min(close, key=lambda i: (-(options[i].mean_ap or 0.0), *_thrift(options[i])))
-    blocks = count_blocks(judged[best].frames)
-    alike = [i for i in judged if i == best or is_as_good(draws[i], draws[best], blocks)]
+    blocks = intervals.count_blocks(judged[best].frames)
+    alike = [i for i in judged if i == best or intervals.is_as_good(draws[i], draws[best], blocks)]
     return best, tuple(sorted(alike, key=lambda i: (*_thrift(options[i]), i != best)))
 
 

@@ -32,16 +32,9 @@ from placement_env.fidelity.preparation import Preparation, check_scorable
 from placement_env.fidelity.renders import Renders
 from placement_env.fidelity.traffic import Traffic
 from placement_env.fidelity.visibility import Visibility
+from placement_env.handover import mounted
 from placement_env.handover.exchange import EXCHANGE_FILES, write_exchange
 from placement_env.handover.ground import Ground, ground_shares, visible_ground
-from placement_env.handover.mounted import (
-    bill_of_materials,
-    bill_of_rates,
-    format_sensors,
-    link_loads,
-    mounted_site,
-    unused_mounts,
-)
 from placement_env.objective import Objective
 from placement_env.report import content
 from placement_env.report.pages.report import REPORT_FILES, write_report
@@ -319,7 +312,7 @@ def build_plan(findings: Findings, final: judging.Judge, ground: Ground) -> cont
     option = replace(choice.option, **judged._asdict(), kbit=kbit, kbit_per_sensor=kbit / len(members))
     scored = score_boxes(final, members)
     each_kbit = np.array([outcome.bits for outcome in outcomes], np.float64).T / 1000
-    sensors = format_sensors(site, candidates, members, kbit=each_kbit, catalogue=question.stock.catalogue)
+    sensors = mounted.format_sensors(site, candidates, members, kbit=each_kbit, catalogue=question.stock.catalogue)
     detector: str = detector_origin(final.detected.detector)["detector"]
     considered = sorted(
         choice.options, key=lambda each: (not each.counted, -(each.counted.ap if each.counted else each.predicted))
@@ -352,14 +345,14 @@ def build_plan(findings: Findings, final: judging.Judge, ground: Ground) -> cont
         class_ap=(*final.by_class(members), *final.by_other_class(members)),
         worth=chosen.worth(),
         failures=chosen.failures(),
-        links=link_loads(sensors, limited=question.setting.fusion.sends_points),
-        materials=bill_of_materials(sensors),
-        running=bill_of_rates(sensors, question.stock.catalogue),
+        links=mounted.link_loads(sensors, limited=question.setting.fusion.sends_points),
+        materials=mounted.bill_of_materials(sensors),
+        running=mounted.bill_of_rates(sensors, question.stock.catalogue),
         order=chosen.order(),
         ground=ground_shares(ground, [sensor.name for sensor in sensors]),
         blind_streets=measure_blind_streets(site, ground),
-        poles_unused=tuple(mount.name for mount in unused_mounts(candidates, members)),
-        origins=count_origins(site, candidates),
+        poles_unused=tuple(mount.name for mount in mounted.unused_mounts(candidates, members)),
+        origins=count_things(replace(site, mounts=candidates.mounts)),
         head=question.stock.head,
         assumptions=sentences.list_assumptions(question, objective.fidelity, detector, sampled=not chosen.small),
         unknown=sentences.list_unknowns(judged.counted, levels),
@@ -555,7 +548,8 @@ def plan(question: Question) -> content.Planned:
     ground = visible_ground(question.site, [candidates.sensors[c] for c in choice.members])
     answer = build_plan(findings, final, ground)
     moments = pick_moments(final.detected, choice.members, seed=question.run.seed)
-    return content.Planned(answer, mounted_site(question.site, candidates, choice.members), candidates, ground, moments)
+    site = mounted.mounted_site(question.site, candidates, choice.members)
+    return content.Planned(answer, site, candidates, ground, moments)
 
 
 def _prepare_judge(
@@ -584,11 +578,6 @@ def judge_finally(
             return prepared, judge
         needed = 2 * frames if math.isnan(ends) else frames_for_width(frames, ends, width)
         run = replace(run, frames=min(MOST_FRAMES, max(needed, frames + frames // 4 + BLOCK_FRAMES)))
-
-
-def count_origins(site: Site, candidates: Candidates) -> dict[str, dict[str, int]]:
-    """Count the things of a site by origin and kind, its poles those of the candidates."""
-    return count_things(replace(site, mounts=candidates.mounts))
 
 
 def _keep_buildable(
