@@ -181,17 +181,12 @@ class Judge:
 
     def by_class(self, chosen: tuple[int, ...]) -> tuple[ClassAP, ...]:
         """Judge one set for each class that counts."""
-        classes, every = self.detected.classes, np.arange(self.frames)
+        classes, every, found = self.detected.classes, np.arange(self.frames), []
         tallies = self._tally(self.outcomes(chosen), every, self.cases.ious)
-        return tuple(
-            ClassAP(
-                name,
-                weight,
-                self.cases.class_ious(classes, name),
-                judge_tallies([[at[k]] for at in tallies], Classes((name,)), self.seed),
-            )
-            for k, (name, weight) in enumerate(zip(classes.names, classes.weights, strict=True))
-        )
+        for k, (name, weight) in enumerate(zip(classes.names, classes.weights, strict=True)):
+            judged = judge_tallies([[at[k]] for at in tallies], Classes((name,)), self.seed)
+            found.append(ClassAP(name, weight, self.cases.class_ious(classes, name), judged))
+        return tuple(found)
 
     def by_other_class(self, chosen: tuple[int, ...]) -> tuple[ClassAP, ...]:
         """Judge one set for each class that does not count but is there, and that the detector knows."""

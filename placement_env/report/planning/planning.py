@@ -425,14 +425,11 @@ class ChosenSet:
             worth = exact_worth(lambda _: aps, count)
         else:
             worth = estimate_worth(lambda sets: self._aps(sets, ""), count, rounds=64)
-        return tuple(
-            content.SensorWorth(
-                name,
-                float(shapley),
-                {other: float(s) for other, s in zip(self.names, pairs, strict=True) if other != name},
-            )
-            for name, shapley, pairs in zip(self.names, worth.shapley, worth.synergy, strict=True)
-        )
+        found = []
+        for name, shapley, pairs in zip(self.names, worth.shapley.tolist(), worth.synergy.tolist(), strict=True):
+            synergy = {other: value for other, value in zip(self.names, pairs, strict=True) if other != name}
+            found.append(content.SensorWorth(name, shapley, synergy))
+        return tuple(found)
 
     def failures(self) -> tuple[content.FailureCase, ...]:
         """Judge the remaining sensors after one or two failures, the worst first for each number."""
