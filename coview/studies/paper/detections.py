@@ -284,6 +284,11 @@ def kbit_per_sensor(stored: StoredDetections, run: SchemeRun) -> float:
     return float(np.mean([f.bits.mean() for f in stored.runs[run]])) / 1000
 
 
+def ms_per_frame(stored: StoredDetections, run: SchemeRun) -> float:
+    """Median time from measurement to fused boxes, sensors in parallel."""
+    return float(np.median([f.ms[0] for f in stored.runs[run]]))
+
+
 def visible_share(stored: StoredDetections, sensors: tuple[int, ...], region: tuple[int, ...] = ()) -> float:
     """Share of vehicles on which a set has a point, of those of a region if given. NaN without vehicles."""
     boxes = np.concatenate([np.zeros((0, 7)), *(truth.boxes for truth in stored.truths)])
