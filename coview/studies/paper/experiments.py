@@ -28,6 +28,7 @@ from coview.studies.paper.detections import (
     StoredDetections,
     compare_run,
     kbit_per_sensor,
+    ms_per_frame,
     score_run,
     visible_share,
 )
@@ -57,10 +58,7 @@ def scheme_experiment(stored: StoredDetections, site: str, basis: str) -> Experi
             rows.append(compare_run(stored, run, (run.scheme, f"AP@{iou:g}"), theirs, iou=iou))
         kbit, why = kbit_per_sensor(stored, run), _explain_kbit(stored, run, paper.kbit)
         rows.append(Compared((run.scheme, "sent by a sensor"), "kbit", kbit, paper.kbit, reason=why))
-        ms, why = (
-            float(np.median([each.ms[0] for each in stored.runs[run]])),
-            "this machine; the paper's is a Quadro M4000",
-        )
+        ms, why = ms_per_frame(stored, run), "this machine; the paper's is a Quadro M4000"
         rows.append(Compared((run.scheme, "time"), "ms", ms, paper.ms, reason=why))
     ap = [row for row in rows if row.unit == "AP"]
     ours = {row.labels: row.ours or 0.0 for row in ap}
