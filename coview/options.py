@@ -55,8 +55,7 @@ class ClassOptions:
         if weights is not None and len(weights) != len(names):
             raise ValueError(f"--class-weights needs a weight for each of {', '.join(names)}, got {len(weights)}")
         own = None if self.small_iou == SMALL_IOU else self.small_iou
-        ious = tuple(own if name in SMALL else None for name in names)
-        return Classes(names, weights or (), self.combine, ious)
+        return Classes(names, weights or (), self.combine, tuple(own if name in SMALL else None for name in names))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -343,8 +343,7 @@ class Objective:
             if not np.isfinite(estimate.kbit).all():
                 raise ValueError(f"kbit must be finite, fidelity {self.fidelity!r} says {estimate.kbit.tolist()[:3]}")
             columns = (estimate.ap, estimate.recall, estimate.kbit, *of_classes)
-            figures = zip(*(column.tolist() for column in columns), strict=True)
-            self._known.update(zip(fresh, figures, strict=True))
+            self._known.update(zip(fresh, zip(*(column.tolist() for column in columns), strict=True), strict=True))
             self._tell(len(fresh))
         return np.array([self._known[key] for key in keys], np.float64).reshape(-1, self._width), cache_hit
 

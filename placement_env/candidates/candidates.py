@@ -122,8 +122,7 @@ class Candidates(Displayed):
     @cached_property
     def model_prices(self) -> Float64[np.ndarray, " C"]:
         """Price of each candidate's sensor, without its mount."""
-        each = np.array(self.axes.prices or np.zeros(len(self.axes.models)), np.float64)
-        return each[self.factors[:, 4]]
+        return np.array(self.axes.prices or np.zeros(len(self.axes.models)), np.float64)[self.factors[:, 4]]
 
     @cached_property
     def prices(self) -> Float64[np.ndarray, " C"]:
@@ -178,8 +177,7 @@ class Candidates(Displayed):
     def select(self, indices: Sequence[int] | Int64[np.ndarray, " n"]) -> Candidates:
         """Return some of the candidates, in the given order. Mounts and axes stay, so factors keep their meaning."""
         chosen = np.asarray(indices, np.int64)
-        sensors = tuple(self.sensors[i] for i in chosen)
-        return Candidates(sensors, self.mounts, self.factors[chosen], self.axes)
+        return Candidates(tuple(self.sensors[i] for i in chosen), self.mounts, self.factors[chosen], self.axes)
 
     def digest(self) -> str:
         """SHA-256 over sensors, mounts and factors; the same on every machine."""

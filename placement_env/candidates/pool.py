@@ -105,8 +105,7 @@ def pool(
     poses[:, :3, :3] = rotations[tuple(factors[:, 2:].T)]
     poses[:, :3, 3] = position
     rows = zip(_names(chosen, mounted, axes, factors), factors[:, 4], poses, strict=True)
-    sensors = tuple(Sensor(name, axes.models[model], at) for name, model, at in rows)
-    return Candidates(sensors, chosen, factors, axes)
+    return Candidates(tuple(Sensor(name, axes.models[model], at) for name, model, at in rows), chosen, factors, axes)
 
 
 def choose_candidates(

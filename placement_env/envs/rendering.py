@@ -11,18 +11,9 @@ from placement_env.envs.scenario import find_area
 from placement_env.objective import Objective
 from toolkit.arrays import Shaped
 from toolkit.boxes import footprints
+from toolkit.plots import plan_view as above
 from toolkit.plots.canvas import blank_figure, house_style, render_pixels, shorten
 from toolkit.plots.palette import INK, PAPER_WHITE, point_colours, point_names, point_scale
-from toolkit.plots.plan_view import (
-    draw_area,
-    draw_ground,
-    draw_north,
-    draw_poles,
-    draw_sensors,
-    draw_wedges,
-    north,
-    scale_length,
-)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -53,15 +44,15 @@ def bird_view(objective: Objective, members: list[int]) -> Shaped[np.ndarray, "h
         axes.set(xticks=[], yticks=[])
         axes.spines[:].set_visible(False)
         if site is not None:
-            draw_ground(axes, site)
-        draw_area(axes, area)
+            above.draw_ground(axes, site)
+        above.draw_area(axes, area)
         vehicles = _draw_vehicles(axes, objective, members)
-        draw_poles(axes, np.unique(places, axis=0), size=3.5)
+        above.draw_poles(axes, np.unique(places, axis=0), size=3.5)
         chosen = [sensors[member] for member in members]
-        draw_wedges(axes, chosen, () if site is None else site.solids)
-        draw_sensors(axes, chosen, 72 * scale)
-        towards = np.array([0.0, 1.0]) if site is None else north(site)
-        draw_north(_draw_strips(figure, scale), (1.85, _FOOT / 2), towards)
+        above.draw_wedges(axes, chosen, () if site is None else site.solids)
+        above.draw_sensors(axes, chosen, 72 * scale)
+        towards = np.array([0.0, 1.0]) if site is None else above.north(site)
+        above.draw_north(_draw_strips(figure, scale), (1.85, _FOOT / 2), towards)
         title = f"{shorten(_name(objective), 30)}: {len(members)} sensor{'s' * (len(members) != 1)}"
         figure.text(0.02, 1 - 0.16 / _SIDE, title, fontsize=10, fontweight="bold", va="center")
         figure.text(0.02, 1 - 0.36 / _SIDE, f"{vehicles}; by {objective.fidelity}", fontsize=8, va="center")
@@ -95,7 +86,7 @@ def _draw_strips(figure: Figure, scale: float) -> Axes:
     strip = figure.add_axes((0, 0, 1, _FOOT / _SIDE))
     strip.set(xlim=(0, _SIDE), ylim=(0, _FOOT))
     strip.set_axis_off()
-    length = scale_length(1.2 / scale)
+    length = above.scale_length(1.2 / scale)
     for half, colour in ((0.0, INK), (0.5, PAPER_WHITE)):
         left, right = 0.13 + half * length * scale, 0.13 + (half + 0.5) * length * scale
         strip.fill([left, right, right, left], [0.24, 0.24, 0.31, 0.31], facecolor=colour, edgecolor=INK, linewidth=0.8)

@@ -201,8 +201,7 @@ class EpisodeSource:
             failed = sorted(rng.choice(count, number, replace=False).tolist())
         count = OTHER_TRAFFICS if config.traffics is None else config.traffics
         number = _within((0, count - 1), rng)
-        traffic = FIRST_TRAFFIC + number if number else 0
-        return Conditions(site, find_scheme(scheme), int(budget), failed, traffic)
+        return Conditions(site, find_scheme(scheme), int(budget), failed, FIRST_TRAFFIC + number if number else 0)
 
 
 class Scenarios(EpisodeSource):

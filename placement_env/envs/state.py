@@ -200,6 +200,5 @@ def coverage_gain(
     together = np.zeros((len(chosen), len(seen)), np.uint64)
     row, slot = chosen.nonzero()
     np.bitwise_or.at(together, row, seen.T[slot])
-    unseen = seen & ~together[:, :, None]
-    added = np.add.reduce(np.bitwise_count(unseen), axis=1, dtype=np.int16)
+    added = np.add.reduce(np.bitwise_count(seen & ~together[:, :, None]), axis=1, dtype=np.int16)
     return np.bitwise_count(together).sum(axis=1, dtype=np.int64), added

@@ -142,8 +142,7 @@ def _draw(observed: Sequence[Observed], rng: np.random.Generator) -> list[_Weigh
     for each, often in zip(observed, draw(len(observed), len(observed)).tolist(), strict=True):
         blocks, place = np.unique(each.visibility.frame // LIFE, return_inverse=True)
         drawn = draw(len(blocks) * often, len(blocks))
-        sets = draw(len(each.ap) * often, len(each.ap))
-        weights.append((drawn[place].astype(np.float64), sets.astype(np.float64)))
+        weights.append((drawn[place].astype(np.float64), draw(len(each.ap) * often, len(each.ap)).astype(np.float64)))
     return weights
 
 

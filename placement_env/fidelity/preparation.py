@@ -78,8 +78,7 @@ class Preparation:
     @property
     def plain(self) -> Preparation:
         """Same parts for intact sets in undivided traffic."""
-        cases = replace(self.setting.cases, failing=0, levels=1)
-        return replace(self, setting=replace(self.setting, cases=cases))
+        return replace(self, setting=replace(self.setting, cases=replace(self.setting.cases, failing=0, levels=1)))
 
     def count_at_levels(self) -> dict[str, int]:
         """Objects that count at each level of traffic, by its name."""

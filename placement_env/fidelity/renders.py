@@ -156,7 +156,8 @@ class Renders:
         """A candidate and its view of the empty site, as far as that is packed."""
         if c not in self._rigs:
             (arrays,) = recall(self._cache, [self._key(c, "empty")], lambda _: [self._render_empty(c)])
-            self._rigs[c] = replace(self._bare_rig(c), pixels=(arrays[0],), depth=(arrays[1],))
+            area, height, slope = tuple(self.site.area.tolist()), self.site.height, self.site.relief.slope
+            self._rigs[c] = Rig((self.sensors[c],), area, height, (arrays[0],), (arrays[1],), slope)
         return self._rigs[c]
 
     def _key(self, c: int, part: int | str) -> bytes:
@@ -187,10 +188,6 @@ class Renders:
                 changes.append((found.pixels[0], found.steps[0]))
         pixels, steps = (np.concatenate(each) for each in zip(*changes, strict=True))
         return pixels, steps, np.cumsum([0, *(len(each) for each, _ in changes)])
-
-    def _bare_rig(self, c: int) -> Rig:
-        area = tuple(self.site.area.tolist())
-        return Rig((self.sensors[c],), area, self.site.height, (), (), self.site.relief.slope)
 
 
 class Recorded:

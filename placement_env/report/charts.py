@@ -12,16 +12,7 @@ from placement_env.cases import iou_text
 from placement_env.handover.mounted import RATE, LinkLoad
 from placement_env.report import content
 from placement_env.search.result import Result
-from toolkit.plots.canvas import (
-    CHART_INCHES,
-    blank_figure,
-    draw_heading,
-    house_style,
-    pad_limits,
-    shorten,
-    svg_text,
-    write_figure,
-)
+from toolkit.plots import canvas
 from toolkit.plots.curves import curve_axes
 from toolkit.plots.palette import BAR, INK, OUTCOME, SENSORS, PlotStyle
 from toolkit.plots.plan_view import sensor_labels
@@ -52,7 +43,7 @@ def interval_bars(
     bars but the first, whose AP is an upright line; right: inches kept free for labels.
     """
     names, judged = [name for name, _ in rows], [each for _, each in rows]
-    with house_style():
+    with canvas.house_style():
         subtitle = f"{describe_sample(judged)}{'; hatched: with failures' * hatched}"
         figure, axes = row_axes(title, subtitle, names, right=right)
         axes.set(xlim=(0, 1), xlabel="AP")
@@ -68,16 +59,16 @@ def interval_bars(
             _write_beside(axes, row, labels[row] if labels else ap_label(each))
         if hatched and judged[0]:
             axes.axvline(judged[0].ap, color=INK, linewidth=0.9, dashes=(4, 2), zorder=1.5)
-        return svg_text(figure, alt or title)
+        return canvas.svg_text(figure, alt or title)
 
 
 def draw_history(result: Result, out: str | Path) -> None:
     """Write the best reward of a search over the sets it scored as a picture."""
-    with house_style():
+    with canvas.house_style():
         figure, axes = curve_axes(f"{result.method}: best reward so far", 0)
         axes.step(result.history.evaluations, result.history.reward, where="post", color=BAR, marker=".")
         axes.set(xlabel="sets scored", ylabel="reward")
-        write_figure(figure, out)
+        canvas.write_figure(figure, out)
 
 
 def scheme_chart(schemes: Sequence[content.SchemeFigures]) -> str:
@@ -95,12 +86,12 @@ def failure_chart(intact: content.Judgement, failures: Sequence[content.FailureC
 
 def link_chart(links: Sequence[LinkLoad]) -> str:
     """Mbit/s of each link against its capacity."""
-    with house_style():
+    with canvas.house_style():
         text = f"{RATE:g} frames a second; bar: mean, line: largest frame, upright: capacity of the link"
         figure, axes = row_axes("Load of the links", text, [each.pole for each in links], right=2.3)
         loads = [max(each.mbit_s, each.peak_mbit_s) for each in links]
         near = [each.capacity_mbit_s for each in links if each.capacity_mbit_s <= 4 * max(loads, default=0.0)]
-        low, high = pad_limits([*loads, *near])
+        low, high = canvas.pad_limits([*loads, *near])
         for row, each in enumerate(links):
             face, edge, hatch = (BAR, None, None) if each.fits else ("white", OUTCOME["missed"].colour, "xxxx")
             axes.barh(row, each.mbit_s, height=0.5, zorder=2, facecolor=face, edgecolor=edge, hatch=hatch)
@@ -110,18 +101,18 @@ def link_chart(links: Sequence[LinkLoad]) -> str:
             state = f"{each.share:.0%}: {'fits' if each.fits else 'TOO MUCH'}"
             _write_beside(axes, row, f"{each.mbit_s:.3g} of {each.capacity_mbit_s:.3g} Mbit/s, {state}")
         axes.set(xlim=(low, high), xlabel="Mbit/s")
-        return svg_text(figure, "Load of the links")
+        return canvas.svg_text(figure, "Load of the links")
 
 
 def order_chart(order: Sequence[content.BuildStep], currency: str) -> str:
     """AP after each sensor built, over money spent."""
-    with house_style():
+    with canvas.house_style():
         judged = [each.judged for each in order]
-        figure = blank_figure(CHART_INCHES, HEAD + 2.9 + 0.2 * len(order))
+        figure = canvas.blank_figure(canvas.CHART_INCHES, HEAD + 2.9 + 0.2 * len(order))
         height = figure.get_size_inches()[1]
         below = (0.75 + 0.2 * len(order)) / height
         axes = figure.add_axes((0.11, below, 0.85, 1 - below - HEAD / height))
-        draw_heading(figure, "Which sensor to build first", describe_sample(judged))
+        canvas.draw_heading(figure, "Which sensor to build first", describe_sample(judged))
         prices, ap = [each.price for each in order], [each.ap for each in judged]
         axes.step([0.0, *prices], [0.0, *ap], where="post", color=BAR, zorder=2)
         for number, (price, each) in enumerate(zip(prices, judged, strict=True)):
@@ -129,12 +120,12 @@ def order_chart(order: Sequence[content.BuildStep], currency: str) -> str:
             axes.plot(price, each.ap, "o", color=BAR, markeredgecolor=INK, markersize=6, zorder=4)
             axes.annotate(str(number + 1), (price, each.ap), xytext=(6, -10), textcoords="offset points", fontsize=8)
         axes.grid()
-        axes.set(xlim=pad_limits(prices), ylim=(0, 1.03), xlabel=f"{price_label(currency)}, spent", ylabel="AP")
+        axes.set(xlim=canvas.pad_limits(prices), ylim=(0, 1.03), xlabel=f"{price_label(currency)}, spent", ylabel="AP")
         for number, step in enumerate(order):
             line = f"{number + 1}  {set_label([step.sensor])}: {step.price:g}, AP {ap_label(step.judged)}"
             place = 0.08 + 0.2 * (len(order) - 1 - number)
             figure.text(0.11, place / height, line, fontsize=7.5, va="bottom")
-        return svg_text(figure, "AP after each sensor built")
+        return canvas.svg_text(figure, "AP after each sensor built")
 
 
 def front_chart(options: Sequence[content.PlanOption], chosen: content.PlanOption, currency: str) -> str:
@@ -151,12 +142,12 @@ def front_chart(options: Sequence[content.PlanOption], chosen: content.PlanOptio
         "judged by the detector": {**dot, "markerfacecolor": BAR},
         "predicted only": {**dot, "markerfacecolor": "white"},
     }
-    with house_style():
-        figure = blank_figure(CHART_INCHES, FRONT_HEIGHT)
+    with canvas.house_style():
+        figure = canvas.blank_figure(canvas.CHART_INCHES, FRONT_HEIGHT)
         everyone = [*(each for each in options if each != chosen), chosen]
         count = f"N = {len(everyone)} sensor set{'s' * (len(everyone) > 1)}"
         sample = describe_sample([each.judged for each in everyone])
-        draw_heading(figure, "AP against what is sent and what it costs", f"{count}; {sample}")
+        canvas.draw_heading(figure, "AP against what is sent and what it costs", f"{count}; {sample}")
         for left, label, values in (
             (0.09, "kbit per sensor and frame", [each.kbit_per_sensor for each in everyone]),
             (0.57, price_label(currency), [each.price for each in everyone]),
@@ -172,10 +163,10 @@ def front_chart(options: Sequence[content.PlanOption], chosen: content.PlanOptio
                 )
                 axes.plot(x, ap, zorder=5 if is_chosen else 4, **marks[kind])
             axes.grid()
-            axes.set(xlim=pad_limits(values), ylim=(0, 1.03), xlabel=label, ylabel="AP")
+            axes.set(xlim=canvas.pad_limits(values), ylim=(0, 1.03), xlabel=label, ylabel="AP")
         lines = [Line2D([], [], **style) for style in marks.values()]
         figure.legend(lines, list(marks), loc="lower left", ncols=3, bbox_to_anchor=(0.07, 0.0))
-        return svg_text(figure, f"AP against kbit and price; {INTERVAL}")
+        return canvas.svg_text(figure, f"AP against kbit and price; {INTERVAL}")
 
 
 def worth_chart(worth: Sequence[content.SensorWorth]) -> str:
@@ -183,19 +174,19 @@ def worth_chart(worth: Sequence[content.SensorWorth]) -> str:
 
     An interaction above 0 means that two sensors add more together than apart.
     """
-    with house_style():
+    with canvas.house_style():
         labels = sensor_labels([each.sensor for each in worth])
         names = [
-            label if label == each.sensor else f"{shorten(each.sensor, 28)}  {label}"
+            label if label == each.sensor else f"{canvas.shorten(each.sensor, 28)}  {label}"
             for label, each in zip(labels, worth, strict=True)
         ]
         side = ROW * max(len(names), 2)
         text = 0.25 + 0.066 * max(map(len, names), default=0)
         height = 0.85 + side + 0.55
-        figure = blank_figure(CHART_INCHES, height)
+        figure = canvas.blank_figure(canvas.CHART_INCHES, height)
         heading = f"Shapley value in AP, and interaction of pairs; N = {len(names)} sensors"
-        draw_heading(figure, "What each sensor is worth", heading)
-        bars = figure.add_axes((text / CHART_INCHES, 0.55 / height, 0.3, side / height))
+        canvas.draw_heading(figure, "What each sensor is worth", heading)
+        bars = figure.add_axes((text / canvas.CHART_INCHES, 0.55 / height, 0.3, side / height))
         values = [each.shapley for each in worth]
         bars.barh(range(len(worth)), values, height=0.62, color=BAR, zorder=2)
         for row, value in enumerate(values):
@@ -208,10 +199,10 @@ def worth_chart(worth: Sequence[content.SensorWorth]) -> str:
         bars.set_yticks(range(len(names)))
         bars.set_yticklabels(names)
         bars.grid(axis="x")
-        start = text / CHART_INCHES + 0.36
-        width = min(0.985 - start, side / CHART_INCHES * 1.6)
+        start = text / canvas.CHART_INCHES + 0.36
+        width = min(0.985 - start, side / canvas.CHART_INCHES * 1.6)
         _draw_pairs(figure.add_axes((start, 0.55 / height, width, side / height)), worth, labels)
-        return svg_text(figure, "Shapley values and interactions of the sensors")
+        return canvas.svg_text(figure, "Shapley values and interactions of the sensors")
 
 
 def _draw_pairs(axes: Axes, worth: Sequence[content.SensorWorth], names: Sequence[str]) -> None:
@@ -233,18 +224,18 @@ def _draw_pairs(axes: Axes, worth: Sequence[content.SensorWorth], names: Sequenc
 
 def row_axes(title: str, subtitle: str, names: Sequence[str], *, right: float = 1.7) -> tuple[Figure, Axes]:
     """Figure with a row for each name. right: inches kept free beside the rows."""
-    names, rows = [shorten(name, LETTERS) for name in names], max(len(names), 1)
+    names, rows = [canvas.shorten(name, LETTERS) for name in names], max(len(names), 1)
     left = 0.35 + 0.066 * max(map(len, names), default=0)
     height = HEAD + FOOT + ROW * rows
-    figure = blank_figure(CHART_INCHES, height)
-    width = (CHART_INCHES - left - right) / CHART_INCHES
-    axes = figure.add_axes((left / CHART_INCHES, FOOT / height, width, ROW * rows / height))
+    figure = canvas.blank_figure(canvas.CHART_INCHES, height)
+    width = (canvas.CHART_INCHES - left - right) / canvas.CHART_INCHES
+    axes = figure.add_axes((left / canvas.CHART_INCHES, FOOT / height, width, ROW * rows / height))
     axes.set(ylim=(rows - 0.5, -0.5))
     axes.set_yticks(range(len(names)), [""] * len(names))
     axes.set_yticklabels(names)
     axes.tick_params(axis="y", length=0)
     axes.grid(axis="x")
-    draw_heading(figure, title, subtitle)
+    canvas.draw_heading(figure, title, subtitle)
     return figure, axes
 
 
@@ -278,7 +269,7 @@ def price_label(currency: str) -> str:
     >>> price_label("EUR"), price_label("")
     ('price (EUR)', 'price (ordinary poles)')
     """
-    return f"price ({shorten(currency, 12)})" if currency else "price (ordinary poles)"
+    return f"price ({canvas.shorten(currency, 12)})" if currency else "price (ordinary poles)"
 
 
 def set_label(names: Sequence[str]) -> str:
@@ -287,4 +278,4 @@ def set_label(names: Sequence[str]) -> str:
     >>> set_label(["d0", "d1"]), set_label([])
     ('d0, d1', 'none')
     """
-    return shorten(", ".join(names) or "none", LETTERS)
+    return canvas.shorten(", ".join(names) or "none", LETTERS)

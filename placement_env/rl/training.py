@@ -102,8 +102,7 @@ def search(
             best, chosen = float(before["best"]), objective.row(before["chosen"])
 
         def note(done: int, _: float) -> None:
-            members = np.flatnonzero(chosen).tolist()
-            rounds.append([done, {"limits": limits.state(), "best": best, "chosen": members}])
+            rounds.append([done, {"limits": limits.state(), "best": best, "chosen": np.flatnonzero(chosen).tolist()}])
             checkpoint.save({"rounds": rounds[-ROUNDS_KEPT:]})
 
         left = None if seconds is None else max(0.0, seconds - limits.elapsed)

@@ -155,8 +155,7 @@ def draw_curve(points: Sequence[CurvePoint], out: Path | str, *, judge: str, cur
         axes.grid()
         if not by_money:
             axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-        price = f"price ({canvas.shorten(currency, 12) or 'ordinary poles'})"
-        label = price if by_money else "sensors"
+        label = f"price ({canvas.shorten(currency, 12) or 'ordinary poles'})" if by_money else "sensors"
         axes.set(xlim=canvas.pad_limits(places), ylim=(0, 1.03), xlabel=label, ylabel="AP")
         marks = [
             Line2D([], [], color=INK, marker=marker, markerfacecolor=face, linestyle="none")

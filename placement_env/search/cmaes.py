@@ -177,13 +177,11 @@ def build_pose_scorer(preparation: Preparation, weights: Weights = FREE, *, live
     quiet = replace(preparation.run, cache=None, progress=None)
 
     def score_poses(sets: Sequence[Poses]) -> list[Score | None]:
-        sensors = [sensor for chosen in sets for sensor in chosen]
-        candidates = as_candidates(sensors, preparation.setting.pool)
+        candidates = as_candidates([sensor for chosen in sets for sensor in chosen], preparation.setting.pool)
         if live is not None:
             seen = live.see(candidates)
         else:
-            labels = preparation.setting.counted.labels
-            seen = see(preparation.traffic, candidates, labels=labels, run=quiet)
+            seen = see(preparation.traffic, candidates, labels=preparation.setting.counted.labels, run=quiet)
         objective = Objective.of_moved(preparation, candidates, seen, weights)
         subsets = np.repeat(np.arange(len(sets)), [len(chosen) for chosen in sets]) == np.arange(len(sets))[:, None]
         objective.scores(subsets)
@@ -245,8 +243,7 @@ class Coding:
 
     def options(self) -> dict[str, object]:
         """Bounds as `cma` takes them. All values but the headings are bounded."""
-        ends = [[end, None, *[end] * (3 if self.roam else 1)] * len(self.start) for end in (0.0, 1.0)]
-        return {"bounds": ends}
+        return {"bounds": [[end, None, *[end] * (3 if self.roam else 1)] * len(self.start) for end in (0.0, 1.0)]}
 
 
 def _cma() -> ModuleType:

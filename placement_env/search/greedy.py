@@ -61,8 +61,7 @@ def search(
     if math.isfinite(objective.most_price) and np.ptp(prices) > 0:
         grow(progress, prices)
     if is_submodular(objective) if submodular is None else submodular:
-        ratio = guarantee(objective) if len(chosen) == budget else 0.0
-        known = certify(progress, chosen, ratio, rise)
+        known = certify(progress, chosen, guarantee(objective) if len(chosen) == budget else 0.0, rise)
     elif rise > TOLERANCE:
         known = progress.unknown(
             f"gains grew by up to {rise:.2g} as sensors joined: not submodular, nothing is promised"

@@ -103,8 +103,7 @@ class SearchOrder:
     @property
     def detects(self) -> bool:
         """True where the detector scores anything."""
-        judge = self.judge if self.method == PORTFOLIO else None
-        return "detector" in (self.fidelity, self.verify, judge)
+        return "detector" in (self.fidelity, self.verify, self.judge if self.method == PORTFOLIO else None)
 
     @property
     def question(self) -> Summary:

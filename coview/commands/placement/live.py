@@ -11,10 +11,9 @@ import numpy as np
 import tyro
 from tyro.conf import Positional, UseAppendAction
 
-from coview.arguments import check_schemes
 from coview.commands.placement.plan import USUAL_CLASSES, StockOptions
-from coview.options import ClassOptions, load_own_detector
-from coview.outputs import OK, Writing, check_writable, print_result
+from coview.options import ClassOptions
+from coview.outputs import OK, Writing, print_result
 from placement_env.cases import USUAL_CASES, Cases
 from toolkit.runtime.files import read_json
 from toolkit.runtime.run import Run
@@ -163,9 +162,6 @@ def open_planner(where: str, stock: StockOptions, classes: ClassOptions, cases: 
     """
     from placement_env.handover.exchange import MAP, SITE
     from placement_env.live.planner import LivePlanner
-    from placement_env.setting import Setting
-    from toolkit.detection.link.range_images import find_codec
-    from toolkit.sites.files import load_site
 
     folder = Path(where)
     if folder.is_dir():
@@ -184,20 +180,7 @@ def open_planner(where: str, stock: StockOptions, classes: ClassOptions, cases: 
             classes = replace(classes, classes=tuple(asked["classes"]), class_weights=weights, combine=asked["combine"])
         if (run.frames, run.seed) == (LIVE_RUN.frames, LIVE_RUN.seed):
             run = replace(run, frames=asked["frames"][0], seed=asked["seed"])
-    check_schemes([stock.scheme])
-    if run.cache is not None:
-        check_writable(run.cache.resolve(), run.cache)
-    place = load_site(where)
-    setting = Setting(
-        place,
-        candidates=stock.build(place),
-        scheme=stock.scheme,
-        codec=find_codec(stock.codec),
-        classes=classes.build(),
-        cases=cases,
-        detector=load_own_detector(stock.detector, place, run),
-    )
-    return LivePlanner(setting, run=run)
+    return LivePlanner(stock.setting(where, classes, cases, run), run=run)
 
 
 def _describe(before: LiveAnswer, after: LiveAnswer) -> str:

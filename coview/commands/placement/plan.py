@@ -22,6 +22,7 @@ from toolkit.runtime.run import Run
 if TYPE_CHECKING:
     from placement_env.report.content import Plan
     from placement_env.report.planning.question import Stock
+    from placement_env.setting import Setting
     from toolkit.sites.site import Site
 
 
@@ -88,6 +89,26 @@ class StockOptions:
             capacity_kbit=self.capacity,
         )
 
+    def setting(self, site: str, classes: ClassOptions, cases: Cases, run: Run) -> Setting:
+        """Build the setting at a site (name or file). Raises ValueError and OSError for unusable options and files."""
+        from placement_env.setting import Setting
+        from toolkit.detection.link.range_images import find_codec
+        from toolkit.sites.files import load_site
+
+        check_schemes([self.scheme])
+        if run.cache is not None:
+            check_writable(run.cache.resolve(), run.cache)
+        place = load_site(site)
+        return Setting(
+            place,
+            candidates=self.build(place),
+            scheme=self.scheme,
+            codec=find_codec(self.codec),
+            classes=classes.build(),
+            cases=cases,
+            detector=load_own_detector(self.detector, place, run),
+        )
+
 
 USUAL_CLASSES, USUAL_OUTPUT = ClassOptions(), Output(out=Path("out/plan"))
 USUAL_RUN = Run(cache=Path("out/cache"), workers=2)
@@ -118,30 +139,14 @@ def plan(
     from placement_env.candidates.pool import NoCandidates
     from placement_env.report.planning.planning import plan as answer, write_plan
     from placement_env.report.planning.question import USUAL_SENSORS, Question
-    from placement_env.setting import Setting
-    from toolkit.detection.link.range_images import find_codec
-    from toolkit.sites.files import load_site
 
     out = output.out or Path("out/plan")
-    check_schemes([stock.scheme])
     files = [path for path in (stock.sensors, stock.keep_out) if path is not None]
     inputs = [*site_file(site), *site_file(stock.candidates), *files]
     check = partial(check_folder, out, holds="plan.json", inputs=inputs)
     asked = (site, goal, stock, classes, cases, run)
-    if run.cache is not None:
-        check_writable(run.cache.resolve(), run.cache)
-    place = load_site(site)
-    setting = Setting(
-        place,
-        candidates=stock.build(place),
-        scheme=stock.scheme,
-        codec=find_codec(stock.codec),
-        classes=classes.build(),
-        cases=cases,
-        detector=load_own_detector(stock.detector, place, run),
-        most_price=math.inf if goal.money is None else goal.money,
-        keep=stock.keep,
-    )
+    most_price = math.inf if goal.money is None else goal.money
+    setting = replace(stock.setting(site, classes, cases, run), most_price=most_price, keep=stock.keep)
     sensors = USUAL_SENSORS if goal.budget is None and goal.money is None else goal.budget
     question = Question(setting, run, sensors, goal.min_ap, goal.max_kbit, goal.confidence, goal.width, goal.drawings)
     with suppress(NoCandidates):  # the plan says why there are none

@@ -292,6 +292,5 @@ def ms_per_frame(stored: StoredDetections, run: SchemeRun) -> float:
 def visible_share(stored: StoredDetections, sensors: tuple[int, ...], region: tuple[int, ...] = ()) -> float:
     """Share of vehicles on which a set has a point, of those of a region if given. NaN without vehicles."""
     boxes = np.concatenate([np.zeros((0, 7)), *(truth.boxes for truth in stored.truths)])
-    there = in_view_of_all([stored.sensors[c] for c in region], boxes)
-    points = stored.points(sensors)[there]
+    points = stored.points(sensors)[in_view_of_all([stored.sensors[c] for c in region], boxes)]
     return float((points > 0).mean()) if len(points) else float("nan")

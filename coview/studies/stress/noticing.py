@@ -1,10 +1,9 @@
 """Time until the fusion centre notices a failing sensor, and false alarms.
 
-In every stretch of traffic each sensor fails in turn, `ONSET` after the stretch
-began: it falls silent, repeats what it measured then, or sees nothing any more. Its monitor
-(`toolkit.detection.sensor_monitor`) looks at what arrives, once with whole images and once with foreground. A sensor
-must see the objects that the centre detects in all messages and that have points from other sensors. False alarms are
-counted over the same traffic with nothing wrong but the link.
+In every stretch of traffic each sensor fails in turn, `ONSET` after the stretch began: it falls silent, repeats what it
+measured then, or sees nothing any more. Its monitor (`toolkit.detection.sensor_monitor`) looks at what arrives, once
+with whole images and once with foreground. A sensor must see the objects that the centre detects in all messages and
+that have points from other sensors. False alarms are counted over the same traffic with nothing wrong but the link.
 """
 
 from __future__ import annotations

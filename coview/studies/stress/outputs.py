@@ -274,8 +274,7 @@ def write_rows(rows: Sequence[StressRow], provenance: Mapping[str, object], fold
     """Write stress.json alone, with the rows so far."""
     path = Path(folder) / "stress.json"
     path.parent.mkdir(parents=True, exist_ok=True)
-    content = StressResults(tuple(rows)).as_dict(provenance)
-    write_text(path, json.dumps(content, indent=1, allow_nan=False))
+    write_text(path, json.dumps(StressResults(tuple(rows)).as_dict(provenance), indent=1, allow_nan=False))
 
 
 def write_stress(results: StressResults, provenance: Mapping[str, object], folder: str | Path) -> None:

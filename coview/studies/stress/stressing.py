@@ -202,8 +202,7 @@ class _ConditionJob:
                 needed=needed,
             )
             for k, lagged in enumerate(arrivals, 1):
-                seen = _blind(lagged, condition.blinded)
-                self._look(some, seen, condition, memory, scored=lagged.since >= settled)
+                self._look(some, _blind(lagged, condition.blinded), condition, memory, scored=lagged.since >= settled)
                 if self.report is not None:
                     self.report(number * self.frames + (part * self.frames + k) // len(groups))
         return [row for trial in trials for row in trial.rows(condition, self.seed)]
@@ -285,13 +284,11 @@ class _RedrawnErrors(RecordingView):
     seed: int
 
     def __getitem__(self, index: int) -> Frame:
-        seed = block_seed(self.seed, index // LIFE)
-        return read_frame(self.recording, index, errors=self.errors, noise_seed=seed)
+        return read_frame(self.recording, index, errors=self.errors, noise_seed=block_seed(self.seed, index // LIFE))
 
 
 def _blind(lagged: Lagged, sensors: Sequence[int]) -> Lagged:
     """Frames without what these sensors measure."""
-
     frame, sent = (
         replace(each, measurements=tuple(np.zeros_like(x) if k in sensors else x for k, x in enumerate(each.images)))
         for each in (lagged.frame, lagged.sent)

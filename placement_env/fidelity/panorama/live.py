@@ -64,7 +64,7 @@ class LiveView:
                 if reach == "own" or self.knows(sensor):
                     shares[s] = own[s]
                 elif not self._knows(shares[s], sensor.model):
-                    shares[s] = [_nearest(shares[s])]
+                    shares[s] = [(max(shares[s], key=lambda each: each[1])[0], 1.0)]
         wanted = [(place, mount) for each, mount in zip(shares, mounts, strict=True) for place, _ in each]
         surrounds = self._prepare(wanted, {sensor.model for sensor in sensors}, whole=reach == "mount")
         points = np.zeros((len(sensors), self._scored.items))
@@ -140,10 +140,6 @@ def _between(position: Float64[np.ndarray, "3"], mount: Mount) -> list[tuple[Pla
     share = steps - below
     each = [(below, 1 - share), (below + 1, share)]
     return [(_place(x, y, foot + step * HEIGHT_STEP), part) for step, part in each if part > 0]
-
-
-def _nearest(shares: list[tuple[Place, float]]) -> tuple[Place, float]:
-    return max(shares, key=lambda each: each[1])[0], 1.0
 
 
 def _places(place: Place, mount: Mount) -> list[Place]:

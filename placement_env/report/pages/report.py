@@ -65,8 +65,7 @@ def judged_cells(judged: content.Judgement | None) -> tuple[Cell | str | float |
     """Values of `JUDGED_COLUMNS`; dashes without anything to detect."""
     if judged is None:
         return None, "no vehicle", None, 0, None
-    interval = Cell(interval_text(judged), judged.low)
-    return judged.ap, interval, judged.recall, judged.vehicles, judged.frames
+    return judged.ap, Cell(interval_text(judged), judged.low), judged.recall, judged.vehicles, judged.frames
 
 
 def text_columns(*titles: str) -> tuple[Column, ...]:
@@ -491,16 +490,10 @@ def worth_section(plan: content.Plan) -> Content:
             conclusion += f" {join_names(worst)} duplicate each other most ({pairs[worst]:+.3f})."
     names, total = [each.sensor for each in plan.worth], sum(each.shapley for each in plan.worth)
     columns = (*text_columns("Sensor"), Column("worth", "AP", 3), *(Column(f"with {name}", "AP") for name in names))
+    synergies = [[each.synergy.get(name) for name in names] for each in plan.worth]
     rows = [
-        (
-            each.sensor,
-            each.shapley,
-            *(
-                Cell(f"{each.synergy[name]:+.3f}", each.synergy[name]) if name in each.synergy else None
-                for name in names
-            ),
-        )
-        for each in plan.worth
+        (each.sensor, each.shapley, *(None if value is None else Cell(f"{value:+.3f}", value) for value in own))
+        for each, own in zip(plan.worth, synergies, strict=True)
     ]
     caption = f"{most.sensor} accounts for {percent(most.shapley / total if total else None)} of what all sensors add."
     values = "; ".join(f"{each.sensor} {number(each.shapley)}" for each in plan.worth)

@@ -217,5 +217,4 @@ def _extent(site: Site) -> tuple[float, float, float, float]:
 
 
 def _lift(site: Site, flat: Mesh, lift: float) -> Mesh:
-    heights = site.ground(flat.vertices[:, :2]) + lift
-    return Mesh(np.column_stack([flat.vertices[:, :2], heights]), flat.triangles)
+    return Mesh(np.column_stack([flat.vertices[:, :2], site.ground(flat.vertices[:, :2]) + lift]), flat.triangles)

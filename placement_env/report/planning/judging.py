@@ -22,16 +22,8 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from placement_env.analysis.intervals import (
-    BLOCK_FRAMES,
-    Draws,
-    Tally,
-    block_draws,
-    count_blocks,
-    draws_of_blocks,
-    figure_interval,
-    is_as_good,
-)
+from placement_env.analysis import intervals
+from placement_env.analysis.intervals import BLOCK_FRAMES, Draws, Tally
 from placement_env.analysis.shrinkage import shrink
 from placement_env.cases import USUAL_CASES, Cases
 from placement_env.classes import Classes, Combine
@@ -168,8 +160,7 @@ class Judge:
             left, draws = self.judge_drawn(sets, first, stage("failures"))
         if len(self.profiles) > 1:
             over_errors, draws = self.judge_drawn(sets, self.cases, stage("errors"))
-        each = zip(judged, left, over_levels, over_errors, strict=True)
-        return [SetJudgement(*figures) for figures in each], draws
+        return [SetJudgement(*figures) for figures in zip(judged, left, over_levels, over_errors, strict=True)], draws
 
     def by_level(self, chosen: tuple[int, ...]) -> list[Judgement | None]:
         """Judge one intact set at each level of traffic. None for a level without objects."""
@@ -186,22 +177,16 @@ class Judge:
 
     def of_classes(self, classes: Classes) -> Judge:
         """Judge of other classes at the first error profile."""
-        profiles = (self.detected.of_classes(classes),)
-        return replace(self, profiles=profiles, cases=self.intact, levels=(), drawings=())
+        return replace(self, profiles=(self.detected.of_classes(classes),), cases=self.intact, levels=(), drawings=())
 
     def by_class(self, chosen: tuple[int, ...]) -> tuple[ClassAP, ...]:
         """Judge one set for each class that counts."""
-        classes, every = self.detected.classes, np.arange(self.frames)
+        classes, every, found = self.detected.classes, np.arange(self.frames), []
         tallies = self._tally(self.outcomes(chosen), every, self.cases.ious)
-        return tuple(
-            ClassAP(
-                name,
-                weight,
-                self.cases.class_ious(classes, name),
-                judge_tallies([[at[k]] for at in tallies], Classes((name,)), self.seed),
-            )
-            for k, (name, weight) in enumerate(zip(classes.names, classes.weights, strict=True))
-        )
+        for k, (name, weight) in enumerate(zip(classes.names, classes.weights, strict=True)):
+            judged = judge_tallies([[at[k]] for at in tallies], Classes((name,)), self.seed)
+            found.append(ClassAP(name, weight, self.cases.class_ious(classes, name), judged))
+        return tuple(found)
 
     def by_other_class(self, chosen: tuple[int, ...]) -> tuple[ClassAP, ...]:
         """Judge one set for each class that does not count but is there, and that the detector knows."""
@@ -225,8 +210,7 @@ class Judge:
         found = np.array(drawn)[:, :, place.reshape(-1)]  # profile, level, row, figure
         over = _reduce(np.moveaxis(found, 1, 0), cases.levels_by)
         if cases.levels_by == "mean":
-            counts = np.where(np.isnan(found[..., :1]), 0, found[..., COUNTS])
-            over[..., COUNTS] = counts.sum(axis=1)
+            over[..., COUNTS] = np.where(np.isnan(found[..., :1]), 0, found[..., COUNTS]).sum(axis=1)
         if cases.failing:
             lost = [np.flatnonzero(owners == n)[1:] for n in range(len(sets))]  # the first is the set itself
             over = np.stack([_reduce(np.moveaxis(over[:, some], 1, 0), cases.failures) for some in lost], axis=1)
@@ -235,7 +219,7 @@ class Judge:
 
     def _draw(self, outcomes: Sequence[Outcome], frames: Int64[np.ndarray, " _"], ious: Sequence[float]) -> _Figures:
         """Figures of one set in some frames, whose blocks are drawn."""
-        draws = draws_of_blocks(frames // BLOCK_FRAMES, seed=self.seed)
+        draws = intervals.draws_of_blocks(frames // BLOCK_FRAMES, seed=self.seed)
         return _draw_tallies(self._tally(outcomes, frames, ious), self.detected.classes, draws)
 
     def _tally(
@@ -250,7 +234,7 @@ class Judge:
 
 def judge_tallies(tallies: Sequence[Sequence[Tally]], classes: Classes, seed: int) -> Judgement:
     """Judge from a tally of each class at each IoU threshold, averaged over these."""
-    draws = block_draws(len(tallies[0][0].truths), seed=seed)
+    draws = intervals.block_draws(len(tallies[0][0].truths), seed=seed)
     return _judgement(_draw_tallies(tallies, classes, draws), classes)
 
 
@@ -270,8 +254,7 @@ def _reduce(figures: Float64[np.ndarray, "cases *rest figures"], by: Combine) ->
     """Figures of the case of least AP, or means over cases, without NaN."""
     if by == "worst":
         ap = figures[..., :1]
-        worst = np.where(np.isnan(ap), np.inf, ap).argmin(axis=0)
-        return np.take_along_axis(figures, worst[None], axis=0)[0]
+        return np.take_along_axis(figures, np.where(np.isnan(ap), np.inf, ap).argmin(axis=0)[None], axis=0)[0]
     mean = np.ma.masked_invalid(figures).mean(axis=0).filled(np.nan)
     mean[..., COUNTS] = figures[0, ..., COUNTS]
     return mean
@@ -279,8 +262,8 @@ def _reduce(figures: Float64[np.ndarray, "cases *rest figures"], by: Combine) ->
 
 def _judgement(figures: _Figures, classes: Classes) -> Judgement:
     ap, recall, precision, vehicles, frames = figures[: DRAWS.start].tolist()
-    blocks = count_blocks(int(frames))
-    low, high = figure_interval(ap, figures[DRAWS], blocks=blocks, objects=int(vehicles), confidence=CONFIDENCE)
+    counts = {"blocks": intervals.count_blocks(int(frames)), "objects": int(vehicles)}
+    low, high = intervals.figure_interval(ap, figures[DRAWS], **counts, confidence=CONFIDENCE)
     kind = NOUNS[classes.names[0]] if len(classes) == 1 else "object"
     defined = None if np.isnan(precision) else precision
     return Judgement(ap, low, high, recall, defined, int(vehicles), int(frames), kind)
@@ -356,8 +339,7 @@ class _Options:
         for i, score in enumerate(map(objective.score, map(np.flatnonzero, found.sets))):
             names = tuple(objective.names[c].replace("/", "-") for c in score.subset)  # as files name sensors
             # as found: scored beside other sets it may round differently
-            predicted = round(float(found.predicted[i]), 6)
-            figures = score.price, score.kbit_per_sensor, score.kbit, predicted
+            figures = score.price, score.kbit_per_sensor, score.kbit, round(float(found.predicted[i]), 6)
             poles = tuple(objective.candidates.mounts[m].name for m in objective.candidates.mount[list(score.subset)])
             self.options.append(PlanOption(names, *figures, judged=None, searches=found.searches[i], poles=poles))
 
@@ -449,8 +431,8 @@ def choose(
     highest = max(each.ap for each in judged.values())
     close = [i for i, each in judged.items() if each.ap >= highest - NEAR_TIE]
     best = min(close, key=lambda i: (-(options[i].mean_ap or 0.0), *_thrift(options[i])))
-    blocks = count_blocks(judged[best].frames)
-    alike = [i for i in judged if i == best or is_as_good(draws[i], draws[best], blocks)]
+    blocks = intervals.count_blocks(judged[best].frames)
+    alike = [i for i in judged if i == best or intervals.is_as_good(draws[i], draws[best], blocks)]
     return best, tuple(sorted(alike, key=lambda i: (*_thrift(options[i]), i != best)))
 
 

@@ -32,16 +32,9 @@ from placement_env.fidelity.preparation import Preparation, check_scorable
 from placement_env.fidelity.renders import Renders
 from placement_env.fidelity.traffic import Traffic
 from placement_env.fidelity.visibility import Visibility
+from placement_env.handover import mounted
 from placement_env.handover.exchange import EXCHANGE_FILES, write_exchange
 from placement_env.handover.ground import Ground, ground_shares, visible_ground
-from placement_env.handover.mounted import (
-    bill_of_materials,
-    bill_of_rates,
-    format_sensors,
-    link_loads,
-    mounted_site,
-    unused_mounts,
-)
 from placement_env.objective import Objective
 from placement_env.report import content
 from placement_env.report.pages.report import REPORT_FILES, write_report
@@ -188,8 +181,7 @@ def by_range(scored: Scored, sensors: Sequence[Sensor], seed: int) -> tuple[cont
 def by_approach(scored: Scored, site: Site, seed: int) -> tuple[content.BreakdownRow, ...]:
     """Judge by the lane nearest to each vehicle."""
     places = find_approaches(site)
-    rows = by_group(scored, places.names, places.locate, seed)
-    return tuple(row for row in rows if row.judged is not None)
+    return tuple(row for row in by_group(scored, places.names, places.locate, seed) if row.judged is not None)
 
 
 def measure_blind_streets(site: Site, ground: Ground) -> dict[str, float]:
@@ -320,7 +312,7 @@ def build_plan(findings: Findings, final: judging.Judge, ground: Ground) -> cont
     option = replace(choice.option, **judged._asdict(), kbit=kbit, kbit_per_sensor=kbit / len(members))
     scored = score_boxes(final, members)
     each_kbit = np.array([outcome.bits for outcome in outcomes], np.float64).T / 1000
-    sensors = format_sensors(site, candidates, members, kbit=each_kbit, catalogue=question.stock.catalogue)
+    sensors = mounted.format_sensors(site, candidates, members, kbit=each_kbit, catalogue=question.stock.catalogue)
     detector: str = detector_origin(final.detected.detector)["detector"]
     considered = sorted(
         choice.options, key=lambda each: (not each.counted, -(each.counted.ap if each.counted else each.predicted))
@@ -353,14 +345,14 @@ def build_plan(findings: Findings, final: judging.Judge, ground: Ground) -> cont
         class_ap=(*final.by_class(members), *final.by_other_class(members)),
         worth=chosen.worth(),
         failures=chosen.failures(),
-        links=link_loads(sensors, limited=question.setting.fusion.sends_points),
-        materials=bill_of_materials(sensors),
-        running=bill_of_rates(sensors, question.stock.catalogue),
+        links=mounted.link_loads(sensors, limited=question.setting.fusion.sends_points),
+        materials=mounted.bill_of_materials(sensors),
+        running=mounted.bill_of_rates(sensors, question.stock.catalogue),
         order=chosen.order(),
         ground=ground_shares(ground, [sensor.name for sensor in sensors]),
         blind_streets=measure_blind_streets(site, ground),
-        poles_unused=tuple(mount.name for mount in unused_mounts(candidates, members)),
-        origins=count_origins(site, candidates),
+        poles_unused=tuple(mount.name for mount in mounted.unused_mounts(candidates, members)),
+        origins=count_things(replace(site, mounts=candidates.mounts)),
         head=question.stock.head,
         assumptions=sentences.list_assumptions(question, objective.fidelity, detector, sampled=not chosen.small),
         unknown=sentences.list_unknowns(judged.counted, levels),
@@ -417,8 +409,7 @@ class ChosenSet:
         _, (own,) = judge.judge_drawn(whole, intact)
         for name in PAPER_SCHEMES:
             alike = {each: getattr(known, each) for each in ("codec", "memo", "processes", "classes")}
-            other = Detected(known.renders, known.detector, name, **alike).at(ious[0], ious)
-            at = replace(judge, profiles=(other,))
+            at = replace(judge, profiles=(Detected(known.renders, known.detector, name, **alike).at(ious[0], ious),))
             kbit = float(np.mean([outcome.bits.mean() for outcome in at.outcomes(self.members)])) / 1000
             for iou in sorted({*IOUS, *ious}) if len(ious) == 1 else (*IOUS, ious):
                 (judged,), (drawn,) = at.judge_drawn(whole, replace(intact, iou=iou), self.stage("fusion schemes"))
@@ -434,14 +425,11 @@ class ChosenSet:
             worth = exact_worth(lambda _: aps, count)
         else:
             worth = estimate_worth(lambda sets: self._aps(sets, ""), count, rounds=64)
-        return tuple(
-            content.SensorWorth(
-                name,
-                float(shapley),
-                {other: float(s) for other, s in zip(self.names, pairs, strict=True) if other != name},
-            )
-            for name, shapley, pairs in zip(self.names, worth.shapley, worth.synergy, strict=True)
-        )
+        found = []
+        for name, shapley, pairs in zip(self.names, worth.shapley.tolist(), worth.synergy.tolist(), strict=True):
+            synergy = {other: value for other, value in zip(self.names, pairs, strict=True) if other != name}
+            found.append(content.SensorWorth(name, shapley, synergy))
+        return tuple(found)
 
     def failures(self) -> tuple[content.FailureCase, ...]:
         """Judge the remaining sensors after one or two failures, the worst first for each number."""
@@ -463,8 +451,7 @@ class ChosenSet:
             built = np.concatenate([built, options[best : best + 1]])
         added = np.diff(built, axis=0).argmax(axis=1)
         prices = self.objective.price(self.rows(built[1:])).tolist()
-        judged = self._judge(built[1:], "order of building")
-        steps = zip(added.tolist(), prices, judged, strict=True)
+        steps = zip(added.tolist(), prices, self._judge(built[1:], "order of building"), strict=True)
         return tuple(content.BuildStep(self.names[i], price, each) for i, price, each in steps)
 
 
@@ -558,7 +545,8 @@ def plan(question: Question) -> content.Planned:
     ground = visible_ground(question.site, [candidates.sensors[c] for c in choice.members])
     answer = build_plan(findings, final, ground)
     moments = pick_moments(final.detected, choice.members, seed=question.run.seed)
-    return content.Planned(answer, mounted_site(question.site, candidates, choice.members), candidates, ground, moments)
+    site = mounted.mounted_site(question.site, candidates, choice.members)
+    return content.Planned(answer, site, candidates, ground, moments)
 
 
 def _prepare_judge(
@@ -587,11 +575,6 @@ def judge_finally(
             return prepared, judge
         needed = 2 * frames if math.isnan(ends) else frames_for_width(frames, ends, width)
         run = replace(run, frames=min(MOST_FRAMES, max(needed, frames + frames // 4 + BLOCK_FRAMES)))
-
-
-def count_origins(site: Site, candidates: Candidates) -> dict[str, dict[str, int]]:
-    """Count the things of a site by origin and kind, its poles those of the candidates."""
-    return count_things(replace(site, mounts=candidates.mounts))
 
 
 def _keep_buildable(

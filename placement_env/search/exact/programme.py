@@ -233,8 +233,7 @@ class Programme:
     @staticmethod
     def of(objective: Objective, budget: int, levels: Levels, **cases: Any) -> Programme:
         """Programme of an objective's candidates, with its poles and money. cases: `failing` or `lost`."""
-        allowed = objective.allowed([])
-        return Programme(levels, budget, Poles.of(objective), allowed, Prices.of(objective), **cases)
+        return Programme(levels, budget, Poles.of(objective), objective.allowed([]), Prices.of(objective), **cases)
 
 
 def levels_of_hits(powers: Float[np.ndarray, "C O"], model: HitModel, *, above: bool) -> Levels:

@@ -124,8 +124,7 @@ def join_entrants(objectives: Sequence[Objective], found: Sequence[Entrants]) ->
     order = np.argsort(sets.sum(axis=1), kind="stable")
     answers = [tuple(each) for each in searches.values()]
     predicted = np.mean([each.scores(sets[order]).ap for each in objectives], axis=0)
-    considered = sum(each.considered for each in found)
-    return Entrants(sets[order], predicted, tuple(answers[i] for i in order), considered)
+    return Entrants(sets[order], predicted, tuple(answers[i] for i in order), sum(each.considered for each in found))
 
 
 def entrants(objective: Objective, effort: Effort, *, seed: int = 0, checkpoint: Checkpoint = NOWHERE) -> Entrants:

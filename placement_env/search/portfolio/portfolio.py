@@ -130,8 +130,7 @@ def search(
     members = np.flatnonzero(found.sets[ran.ranking[0]]).tolist()
     limits.record(objective.score(members).reward)
     note = f"the best of {len(found.sets)} sets compared by the {racing.name}; an estimate ruled out the others"
-    winner = answer(members, note)
-    return replace(winner, assessment=_assess(objective, found, ran, (final, schedule), judging))
+    return replace(answer(members, note), assessment=_assess(objective, found, ran, (final, schedule), judging))
 
 
 def contest(
@@ -187,8 +186,7 @@ def _assess(
     winner, (final, schedule) = int(ran.ranking[0]), judge
     others = enumerate(found.searches) if judging.contenders else ()
     rows = np.array([winner, *(i for i, names in others if names and i != winner)])
-    report = objective.run.stage("judging", final.frames)
-    judged, frames = _judge_in_time(found.sets[rows], final, schedule, report)
+    judged, frames = _judge_in_time(found.sets[rows], final, schedule, objective.run.stage("judging", final.frames))
     contenders = []
     for row, ap, resamples in zip(rows.tolist(), judged.ap.tolist(), judged.resamples, strict=False):
         interval = final.interval(ap, resamples, frames)

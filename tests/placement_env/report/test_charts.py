@@ -94,7 +94,7 @@ def shown(monkeypatch, draw):
         figures.append(figure)
         return ""
 
-    monkeypatch.setattr(charts, "svg_text", keep)
+    monkeypatch.setattr(charts.canvas, "svg_text", keep)
     draw()
     (figure,) = figures
     texts = [text.get_text() for text in figure.texts]

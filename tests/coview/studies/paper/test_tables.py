@@ -103,7 +103,8 @@ def test_rows_of_table_3(site, stored, stored_roundabout):
         assert row.labels[0].endswith(f"{','.join(map(str, paper.region))}, {ours.vehicles} vehicles")
         assert (row.ours, row.interval, row.paper) == (ours.ap, ours.interval, paper.ap)
         assert bool(row.reason) == row.large
-    assert set(experiments.region_runs(site)) == {SchemeRun("early", row.sensors) for row in REGION_TABLE[site]}
+    runs = experiments.all_runs(site, len(each.sensors))
+    assert set(runs) >= {SchemeRun("early", row.sensors) for row in REGION_TABLE[site]}
 
 
 def test_table_4_has_its_rows_and_gains(stored):
