@@ -6,7 +6,6 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-import placement_env.report.charts as charts
 from placement_env.handover.mounted import LinkLoad
 from placement_env.report.charts import (
     LETTERS,
@@ -22,6 +21,7 @@ from placement_env.report.charts import (
     worth_chart,
 )
 from placement_env.report.content import BuildStep, FailureCase, Judgement, PlanOption, SchemeFigures, SensorWorth
+from toolkit.plots import canvas
 from toolkit.plots.canvas import house_style, render_pixels
 
 NAMES = ["d0", "north-east pole_3 $5 <b>&amp;", "_hidden", "x" * 90, "\\frac{", "日本", "a\x07b"]
@@ -94,7 +94,7 @@ def shown(monkeypatch, draw):
         figures.append(figure)
         return ""
 
-    monkeypatch.setattr(charts.canvas, "svg_text", keep)
+    monkeypatch.setattr(canvas, "svg_text", keep)
     draw()
     (figure,) = figures
     texts = [text.get_text() for text in figure.texts]
