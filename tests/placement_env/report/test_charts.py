@@ -6,6 +6,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+import placement_env.report.charts as charts
 from placement_env.handover.mounted import LinkLoad
 from placement_env.report.charts import (
     LETTERS,
