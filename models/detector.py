@@ -139,7 +139,8 @@ class VoxelNetDetector:
         """Detect in many unions of the same clouds, such as all sets of a site's sensors.
 
         The results are those of each union's points, to the rounding of float32, in much less time where most clouds
-        reach only a part of the area (`models.network.tiles`)."""
+        reach only a part of the area (`models.network.tiles`).
+        """
         found: dict[int, Detections] = {}
         if clouds and len(unions) and self._tiled is not None and self.phases == 1:
             plan = self._tiled.plan([torch.as_tensor(cloud).float().to(self.device) for cloud in clouds], unions)
@@ -189,7 +190,8 @@ def load_detector(
 
     site: the site that the weights must be for. area: xmin ymin xmax ymax (m, world frame) of detection; weights of one
     site have their own area, general ones go anywhere. Raises FileNotFoundError for unknown weights, ValueError if they
-    are damaged or for another place."""
+    are damaged or for another place.
+    """
     network, header = load_weights(weights_file(name))
     trained_for = header.site or "general"
     if site is not None and trained_for not in (site, "general"):

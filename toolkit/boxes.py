@@ -189,7 +189,8 @@ def rows_in_boxes(points: ArrayLike, boxes: ArrayLike) -> list[Int64[np.ndarray,
     """Rows of the points in each box (`points_in_boxes`), in no order.
 
     Points are sorted by their slice along x, so that a box looks at its own slices only. Those few are measured from
-    the box's centre in float64, which keeps map coordinates of a million metres exact."""
+    the box's centre in float64, which keeps map coordinates of a million metres exact.
+    """
     points, boxes = _points(points), check_boxes(boxes)
     if not len(boxes):
         return []

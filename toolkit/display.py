@@ -65,7 +65,8 @@ class Displayed:
     def to_frame(self, table: str = "") -> Any:
         """Return a table as a pandas DataFrame. table: its name, the one that notebooks show when empty.
 
-        Raises ValueError for an unknown table, ImportError without pandas."""
+        Raises ValueError for an unknown table, ImportError without pandas.
+        """
         tables = self._card().tables
         if table and table not in tables:
             raise ValueError(f"table must be one of {', '.join(tables)}, got {table!r}")

@@ -87,7 +87,8 @@ class _Header(NamedTuple):
 
 def read_pcd(path: str | Path) -> Attributes:
     """Read the attributes of a PCD file's points (`name_attributes`), colours as uint8. Raises ValueError, in one line,
-    where the file is damaged, cut off or has no x, y and z."""
+    where the file is damaged, cut off or has no x, y and z.
+    """
     content = plain_file(path).read_bytes()
     try:
         header, body = _header(content)
@@ -300,7 +301,8 @@ class _Element(NamedTuple):
 
 def read_ply(path: str | Path) -> Attributes:
     """Read the attributes of a PLY file's points (`name_attributes`), its `vertex` element. Raises ValueError, in one
-    line, where the file is damaged, cut off, longer than its header says, or has no x, y and z."""
+    line, where the file is damaged, cut off, longer than its header says, or has no x, y and z.
+    """
     content = plain_file(path).read_bytes()
     try:
         order, elements, start = _ply_header(content)

@@ -61,7 +61,8 @@ def make_config(area: Area, preset: str, size: str = "light", classes: Sequence[
     """Return the network that a preset trains for an area, light or published in size, with the head of its loss.
 
     The light one knows no absolute coordinates, so it learns on a `window` of the area; `models.detector.relocate` puts
-    the result on all of it."""
+    the result on all of it.
+    """
     head: dict[str, Any] = {"head": "quality", "anchor_z": 0.8, "quality_power": 1.0, "averaging": 0.75}
     if PRESETS[preset].loss == "published":
         head = {"head": "published", "anchor_z": 1.6, "quality_power": 0.0, "averaging": 0.0}
@@ -191,7 +192,8 @@ def train(
     start: a network of the same shape, on any area, to start from instead of random weights; machine: the CPU by
     default; validate: called with the network after each epoch, and its figures are logged; progress: called with the
     step, the number of steps, and the losses of the step or the figures of `validate`. Raises ValueError if preset and
-    network do not fit, or if `out` holds a run with other settings."""
+    network do not fit, or if `out` holds a run with other settings.
+    """
     machine = machine or Machine()
     device, bfloat16 = machine.device, machine.bfloat16
     check_fit(config, preset)

@@ -44,7 +44,8 @@ class TrainingOptions:
         threads: Threads of PyTorch; fewer are faster beside other programs.
         workers: Processes that prepare examples.
         checkpoint_s: Seconds between checkpoints.
-        overwrite: Replace another training in the folder."""
+        overwrite: Replace another training in the folder.
+    """
 
     data: Path
     out: Path

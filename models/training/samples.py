@@ -208,7 +208,8 @@ def read_points(frames: PackedFrames, k: int, rng: Rng, *, subsets: float, error
     """Read points of frame k in the crop.
 
     subsets: chance of a random set of sensors instead of all; errors: chance of random errors instead of the sensor
-    models' own noise."""
+    models' own noise.
+    """
     total, sensors = len(frames.rig(k).sensors), None
     if subsets and rng.random() < subsets:
         sensors = sorted(rng.choice(total, int(rng.integers(1, total + 1)), replace=False).tolist())
@@ -229,7 +230,8 @@ def jitter_objects(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Turn each object with its points by up to ±yaw (rad), and shift it by N(0, shift) (m) in the plane.
 
-    An object that would then touch another stays put (paper, training process)."""
+    An object that would then touch another stays put (paper, training process).
+    """
     points, boxes = points.copy(), boxes.copy()
     reach = np.linalg.norm(boxes[:, 3:5], axis=1) / 2
     owned = points_in_boxes(points, boxes)

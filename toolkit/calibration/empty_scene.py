@@ -61,7 +61,8 @@ _AT_ONCE = 256  # pixels whose measurements are compared in pairs at once
 class EmptyScene:
     """Empty scene of one sensor, by its name and model.
 
-    Raises ValueError for an image that does not fit the model's shape, or is negative or infinite."""
+    Raises ValueError for an image that does not fit the model's shape, or is negative or infinite.
+    """
 
     name: str
     model: SensorModel
@@ -166,7 +167,8 @@ def learn_empty_scenes(recording: Frames, sample: int = SAMPLE, *, frames: int |
     """Learn the empty scene of every sensor of a recording, in their order.
 
     sample: images that are looked at, spread over the first `frames` frames, all if None. Raises ValueError without
-    frames, and for frames of clouds."""
+    frames, and for frames of clouds.
+    """
     count = min(len(recording), len(recording) if frames is None else frames)
     if count < 1:
         raise ValueError(f"there must be a frame to learn the empty scene from, got {frames} of {len(recording)}")
@@ -222,7 +224,8 @@ class Scenes:
 
     given: scenes in place of those the recording shows, found by the sensors' names; sample: images kept of each sensor
     at most. Raises ValueError, when asked, for an unknown sensor, one that moves, and clouds that make no image; warns
-    if frames of clouds are few."""
+    if frames of clouds are few.
+    """
 
     recording: Frames
     given: Sequence[EmptyScene] | None = None
@@ -274,7 +277,8 @@ class Scenes:
 def learn_sample_scenes(samples: Iterable[Frame], *, sample: int = SAMPLE) -> dict[str, LearntScene]:
     """Learn the grid and empty scene of every sensor by name, from frames one after another.
 
-    sample: images kept of each at most. Raises ValueError as `Scenes`."""
+    sample: images kept of each at most. Raises ValueError as `Scenes`.
+    """
     coming = iter(samples)
     first = list(islice(coming, GRID_SAMPLES))
     clouds: dict[str, list[SensorCloud]] = {}
@@ -335,7 +339,8 @@ class SceneAdaptation:
     farthest.
 
     A message names its scene by digest, so a new scene is sent before it is used: read `scene` only as often as that is
-    worth it. Raises ValueError for times that are not above 0."""
+    worth it. Raises ValueError for times that are not above 0.
+    """
 
     def __init__(
         self, scene: EmptyScene, *, seconds: float = SECONDS, settle: float = SETTLE, reveal: float = REVEAL

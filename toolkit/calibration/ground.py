@@ -128,7 +128,8 @@ def support_mask(cells: _Cells, step: float, slope: float, *, others: int) -> Bo
 def lowest_mask(cells: _Cells, slope: float, step: float, *, window: float = STEP_WINDOW) -> Bool[np.ndarray, " m"]:
     """Mark cells than which none within the window (m) lies lower by more than slope and step.
 
-    Raises ValueError if the cells reach too far for an image of them."""
+    Raises ValueError if the cells reach too far for an image of them.
+    """
     from scipy.ndimage import grey_erosion
 
     if not len(cells):
@@ -181,7 +182,8 @@ class HeightMap:
 def fit_map(points: Points, *, reach: float = MAP_REACH) -> HeightMap:
     """Fit a map of heights to points with ground near z = 0.
 
-    reach: distance (m) from the middle of the points that the map covers. Raises ValueError unless it is above 0."""
+    reach: distance (m) from the middle of the points that the map covers. Raises ValueError unless it is above 0.
+    """
     if not 0 < reach < np.inf:
         raise ValueError(f"reach must be above 0 m, got {reach}")
     near = points[np.abs(points[:, 2]) < _BAND]

@@ -72,7 +72,8 @@ class Alignment:
 
     covariance: of the motions of all sensors, six numbers each (rad and m), that of the usual errors where nothing is
     observed; unobserved: unit motions of all sensors, turns times `LEVER`, other than the common ones; shared: number
-    of rows that each two sensors share; scatter: robust standard deviation (m) of each sensor's rows."""
+    of rows that each two sensors share; scatter: robust standard deviation (m) of each sensor's rows.
+    """
 
     poses: tuple[Pose, ...]
     covariance: Float64[np.ndarray, "m m"]
@@ -94,7 +95,8 @@ def align(
 
     surfaces: each sensor's empty scene in its own frame, normals towards the sensor; held: numbers of sensors that
     stay; more: returns further pairs for poses and a search radius. Raises ValueError for fewer than two sensors, and
-    for an unknown held one."""
+    for an unknown held one.
+    """
     count = len(surfaces)
     if count != len(believed) or count < 2:
         got = f"got {count} surfaces and {len(believed)} poses"

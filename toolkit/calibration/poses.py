@@ -86,7 +86,8 @@ class FoundPose:
     def described(self) -> dict[str, object]:
         """Return its figures for files, in degrees and metres about the world's axes.
 
-        Standard deviations are infinite for motions that are not observed."""
+        Standard deviations are infinite for motions that are not observed.
+        """
         poses: dict[str, object] = {"world_SE3_sensor": self.pose.tolist()}
         poses["believed_world_SE3_sensor"] = self.sensor.pose.tolist()
         if self.registration is None:
@@ -137,7 +138,8 @@ def find_poses(
     progress: called with the number of sensors done.
 
     Raises ValueError for too few frames of images, clouds without points, fewer than two sensors without a surface, and
-    unknown sensors."""
+    unknown sensors.
+    """
     count, more = min(len(recording), len(recording) if frames is None else frames), None
     if len(recording) and not recording[0].has_images:
         sensors, seen = _seen_in_clouds(recording, count)
@@ -190,7 +192,8 @@ def align_clouds(
 ) -> tuple[FoundPose, ...]:
     """Fit the poses of sensors to each other by clouds of the same standing scene, each in its sensor's frame.
 
-    held: numbers of sensors that stay; more: see `toolkit.calibration.joint.align`."""
+    held: numbers of sensors that stay; more: see `toolkit.calibration.joint.align`.
+    """
     surfaces = [face_sensor(reference_fit.cloud_surface(points)) for points in clouds]
     alignment, found = align(surfaces, [sensor.pose for sensor in sensors], held=held, more=more), []
     for k, sensor in enumerate(sensors):
@@ -259,7 +262,8 @@ def _seen_in_clouds(recording: Frames, count: int) -> tuple[tuple[Sensor, ...], 
 def check_drift(path: str | Path, reference: str | Path, site: Site | None = None) -> list[Finding]:
     """Warn of each sensor that disagrees with the reference (see `read_surface`), or of a recording without poses.
 
-    Raises ValueError and OSError if the reference cannot be read."""
+    Raises ValueError and OSError if the reference cannot be read.
+    """
     surface = reference_fit.read_surface(reference)
     try:
         with CoopDataset(path, site) as recording:
@@ -301,7 +305,8 @@ def copy_corrected(
 
     The extrinsics, the sensors of the site in the file and the plan it was made from change, nothing else. note: kept
     as JSON in the attribute `calibration` of the file. Raises ValueError for an unknown sensor and for a pose that is
-    not rigid."""
+    not rigid.
+    """
     names = [sensor.name for sensor in recording.sensors]
     for name, pose in poses.items():
         if name not in names:

@@ -48,7 +48,8 @@ def fuse_files(paths: Sequence[str | Path], poses: Sequence[Pose]) -> PointCloud
     """Return one float64 cloud in the poses' common frame: sensor k recorded paths[k] and stood at poses[k].
 
     Normals turn with their pose. Attributes that all files have stay; a warning names the others, see `fuse`. Raises
-    FileNotFoundError, and ValueError for a file without points or an invalid pose."""
+    FileNotFoundError, and ValueError for a file without points or an invalid pose.
+    """
     from toolkit.clouds import from_attributes, fuse
 
     if len(paths) != len(poses):

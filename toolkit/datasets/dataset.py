@@ -55,7 +55,8 @@ class CoopDataset(DisplayedRecording, Sequence[Frame]):
     reading the frame of the first such row raises ValueError.
 
     Raises FileNotFoundError; OSError for a file that is cut off or not HDF5; ValueError, which names what is wrong in
-    the file, for another layout; IndexError for an unknown frame."""
+    the file, for another layout; IndexError for an unknown frame.
+    """
 
     def __init__(self, path: str | Path, site: Site | None = None, *, drop_invalid: bool = False) -> None:
         self.path, self.drop_invalid = Path(path), drop_invalid

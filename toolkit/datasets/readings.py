@@ -22,7 +22,8 @@ class Reads:
     """Options for reading a recording: sensor errors and length.
 
     errors: a profile or its name, only `paper` for recorded clouds, whose sensors have errors of their own; noise_seed:
-    of the errors, None for no noise; frames: read only the first ones."""
+    of the errors, None for no noise; frames: read only the first ones.
+    """
 
     errors: ErrorProfile | str = PAPER_ERRORS
     noise_seed: int | None = 0

@@ -139,7 +139,8 @@ def open_recording(path: str | Path, layout: str | None = None, **options: objec
     left out, and counted in `Frame.problems`.
 
     Raises FileNotFoundError for a missing recording; ValueError for an unknown layout, an option that its
-    reader does not have, and a damaged file."""
+    reader does not have, and a damaged file.
+    """
     path, name = Path(path), layout or guess_layout(path)
     if layout is None and name not in ("folder", "hdf5"):
         warnings.warn(f"{path} is read as layout {name}: say --layout for another", stacklevel=2)
@@ -174,7 +175,8 @@ def write_recording(frames: Iterable[Frame], path: str | Path, layout: str) -> i
     """Write frames in a layout; return how many.
 
     Boxes come back within a millimetre and a hundredth of a degree; classes get the layout's names for ours. Raises
-    ValueError for a read-only layout."""
+    ValueError for a read-only layout.
+    """
     return find_layout(layout).write(frames, Path(path))
 
 

@@ -39,7 +39,8 @@ class Background:
     """Voxels of the empty site and its ground height.
 
     origin: (3,) lowest corner of the grid (m); voxel: edge of a voxel (m); occupied: (nx, ny, nz), including one layer
-    round the occupied voxels; cell: edge of a ground cell (m); ground: (kx, ky) height of the ground (m)."""
+    round the occupied voxels; cell: edge of a ground cell (m); ground: (kx, ky) height of the ground (m).
+    """
 
     origin: Float64[np.ndarray, "3"]
     voxel: float
@@ -111,7 +112,8 @@ class KnownBackground:
     """Detector that leaves out its detections of the background.
 
     Points are in the frame of the background. least: share, above 0 to 1, of the points in a detection's box that must
-    not be background. Raises ValueError for another."""
+    not be background. Raises ValueError for another.
+    """
 
     detector: Detector
     background: Background
@@ -168,7 +170,8 @@ class KnownBackground:
 
 def recording_background(recording: CoopDataset) -> Background:
     """Learn the background of a recording: the scenery of its site if known, else what lies behind all that moves.
-    Objects that park throughout become background."""
+    Objects that park throughout become background.
+    """
     if recording.site.solids:
         return site_background(recording.site)
     return Background.learn(np.concatenate(list(empty_sweeps(recording))))

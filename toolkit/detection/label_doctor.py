@@ -86,7 +86,8 @@ class LabelMistake:
     """Mistake that boxes may have.
 
     Undone, columns in `order` are multiplied by `factor`, and `turn` (rad) is added to yaw. axes: True if it depends on
-    the frame's axes."""
+    the frame's axes.
+    """
 
     name: str
     remedy: str
@@ -136,7 +137,8 @@ def undo_mistake(mistake: LabelMistake, boxes: BoxRows, frame_SE3_world: Pose) -
 
 def degrees_of_turns(yaw: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, "k n"]:
     """All headings (rad, half a turn alike) that, in degrees and taken for radians, point along `yaw`. A file that
-    stores sine and cosine, or a quaternion, of a wrong angle has lost its full turns."""
+    stores sine and cosine, or a quaternion, of a wrong angle has lost its full turns.
+    """
     turns = np.arange(-15, 16)[:, None]  # of 2 pi "degrees" each: a quarter turn either way
     return np.deg2rad(np.mod(yaw, 2 * np.pi)[None] + 2 * np.pi * turns)
 
@@ -163,7 +165,8 @@ def find_shift(some: Sequence[Seen]) -> Shift | None:
     """Find the delay of labels, None if it cannot be told.
 
     Moving labels are moved along their tracks. Where that shows nothing, labels are tried in other clouds; only those
-    that are not in the same place in both frames count."""
+    that are not in the same place in both frames count.
+    """
     from scipy.spatial import cKDTree
 
     samples = [each.sample for each in some]
@@ -266,7 +269,8 @@ def diagnose(path: str | Path, layout: str | None = None, *, site: Site | None =
     """Check a recording for the classic mistakes.
 
     Raises what opening a recording of clouds raises. Files of images are checked as they are stored
-    (`toolkit.datasets.doctor`). Labels of clouds are checked by how the points of the first frames lie in them."""
+    (`toolkit.datasets.doctor`). Labels of clouds are checked by how the points of the first frames lie in them.
+    """
     if (layout or guess_layout(path)) == "hdf5":
         try:
             clouds = Path(path).is_file() and holds_clouds(path)

@@ -62,7 +62,8 @@ class Scheme(Protocol):
 
     def mask_pooled(self, distance: Float32[np.ndarray, "C O"], radius: float, /) -> Bool[np.ndarray, "C O"] | None:
         """Mark objects whose points reach the centre beside boxes; None if it gets points alone or boxes alone. radius:
-        the site's hybrid radius (m)."""
+        the site's hybrid radius (m).
+        """
 
 
 @runtime_checkable

@@ -32,7 +32,8 @@ class Survey:
     objects_per_frame: mean by class; kbit_per_sensor: of all points; counts: points of each sensor on each vehicle;
     by_class: the same of each class that was counted; points_per_cloud: mean of each sensor, by name; agreeing: number
     of labelled cuboids that hold as many points as the set says, of those where it says so, None where it does not;
-    problems: labels and points left out in reading, by kind."""
+    problems: labels and points left out in reading, by kind.
+    """
 
     frames: int
     objects_per_frame: dict[str, float]
@@ -111,7 +112,8 @@ def survey(
 
     classes: whose points are counted beside those of vehicles; reads: errors of the sensors and number of frames;
     codec: of the points; progress: called with the number of frames done. Raises ValueError for an unknown class or
-    error profile, and without frames."""
+    error profile, and without frames.
+    """
     check_codec(codec)
     wanted = sorted({label_index(label) for label in classes})
     total, errors, site = reads.count(recording), reads.profile(), recording.site

@@ -39,7 +39,8 @@ class SensorRays:
     """Rays of sensors, and their lengths at the empty site.
 
     rays: (P, 3) of the pixels of all sensors, world axes; still: (P,) measurements of the empty site (m, 0 for none);
-    first: (S + 1,) where the pixels of each sensor begin."""
+    first: (S + 1,) where the pixels of each sensor begin.
+    """
 
     def __init__(self, renderer: Renderer, sensors: Sequence[Sensor]) -> None:
         self.sensors, self._renderer = tuple(sensors), renderer

@@ -116,7 +116,8 @@ def velocities(objects: Objects, time: float, around: Sequence[tuple[Objects, fl
     """Velocity (m/s, world frame) of each object of a frame, from its track in the frames before and after.
 
     It is their mean, 0 for a track in neither. time: of the frame (s); around: objects and time of its neighbours.
-    Raises ValueError without neighbours and for one farther off than `MOST_APART`."""
+    Raises ValueError without neighbours and for one farther off than `MOST_APART`.
+    """
     gaps = [abs(then - time) for _, then in around]
     if not gaps or not all(0 < gap <= MOST_APART for gap in gaps):
         apart = ", ".join(f"{gap:g} s" for gap in gaps) or "nothing"
@@ -206,7 +207,8 @@ _NEIGHBOURS = ((0, 1), (0, -1), (1, 0), (-1, 0))
 class MixedPixels(_Term):
     """Pixels beside an edge that measure something between two surfaces, with even probability.
 
-    One of the four neighbours of each pixel is drawn. A neighbour without return mixes nothing."""
+    One of the four neighbours of each pixel is drawn. A neighbour without return mixes nothing.
+    """
 
     share: float = 0.0  # of the pixels beside an edge
     gap: float = 0.3  # least difference to a neighbour at an edge (m)
@@ -245,7 +247,8 @@ class PoleSway(_Term):
     """Slow sway of poles; all sensors of a pole sway together.
 
     To first order a sensor that moved, placed where it stood, is one that stood, placed where it did not: nothing is
-    rendered anew. A pole's foot is taken to be at z = 0."""
+    rendered anew. A pole's foot is taken to be at z = 0.
+    """
 
     _strengths, _positive = ("amplitude",), ("period",)
     amplitude: float = angle(0.0)  # angle by which the tip of a pole turns (rad)

@@ -107,7 +107,8 @@ class TrueImage:
     def cosines(self) -> Float32[np.ndarray, "rows columns"]:
         """Cosine of the angle between each ray and the surface's normal; 1 where it is unknown.
 
-        From the differences to the nearer of the neighbours across and along."""
+        From the differences to the nearer of the neighbours across and along.
+        """
         rays = self.sensor.model.rays().astype(np.float64)
         points = rays * np.where(self.valid, self.measurement, np.float32(0))[..., None]
         normal = np.cross(_tangent(points, self.valid, 0), _tangent(points, self.valid, 1))
@@ -122,7 +123,8 @@ class Reading:
     """Measurement of a sensor as it reports it.
 
     measurement: 0 for no return; pose: believed world_SE3_sensor; shift: displacement of each pixel's point off its ray
-    (m, world frame), None for none."""
+    (m, world frame), None for none.
+    """
 
     truth: TrueImage
     measurement: Float32[np.ndarray, "rows columns"]

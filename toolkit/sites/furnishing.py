@@ -47,7 +47,8 @@ def avenues(plot: Plot, kerb: Points, rng: Rng) -> None:
 def plant(plot: Plot, foot: np.ndarray, radius: float, levels: f.Span, rng: Rng, *, footway: bool = True) -> bool:
     """Plant a tree at `foot`; return False if there is no room.
 
-    radius: of the crown, less near walls and mounts, and off the road if it hangs too low; levels: its ends (m)."""
+    radius: of the crown, less near walls and mounts, and off the road if it hangs too low; levels: its ends (m).
+    """
     x, y = (round(float(c), 3) for c in foot)
     spot = shapely.Point(x, y)
     houses = [shapely.Polygon(solid.footprint) for solid in plot.solids if solid.kind == "building"]

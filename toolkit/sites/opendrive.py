@@ -218,7 +218,8 @@ def find_plane(roads: Sequence[MapRoad], window: shapely.Geometry, map_SE3_site:
     """Slope of the roads, their deviation from it (m), and the steepest slope (rise over run).
 
     The slope is along x and y of the site, fitted by least squares to the middle lines within `window` (map frame). It
-    is level if the roads give no slope in one direction."""
+    is level if the roads give no slope in one direction.
+    """
     found = [(road, *road.stations(window, STATIONS_EVERY)) for road in roads]
     steepest = max([0.0, *(float(abs(road.elevation.slope(s)).max(initial=0.0)) for road, s, _ in found)])
     places = np.concatenate([np.zeros((0, 2)), *(xy for _, _, xy in found)])
@@ -250,7 +251,8 @@ NAMES_PROJECTION = r"\+proj=(?!lat|lon)|EPSG:|PROJ(CS|CRS|ECTEDCRS)\b"  # in deg
 def read_opendrive(path: Path, centre: tuple[float, float]) -> ElementTree.Element:
     """Read the elements of an OpenDRIVE file, without namespaces.
 
-    Raises ValueError if the file is not a map, is damaged, or `centre` is outside it."""
+    Raises ValueError if the file is not a map, is damaged, or `centre` is outside it.
+    """
     try:
         root = ElementTree.parse(path).getroot()
     except (ElementTree.ParseError, LookupError, ValueError) as error:

@@ -19,7 +19,8 @@ def count_things(site: Site) -> dict[str, dict[str, int]]:
     """Count the things of a site by origin, then by kind.
 
     Solids of a kind that touch are one thing: a fence has many. A tree counts once, by its trunk. A pole is a mount,
-    and its own post no thing beside it. A drawn road is one thing."""
+    and its own post no thing beside it. A drawn road is one thing.
+    """
     found: dict[str, Counter[str]] = {origin: Counter() for origin in ORIGINS}
     trunks = unite(s.footprint for s in site.solids if s.kind == "trunk").buffer(6.0)
     feet = shapely.MultiPoint([mount.position[:2] for mount in site.mounts]).buffer(0.3)

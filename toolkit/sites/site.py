@@ -38,7 +38,8 @@ class Solid:
 
     footprint: (k, 2) polygon; kind: one of `KINDS`; origin: one of `ORIGINS`. A tree is two solids, a `trunk` and a
     crown (`tree`). A `pond` is a hole: there is no ground inside its footprint, but a surface at `top`, below the
-    street."""
+    street.
+    """
 
     footprint: Float64[np.ndarray, "k 2"]
     base: float
@@ -107,7 +108,8 @@ class Site(Displayed):
     """A junction: detection area, roads, solids, mounts, sensors and network.
 
     Two sites are equal if all fields are, numbers to `EQUAL`, networks line by line. Raises ValueError that names the
-    field that does not fit."""
+    field that does not fit.
+    """
 
     name: str
     area: Float64[np.ndarray, "4"]  # xmin ymin xmax ymax of the detection area
@@ -192,7 +194,8 @@ class Site(Displayed):
         """Height of the ground (m) at places (..., 2) of the site.
 
         On the plane lies a smooth, seeded sum of plane waves 7 to 160 m long whose mean over a large place is zero.
-        Ponds, kerbs and islands are solids and not part of it."""
+        Ponds, kerbs and islands are solids and not part of it.
+        """
         xy = np.asarray(xy, np.float64)
         plane = self.plane(xy)
         if self.relief.amplitude == 0:

@@ -66,7 +66,8 @@ class Plot:
     """Ground around a road, where solids are placed one by one.
 
     open: ground beside the road; lanes: kept clear, with LANE_CLEARANCE; driven: the part kept clear even of solids on
-    shoulders; mounts: (n, 2) places of sensors."""
+    shoulders; mounts: (n, 2) places of sensors.
+    """
 
     def __init__(self, road: Road, window: shapely.Geometry, mounts: Iterable[Mount]) -> None:
         self.road, self.window = road, window
@@ -81,7 +82,8 @@ class Plot:
     def claim(self, ground: shapely.Geometry, *, footway: bool = False, shoulder: bool = False) -> bool:
         """Take `ground` off the lanes and, unless `footway`, off the footways, if it is free; return success.
 
-        shoulder: it may lie on any ground that is not driven."""
+        shoulder: it may lie on any ground that is not driven.
+        """
         if shoulder:
             allowed = not self.driven.intersects(ground)
         else:
@@ -105,7 +107,8 @@ def place_mounts(
     """Choose sensor places at the kerb and behind the footway, their feet at z = 0.
 
     `FEWEST_MOUNTS` to twice as many mounts in and just around `area`, out of `avoid`, `spacing` m apart where there is
-    room."""
+    room.
+    """
     window = shapely.box(*area).buffer(5.0)
     kerb = along(road.carriageway.buffer(0.7).boundary.intersection(window), 1.0)
     behind = along(road.surface.buffer(0.6).boundary.intersection(window), 1.0)
@@ -155,7 +158,8 @@ _UNSEEN = 15.0  # m from the edge of the furnished ground; no bays lie on the ro
 def kerb_bays(plot: Plot, strips: Mapping[str, Strip], angles: Mapping[str, int], rng: Rng) -> Bays:
     """Draw bays x, y, yaw on the strips that have an angle (degrees, 0 in line with the kerb).
 
-    The junction is at the end of a strip of an edge `in...`, and at the start of the others."""
+    The junction is at the end of a strip of an edge `in...`, and at the start of the others.
+    """
     rows, seen = [np.zeros((0, 3))], plot.window.buffer(-_UNSEEN, join_style="mitre")
     size = BAY[0] - 0.2, BAY[1] - 0.2
     for edge, angle in angles.items():
