@@ -133,9 +133,9 @@ def recording_detector(
     if known:
         _check_long(recording)
     learnt = learn_cluster_detector(scenes or empty_scene.Scenes(recording), recording[0], place)
-    return (
-        _on_grids(learnt, place) if bare == CLUSTER else KnownBackground(place_detector(bare, place), learnt.background)
-    )
+    if bare == CLUSTER:
+        return _on_grids(learnt, place)
+    return KnownBackground(place_detector(bare, place), learnt.background)
 
 
 def _check_long(recording: Recording) -> None:

@@ -77,6 +77,7 @@ class LivePage:
         self._answer: LiveAnswer | None = None
         self._maps: dict[float, SeenMaps] = {}
         self._image: Handle = None
+        self._areas: Handle = None
         self._traffic: list[Handle] = []
         self._drawn: dict[str, object] = {}  # what the scene shows, so that only what has changed is sent again
         self._spots: list[Spot] = []  # clicked on the ground
@@ -279,17 +280,18 @@ class LivePage:
     def _draw_areas(self) -> None:
         """Draw the keep-out areas, and the one that is being drawn."""
         site, lines = self.planner.yard.site, []
-        open_area = [tuple(spot[:2]) for spot in self._spots]
-        areas = [(*corners, corners[0]) for corners in self.planner.variant.keep_out]
-        for way in (*areas, open_area):
+        ways = [(*corners, corners[0]) for corners in self.planner.variant.keep_out]
+        ways.append(tuple((float(x), float(y)) for x, y, _ in self._spots))
+        if self._drawn.get("/areas") == ways:
+            return
+        self._drawn["/areas"] = ways
+        for way in ways:
             spots = [np.array([x, y, float(site.ground(np.array([x, y]))) + 0.2]) for x, y in way]
             lines += [[start, end] for start, end in pairwise(spots)]
-        for handle in self._nodes.pop("areas/", []):
-            handle.remove()
-        made = scene.add_lines(
-            self.server.scene, "/areas", np.array(lines).reshape(-1, 2, 3), KEPT_OUT, width=4.0, visible=True
-        )
-        self._nodes["areas/"] = [made] if made is not None else []
+        if self._areas is not None:
+            self._areas.remove()
+        rows = np.array(lines).reshape(-1, 2, 3)
+        self._areas = scene.add_lines(self.server.scene, "/areas", rows, KEPT_OUT, width=4.0, visible=True)
 
     def _add_command(self, label: str, key: Any, then: Callable[[], None]) -> None:
         self.server.gui.add_command(label, hotkey=key, modifier="cmd/ctrl").on_trigger(lambda _: then())
@@ -427,7 +429,7 @@ class LivePage:
 
     def _draw_sensors(self) -> None:
         variant = self.planner.variant
-        kept = {sensor.name for sensor in variant.sensors} | {"", "areas/"}
+        kept = {"", *(sensor.name for sensor in variant.sensors)}
         for name in [name for name in self._nodes if name not in kept]:
             self._drawn.pop(name, None)
             for handle in self._nodes.pop(name):
