@@ -12,8 +12,17 @@ from placement_env.objective import Objective
 from toolkit.arrays import Shaped
 from toolkit.boxes import footprints
 from toolkit.plots import plan_view as above
-from toolkit.plots.canvas import blank_figure, house_style, render_pixels, shorten
-from toolkit.plots.palette import INK, PAPER_WHITE, point_colours, point_names, point_scale
+from toolkit.plots.canvas import (
+    INK,
+    PAPER_WHITE,
+    blank_figure,
+    house_style,
+    point_colours,
+    point_names,
+    point_scale,
+    render_pixels,
+    shorten,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -22,7 +22,7 @@ from placement_env.search.order import Answer, SearchOrder
 from placement_env.search.portfolio.curve import AMOUNTS, CurvePoint
 from toolkit.arrays import Float64
 from toolkit.plots import canvas
-from toolkit.plots.palette import BAR, INK
+from toolkit.plots.canvas import BAR, INK
 from toolkit.runtime.files import write_text, writing_together
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.files import save_site

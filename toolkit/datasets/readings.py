@@ -12,8 +12,7 @@ import numpy as np
 from toolkit.arrays import Float64
 from toolkit.frame import Frame, Frames, RecordingView
 from toolkit.sensors.error_profiles import PAPER_ERRORS, ErrorProfile, check_drawn, find_profile, only_own_noise
-from toolkit.sensors.error_terms import velocities
-from toolkit.sensors.readings import TrueImage
+from toolkit.sensors.error_terms import TrueImage, velocities
 from toolkit.sensors.sensor import Sensor
 
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from toolkit.plots.palette import OUTCOME, sensor_colour
+from toolkit.plots.canvas import OUTCOME, sensor_colour
 from toolkit.runtime.files import write_text
 from toolkit.viewing import recording_scene
 from toolkit.viewing.drawn import BOX_KINDS, MARKED, DrawnSample, Scales, list_colourings

@@ -21,7 +21,7 @@ import numpy as np
 
 from toolkit.arrays import Float64
 from toolkit.mesh import box
-from toolkit.plots.palette import FAINT, OUTCOME, sensor_colour
+from toolkit.plots.canvas import FAINT, OUTCOME, sensor_colour
 from toolkit.viewing import drawn as drawings, scene
 from toolkit.viewing.drawn import BOX_KINDS, MARKED, Colouring, DrawnSample, Marked, Scales
 from toolkit.viewing.scene import Handle, Look, Segments, box_edges, headings

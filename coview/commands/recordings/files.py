@@ -217,7 +217,7 @@ def pack(
     check = partial(check_file, out, inputs=[*datasets, *packed, *opening.files])
     if random_sites:
         from toolkit.bodies.fleet import fleet_named
-        from toolkit.datasets.random_recordings import random_recordings_file
+        from toolkit.datasets.simulation import random_recordings_file
 
         again = Path(f"{out}.parts").is_dir()  # a run that was killed while it cleaned up
         check(overwrite=writing.overwrite or again)

@@ -8,7 +8,7 @@ import pytest
 
 from placement_env.envs.registration import register
 from placement_env.envs.rendering import summary
-from toolkit.plots.palette import point_colours
+from toolkit.plots.canvas import point_colours
 
 register()
 
