@@ -22,7 +22,7 @@ from placement_env.fidelity.traffic import Traffic, build_renderer
 from toolkit.arrays import Float32, Int64, Shaped
 from toolkit.calibration.empty_scene import EmptyScene, SceneLearner, Scenes
 from toolkit.datasets.dataset import CoopDataset
-from toolkit.datasets.readings import ReadRecording, Reads, block_seed, read_frame, with_errors
+from toolkit.datasets.recordings import ReadRecording, Reads, block_seed, read_frame, with_errors
 from toolkit.detection.view import Captured
 from toolkit.frame import Frame
 from toolkit.objects import Objects

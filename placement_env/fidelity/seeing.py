@@ -13,8 +13,14 @@ import numpy as np
 from placement_env.candidates.candidates import Candidates
 from placement_env.checks import check_choice
 from placement_env.fidelity.occlusion import Seen, look_at
-from placement_env.fidelity.panorama.ray_table import Lookup
-from placement_env.fidelity.panorama.surround import ScoredItems, Still, Surround, find_place_strips, successive_strips
+from placement_env.fidelity.panorama.surround import (
+    Lookup,
+    ScoredItems,
+    Still,
+    Surround,
+    find_place_strips,
+    successive_strips,
+)
 from placement_env.fidelity.traffic import Traffic, build_renderer
 from placement_env.fidelity.visibility import Visibility
 from placement_env.setting import Rendering

@@ -35,8 +35,7 @@ from toolkit.boxes import Overlap, count_points
 from toolkit.calibration.empty_scene import Scenes
 from toolkit.calibration.poses import FoundPose
 from toolkit.datasets.dataset import CoopDataset
-from toolkit.datasets.readings import ReadRecording, Reads, with_errors
-from toolkit.datasets.recordings import Part
+from toolkit.datasets.recordings import Part, ReadRecording, Reads, with_errors
 from toolkit.datasets.records import check_labels
 from toolkit.detection.breakdown import FrameTruth, GroupRow, format_rows, group_rows, select_truth
 from toolkit.detection.codec import PAPER, Codec, ImageCodec, check_codec

@@ -44,7 +44,7 @@ def survey(
         seed: Seed of the sensors' noise and errors.
         json: Print as JSON.
     """
-    from toolkit.datasets.readings import Reads
+    from toolkit.datasets.recordings import Reads
     from toolkit.detection.survey import survey as count
     from toolkit.frame import select_sensors
 
@@ -154,8 +154,7 @@ def calibrate(
     """
     from toolkit.calibration.poses import TOGETHER, find_poses, save_poses, write_corrected
     from toolkit.calibration.registration import read_surface
-    from toolkit.datasets.readings import ReadRecording, Reads
-    from toolkit.datasets.recordings import Part
+    from toolkit.datasets.recordings import Part, ReadRecording, Reads
 
     find_profile(reading.errors)
     reference = None if fit.reference == TOGETHER else fit.reference

@@ -61,8 +61,7 @@ def convert(
         to: Layout to write: one of those of --layout, or of a plug-in; rosbag has no labels, hdf5 keeps everything.
         out: Folder to write, or file for hdf5.
     """
-    from toolkit.datasets.readings import ReadRecording, Reads
-    from toolkit.datasets.recordings import Part, filter_classes, find_layout
+    from toolkit.datasets.recordings import Part, ReadRecording, Reads, filter_classes, find_layout
 
     check_least("--frames", contents.frames, 1, "leave it out for all")
     if contents.errors is not None:

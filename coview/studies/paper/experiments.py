@@ -21,8 +21,21 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from coview.studies.paper import published
-from coview.studies.paper.comparison import Compared, Experiment, RowEvidence, TableRow, explain_difference, percent
+from coview.studies.paper import comparison
+from coview.studies.paper.comparison import (
+    GOOD_ABOVE,
+    IOU_BINS,
+    PLACE_NAMES,
+    POOR_BELOW,
+    Compared,
+    Experiment,
+    RowEvidence,
+    TableRow,
+    explain_difference,
+    percent,
+    sensor_sets,
+    set_name,
+)
 from coview.studies.paper.detections import (
     SchemeRun,
     StoredDetections,
@@ -33,7 +46,6 @@ from coview.studies.paper.detections import (
     visible_share,
 )
 from coview.studies.paper.page import draw_agreement, draw_log_fit, draw_pairs
-from coview.studies.paper.published import GOOD_ABOVE, IOU_BINS, PLACE_NAMES, POOR_BELOW, sensor_sets, set_name
 from placement_env.analysis.intervals import ratio_interval
 from placement_env.fidelity.detector import IOUS
 from placement_env.fidelity.table import Table, TableFidelity, best_sets
@@ -53,7 +65,7 @@ def scheme_experiment(stored: StoredDetections, site: str, basis: str) -> Experi
     """Compare table 1: late, hybrid and early fusion of all sensors."""
     rows = []
     for run in scheme_runs(len(stored.sensors)):
-        paper = published.SCHEME_TABLE[site][run.scheme]
+        paper = comparison.SCHEME_TABLE[site][run.scheme]
         for iou, theirs in zip(IOUS, paper.ap, strict=True):
             rows.append(compare_run(stored, run, (run.scheme, f"AP@{iou:g}"), theirs, iou=iou))
         kbit, why = kbit_per_sensor(stored, run), _explain_kbit(stored, run, paper.kbit)
@@ -145,7 +157,7 @@ def rank_correlation(a: ArrayLike, b: ArrayLike) -> float:
     return float(spearmanr(a, b).statistic)
 
 
-def places_of_best(table: Table, listed: published.Listed, scheme: str) -> dict[int, int]:
+def places_of_best(table: Table, listed: comparison.Listed, scheme: str) -> dict[int, int]:
     """Rank of the paper's best set of each size."""
     ours = best_sets(table, scheme, top=1 << len(table.origin.sensors))
     return {len(each): [mine.sensors for mine in ours[len(each)]].index(each) + 1 for each in listed.best[scheme]}
@@ -154,12 +166,12 @@ def places_of_best(table: Table, listed: published.Listed, scheme: str) -> dict[
 def region_experiment(stored: StoredDetections, site: str, basis: str) -> Experiment:
     """Compare table 3: gain from spatial diversity."""
     rows, ap = [], {}
-    for row in published.REGION_TABLE[site]:
+    for row in comparison.REGION_TABLE[site]:
         labels = (f"in view of {set_name(row.region)}, {{}} vehicles", set_name(row.sensors))
         rows.append(compare_run(stored, SchemeRun("early", row.sensors), labels, row.ap, region=row.region))
         ap[row.region, row.sensors] = rows[-1].ours or 0.0, row.ap
     gains, better = [], []
-    for pair in dict.fromkeys(row.region for row in published.REGION_TABLE[site]):
+    for pair in dict.fromkeys(row.region for row in comparison.REGION_TABLE[site]):
         ours, paper = (
             both - max(one, other)
             for one, other, both in zip(*(ap[pair, s] for s in (pair[:1], pair[1:], pair)), strict=True)
@@ -172,7 +184,7 @@ def region_experiment(stored: StoredDetections, site: str, basis: str) -> Experi
         else "Not every pair is better than the better of its two sensors."
     )
     title = f"Shared regions, {PLACE_NAMES[site]}, early fusion, IoU 0.7, {stored.frames} frames"
-    names = [f"{set_name(row.sensors)}\nin {set_name(row.region)}" for row in published.REGION_TABLE[site]]
+    names = [f"{set_name(row.sensors)}\nin {set_name(row.region)}" for row in comparison.REGION_TABLE[site]]
     about = ("shared_regions", "Spatial diversity in shared regions", "table 3, section IV-D", ("region", "sensors"))
     basis = f"{basis}; vehicles whose centre both sensors of the pair have in their field of view"
     conclusion = f"{helps} In AP, {'; '.join(gains)}."
@@ -181,10 +193,10 @@ def region_experiment(stored: StoredDetections, site: str, basis: str) -> Experi
 
 def benchmark_experiment(stored: StoredDetections, site: str, basis: str) -> Experiment:
     """Compare table 4: the paper's figures for other methods, its own, and ours for the same pair."""
-    pair = published.BENCHMARK_PAIR[site]
-    paper = {row.sensors: row.ap for row in published.REGION_TABLE[site] if row.region == pair}
+    pair = comparison.BENCHMARK_PAIR[site]
+    paper = {row.sensors: row.ap for row in comparison.REGION_TABLE[site] if row.region == pair}
     rows = []
-    for each in published.BENCHMARK_TABLE:
+    for each in comparison.BENCHMARK_TABLE:
         rows += [Compared((each.method, "one sensor"), "AP", None, figure) for figure in each.single]
         if each.two is not None:
             rows.append(Compared((each.method, "two sensors"), "AP", None, each.two))
@@ -224,7 +236,7 @@ def curve_experiment(stored: StoredDetections, site: str, basis: str) -> Experim
     paper = {row.sensors: row.early for row in sensor_sets(site).rows}
     rows = [compare_run(stored, SchemeRun("early", each), ("AP@0.7", set_name(each)), paper[each]) for each in curves]
     captions = [f"{row.labels[1]}: AP {row.ours:.3f} (paper {row.paper:.3f})" for row in rows]
-    for says in published.CURVE_STATEMENTS[site]:
+    for says in comparison.CURVE_STATEMENTS[site]:
         curve, seen = curves[says.sensors], visible_share(stored, says.sensors)
         ours = max_recall(curve) if says.of == "greatest recall" else interpolate_precision(curve, 0.95)
         reason = f"{percent(seen)} of the vehicles have a point here" if seen < says.value else ""
@@ -271,8 +283,8 @@ def steps(curve: Curve) -> Bool[np.ndarray, " k"]:
 def density_experiment(stored: StoredDetections, site: str, basis: str) -> Experiment:
     """Compare point densities of the best sensor sets."""
     sets = sensor_sets(site).best["early"]
-    stated = published.DENSITY_STATEMENTS[site]
-    paper: dict[tuple[str, published.SensorSet], published.Statement] = {
+    stated = comparison.DENSITY_STATEMENTS[site]
+    paper: dict[tuple[str, comparison.SensorSet], comparison.Statement] = {
         (each.of, each.sensors): each for each in stated
     }
     rows = []
@@ -421,7 +433,7 @@ def density_needed(density: Float64[np.ndarray, " n"], iou: Float64[np.ndarray, 
 
 def all_runs(site: str, sensors: int) -> list[SchemeRun]:
     """Runs that the experiments need."""
-    in_regions = (SchemeRun("early", row.sensors) for row in published.REGION_TABLE[site])
+    in_regions = (SchemeRun("early", row.sensors) for row in comparison.REGION_TABLE[site])
     return [*scheme_runs(sensors), *curve_runs(site), *in_regions]
 
 

@@ -13,11 +13,20 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from coview.studies.paper.comparison import CAUSES, GIVEN, LARGE, Experiment, to_csv
+from coview.studies.paper.comparison import (
+    CAUSES,
+    DEPTH_NOISE,
+    GIVEN,
+    LARGE,
+    PAPER_SITES,
+    PLACE_NAMES,
+    TEST_FRAMES,
+    Experiment,
+    to_csv,
+)
 from coview.studies.paper.detections import StoredDetections, detect_runs
 from coview.studies.paper.experiments import all_experiments, all_runs
 from coview.studies.paper.page import paper_page
-from coview.studies.paper.published import DEPTH_NOISE, PAPER_SITES, PLACE_NAMES, TEST_FRAMES
 from placement_env.checks import check_whole
 from placement_env.fidelity.renders import Recorded
 from placement_env.fidelity.table import Table, hash_site, load_table, make_table

@@ -27,7 +27,7 @@ from placement_env.analysis.intervals import Tally
 from placement_env.report.content import Judgement
 from toolkit.arrays import Float32
 from toolkit.calibration.empty_scene import Scenes
-from toolkit.datasets.readings import ReadRecording, Reads, block_seed, read_frame
+from toolkit.datasets.recordings import ReadRecording, Reads, block_seed, read_frame
 from toolkit.detection.link.channel import STALE, Lagged, Tracks, delay_frames
 from toolkit.detection.metrics import matches
 from toolkit.detection.scheme import Chained

@@ -11,7 +11,7 @@ import pytest
 from toolkit.calibration import empty_scene, poses, poses as sample_poses
 from toolkit.calibration.poses import Alignment
 from toolkit.calibration.registration import Registration, Surface, scene_points, site_surface
-from toolkit.datasets.readings import ReadRecording, Reads
+from toolkit.datasets.recordings import ReadRecording, Reads
 from toolkit.frame import Frame, SensorCloud, unproject
 from toolkit.geometry import invert, look, pose, transform
 from toolkit.objects import Objects

@@ -5,8 +5,8 @@ import pytest
 from scipy.stats import spearmanr
 
 from coview.studies.paper import experiments
+from coview.studies.paper.comparison import REGION_TABLE, SCHEME_TABLE, sensor_sets
 from coview.studies.paper.detections import SchemeRun, kbit_per_sensor, ms_per_frame, score_run
-from coview.studies.paper.published import REGION_TABLE, SCHEME_TABLE, sensor_sets
 from placement_env.fidelity.table import best_sets
 
 
