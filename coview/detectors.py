@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, SupportsFloat, cast
 
@@ -44,8 +45,6 @@ class CloudDetector:
 
     def __call__(self, cloud: object, /) -> Detections:
         """Detect in one cloud. Raises ValueError for what is no cloud, or where no ground is found to level."""
-        from dataclasses import replace
-
         import numpy as np
 
         from toolkit.calibration.ground import level, plain_points

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sized
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,8 +11,6 @@ from typing import TYPE_CHECKING, cast
 from coview.arguments import check_least, site_file
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sized
-
     from toolkit.datasets.dataset import CoopDataset
     from toolkit.frame import Frame, Recording
 

@@ -12,8 +12,11 @@ import numpy as np
 from placement_env.candidates.candidates import Candidates
 from placement_env.cases import LEVEL_NAMES, Cases
 from placement_env.classes import VEHICLES
+from placement_env.fidelity.detector import Detected
+from placement_env.fidelity.hit_model import HitModel, chosen_model, load_models, shipped_model
 from placement_env.fidelity.over_cases import ProfileFidelities, over_cases
-from placement_env.fidelity.traffic import FRAMES, scored
+from placement_env.fidelity.table import Table, TableFidelity, hash_site, load_table
+from placement_env.fidelity.traffic import FRAMES, Traffic, scored, simulate_traffic
 from placement_env.protocol import Fidelity, FidelityName
 from placement_env.setting import Rendering, Setting
 from toolkit.arrays import Int64
@@ -23,14 +26,11 @@ from toolkit.objects import LABELS, Detector, check_known, quick_detector
 from toolkit.runtime.run import Run
 from toolkit.sensors.error_profiles import ErrorProfile
 from toolkit.sensors.sensor import Sensor
+from toolkit.sites.files import format_site
 from toolkit.sites.site import Site
 
 if TYPE_CHECKING:
-    from placement_env.fidelity.detector import Detected
-    from placement_env.fidelity.hit_model import HitModel
     from placement_env.fidelity.panorama.live import LiveView
-    from placement_env.fidelity.table import Table
-    from placement_env.fidelity.traffic import Traffic
     from placement_env.fidelity.visibility import Visibility
 
 GENERAL = "general"  # the network not trained at any site
@@ -59,8 +59,6 @@ class Preparation:
     @cached_property
     def traffic(self) -> Traffic:
         """Simulated frames."""
-        from placement_env.fidelity.traffic import simulate_traffic
-
         return simulate_traffic(self.setting.place, self.run.frames_or(FRAMES), self.run.seed).every(self.stride)
 
     def split(self, levels: int) -> tuple[Int64[np.ndarray, " _"], ...]:
@@ -165,8 +163,6 @@ class Preparation:
 
             return (Coverage(self.visibility, scheme, codec=codec, classes=classes),) * len(ious)
         if name == "table":
-            from placement_env.fidelity.table import TableFidelity
-
             return tuple(TableFidelity(self._table, scheme, iou, codec, classes=classes) for iou in ious)
         from placement_env.fidelity.surrogate import Surrogate
 
@@ -180,7 +176,6 @@ class Preparation:
 
     def detected(self, errors: ErrorProfile) -> Detected:
         """Detector's fidelity at one error profile and IoU threshold."""
-        from placement_env.fidelity.detector import Detected
         from placement_env.fidelity.renders import Renders
 
         setting, run = self.setting, self.run
@@ -197,8 +192,6 @@ class Preparation:
 
     @cached_property
     def _table(self) -> Table:
-        from placement_env.fidelity.table import hash_site, load_table
-
         site, path = self.setting.place, self.setting.table
         table = load_table(site.name if path is None else path)
         origin, place = table.origin, hash_site(site, self.setting.pool.sensors)
@@ -249,8 +242,6 @@ def _check_levels(setting: Setting, name: FidelityName) -> None:
 
 def surrogate_models(setting: Setting, iou: float, network: str) -> tuple[HitModel, ...]:
     """Hit model of each class, of the setting's file or shipped. Raises ValueError, FileNotFoundError if missing."""
-    from placement_env.fidelity.hit_model import chosen_model, load_models, shipped_model
-
     classes, scheme, path = setting.counted, setting.fusion, setting.surrogate
     wanted = [(name, classes.get_iou(name, iou)) for name in classes.names]
     if path is None:
@@ -267,7 +258,6 @@ def load_shipped_detector(network: str, site: Site) -> Detector:
     """
     from models.detector import load_detector
     from toolkit.detection.background import add_background
-    from toolkit.sites.files import format_site
 
     key = network, format_site(site)
     if key not in _DETECTORS:

@@ -16,6 +16,7 @@ from toolkit.bodies.body import Body
 from toolkit.bodies.fleet import fleet_named
 from toolkit.objects import VEHICLE, Objects
 from toolkit.points import has_centre_inside
+from toolkit.sites.files import format_site
 from toolkit.sites.site import Site
 from toolkit.traffic.snapshots import Mix, Snapshot, simulate
 from toolkit.traffic.spawner import LIFE
@@ -59,8 +60,6 @@ class Traffic:
     @cached_property
     def _scene(self) -> bytes:
         """SHA-256 over site and bodies."""
-        from toolkit.sites.files import format_site
-
         sha = sha256(format_site(self.site).encode())
         for body in self.bodies:
             sha.update(repr((body.name, body.label, body.vertices.shape, body.triangles.shape)).encode())
@@ -87,8 +86,6 @@ def simulate_traffic(
     which a van parked there throughout would bias unnoticed. Raises ValueError for fewer frames than one, and errors of
     `toolkit.traffic.snapshots.simulate`.
     """
-    from toolkit.sites.files import format_site
-
     check_whole("frames", frames, least=1)
     mix = Mix(stay=LIFE)
     if bodies is not None:

@@ -42,7 +42,8 @@ from toolkit.runtime.files import parse_json
 from toolkit.runtime.hdf5 import hdf5_file
 from toolkit.sensors.models import DepthCamera, find_model_class, make_model
 from toolkit.sensors.sensor import Sensor
-from toolkit.sites.files import load_site, parse
+from toolkit.sites import BUILT_IN
+from toolkit.sites.files import format_site, load_site, parse
 from toolkit.sites.site import Site
 
 CLOUDS_KIND = "clouds"  # the attribute `coview` of a file of recorded clouds
@@ -245,8 +246,6 @@ def _site(file: h5py.File, cameras: Sequence[str]) -> Site:
             return parse(parse_json(hdf5.text(file, "coview/site")))
         except (ValueError, OSError) as error:
             raise UnknownSite(f"coview/site is damaged ({error}): pass site= to read the file all the same") from None
-    from toolkit.sites import BUILT_IN
-
     matrices = [hdf5.array(file, f"cameras/{name}/extrinsic") for name in cameras]
     usable = [matrix for matrix in matrices if matrix.shape == (4, 4) and np.isfinite(matrix).all()]
     positions = [np.linalg.pinv(matrix)[None, :2, 3] for matrix in usable]
@@ -433,8 +432,6 @@ def join(header: Header, parts: Sequence[Path], out: Path) -> None:
 
 
 def _create(file: h5py.File, header: Header, frames: int, objects: int) -> None:
-    from toolkit.sites.files import format_site
-
     own = file.create_group("coview")
     own.attrs.update(schema=RECORDING_SCHEMA, plan=header.plan, sensors=json.dumps([s.name for s in header.sensors]))
     _add(own, "site", format_site(header.site))

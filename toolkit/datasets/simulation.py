@@ -18,12 +18,13 @@ from dataclasses import dataclass
 from functools import cached_property, partial
 from hashlib import sha256
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple, TypeVar
+from typing import NamedTuple, TypeVar
 
 import h5py
 import numpy as np
 
 from toolkit.arrays import Float32, Rng
+from toolkit.bodies.body import stretch_randomly
 from toolkit.bodies.fleet import Fleet, fleet_named
 from toolkit.datasets.dataset import RECORDING_SCHEMA, Header, Scene, encode, join
 from toolkit.frame import Frame
@@ -32,13 +33,10 @@ from toolkit.runtime.code_digest import code_digest
 from toolkit.runtime.resumable import Plan, ShardFolder, describe_differences, make_shards
 from toolkit.runtime.run import Simulation
 from toolkit.sensors.sensor import Sensor
-from toolkit.sites.files import load_site
+from toolkit.sites.files import format_site, load_site
+from toolkit.sites.random import random_sensors, random_site
 from toolkit.sites.site import Site
-from toolkit.traffic.snapshots import INTERVAL, Mix, sumo_step
-
-if TYPE_CHECKING:
-    from toolkit.bodies.fleet import Fleet
-    from toolkit.sites.site import Site
+from toolkit.traffic.snapshots import INTERVAL, MOST_OBJECTS, Mix, simulate, sumo_step
 
 FRAMES, BLOCK = 1000, 50  # usual number of frames; frames with a seed of their own
 
@@ -135,8 +133,6 @@ class Job:
     @cached_property
     def plan(self) -> dict[str, object]:
         """Plan values that two runs with equal bytes share, to be compared and shown to people."""
-        from toolkit.sites.files import format_site
-
         sensors = [[sensor.name, sensor.digest] for sensor in self.sensors]
         bodies = sha256()
         for body in self.fleet.fixed:
@@ -163,7 +159,6 @@ class Job:
     def start(self, threads: int) -> Callable[[int], Iterator[Scene]]:
         """Build the static parts, once per process; return the function that makes the scenes of a block."""
         from toolkit.rendering.renderer import Renderer
-        from toolkit.traffic.snapshots import simulate
 
         empty = Renderer(self.site, self.fleet.fixed, self.sensors, threads=threads)
         number_of = {name: number for number, name in enumerate(self.fleet.names)}
@@ -229,19 +224,13 @@ def random_recording(seed: int, number: int, frames: int, *, fleet: Fleet | None
     """Simulate a random junction with three to ten random sensors, noise-free, and random traffic. number: of the
     recording under this seed; fleet: by default all bodies are drawn; a fleet that draws none has each body stretched a
     little. Raises the errors of drawing the site and of SUMO."""
-    from toolkit.sites.random import random_site
-
     rng = np.random.default_rng([seed, number])
     return record_randomly(random_site(rng), rng, frames, fleet=fleet)
 
 
 def record_randomly(site: Site, rng: Rng, frames: int, *, fleet: Fleet | None = None) -> RandomRecording:
     """Simulate a site as `random_recording` does, with random sensors on its mounts and random traffic."""
-    from toolkit.bodies.body import stretch_randomly
-    from toolkit.bodies.fleet import fleet_named
     from toolkit.rendering.renderer import Renderer
-    from toolkit.sites.random import random_sensors
-    from toolkit.traffic.snapshots import MOST_OBJECTS, Mix, simulate
 
     sensors = random_sensors(site, rng, int(rng.integers(FEWEST_SENSORS, MOST_SENSORS + 1)))
     fleet = fleet_named() if fleet is None else fleet
@@ -277,8 +266,6 @@ def random_recordings_file(
     order and the target, its result is returned; fleet: see `random_recording`; overwrite: drop an unfinished run of
     another count, seed, fleet or code. Raises FileExistsError for such a run, and OSError, with the number of safe
     recordings, if the disk is full."""
-    from toolkit.bodies.fleet import fleet_named
-
     if count < 1:
         raise ValueError(f"need at least one site, got {count}")
     own, bodies = fleet_named() if fleet is None else fleet, sha256()

@@ -37,14 +37,13 @@ from toolkit.plots.canvas import (
     write_figure,
 )
 from toolkit.sensors.sensor import Sensor
+from toolkit.sites.site import Site, Solid
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from matplotlib.transforms import Transform
-
-    from toolkit.sites.site import Site, Solid
 
 
 AROUND = 10.0  # m around the area

@@ -18,20 +18,17 @@ from __future__ import annotations
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 import shapely
 
 from toolkit.arrays import Bool, Float64, Int64
+from toolkit.bodies.body import Body
 from toolkit.boxes import footprints
 from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE, Objects
 from toolkit.sites.network import unite
 from toolkit.sites.site import Site
 from toolkit.traffic.spawner import FINE_STEP, LIFE, STEP, Spawner, Supply, running
-
-if TYPE_CHECKING:
-    from toolkit.bodies.body import Body
 
 _Boxes = Float64[np.ndarray, "n 7"]
 GAP = 0.1  # m left between bodies

@@ -19,16 +19,13 @@ from itertools import count
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import ModuleType
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from toolkit.arrays import Float, Float64, Int64
+from toolkit.bodies.body import Body
 from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE
 from toolkit.sites.site import Site
-
-if TYPE_CHECKING:
-    from toolkit.bodies.body import Body
 
 STEP = 1.0  # s; SUMO's own default, for which its driver models are tuned
 FINE_STEP = 0.1  # s, for frames closer together; drivers decide every `STEP` still

@@ -12,7 +12,9 @@ from coview.arguments import Label, check_ending, check_least, check_schemes, si
 from coview.detectors import check_digest, site_detector
 from coview.outputs import OK, Writing, check_file, check_writable, claim, print_result
 from coview.progress_bar import progress_bar
+from placement_env.checks import check_iou
 from toolkit.runtime.run import Run
+from toolkit.sensors.models import find_model
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,8 +43,6 @@ class SurrogateFit:
     """Number of bootstrap refits, which tell how uncertain a prediction is."""
 
     def __post_init__(self) -> None:
-        from placement_env.checks import check_iou
-
         for option, value, least in (
             ("--poses", self.poses, 0),
             ("--sets", self.sets, 1),
@@ -77,7 +77,6 @@ def surrogate(
     from coview.options import ClassOptions
     from placement_env.fidelity.hit_fit import Sampling, fit_sites
     from placement_env.fidelity.hit_model import save_models
-    from toolkit.sensors.models import find_model
     from toolkit.sites.files import load_site
     from toolkit.sites.random import random_site
 

@@ -11,6 +11,8 @@ from tyro.conf import Positional, subcommand
 
 from coview.arguments import check_ending, check_least, site_file
 from coview.outputs import OK, check_file, say
+from toolkit.plots.canvas import check_picture
+from toolkit.runtime.files import write_text
 
 if TYPE_CHECKING:
     from toolkit.sites.site import Site
@@ -102,7 +104,6 @@ class ExportSite:
 
     def __call__(self) -> int:
         """Load, write, say what was written."""
-        from toolkit.runtime.files import write_text
         from toolkit.sites.files import load_site
         from toolkit.sites.georeference import site_geojson
 
@@ -158,7 +159,6 @@ class ShowSite:
 
     def __call__(self) -> int:
         """Load (and so validate), say what is there, draw."""
-        from toolkit.plots.canvas import check_picture
         from toolkit.plots.plan_view import draw_site
         from toolkit.sites.files import load_site
         from toolkit.sites.origins import count_things, describe_things

@@ -20,6 +20,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.optimize import isotonic_regression
+from scipy.stats import spearmanr
 
 from coview.studies.paper import comparison
 from coview.studies.paper.comparison import (
@@ -150,8 +152,6 @@ def rank_correlation(a: ArrayLike, b: ArrayLike) -> float:
     >>> round(rank_correlation([1, 2, 3, 4], [10, 30, 20, 40]), 3)
     0.8
     """
-    from scipy.stats import spearmanr
-
     if np.ptp(np.asarray(a, np.float64)) == 0 or np.ptp(np.asarray(b, np.float64)) == 0:
         return float("nan")
     return float(spearmanr(a, b).statistic)
@@ -421,8 +421,6 @@ def density_needed(density: Float64[np.ndarray, " n"], iou: Float64[np.ndarray, 
     >>> density_needed(np.array([1.0, 2.0, 3.0, 4.0]), np.array([0.1, 0.6, 0.4, 0.9]), 0.5)
     2.0
     """
-    from scipy.optimize import isotonic_regression
-
     at, group, counts = np.unique(density, return_inverse=True, return_counts=True)
     if not len(at):
         return None

@@ -17,15 +17,13 @@ from base64 import b64decode, b64encode
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, is_dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 from placement_env.report import content
+from placement_env.report.pages.scene import Scene
 from toolkit.display import describe_count
 from toolkit.sites.site import Site
 from toolkit.viewing.scene import render_page
-
-if TYPE_CHECKING:
-    from placement_env.report.pages.scene import Scene
 
 _FOLDER = Path(__file__).parent
 NONE = "–"  # for an undefined figure
