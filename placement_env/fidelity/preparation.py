@@ -12,14 +12,19 @@ import numpy as np
 from placement_env.candidates.candidates import Candidates
 from placement_env.cases import LEVEL_NAMES, Cases
 from placement_env.classes import VEHICLES
+from placement_env.fidelity.coverage import Coverage
 from placement_env.fidelity.detector import Detected
 from placement_env.fidelity.hit_model import HitModel, chosen_model, load_models, shipped_model
 from placement_env.fidelity.over_cases import ProfileFidelities, over_cases
+from placement_env.fidelity.renders import Renders
+from placement_env.fidelity.surrogate import Surrogate
 from placement_env.fidelity.table import Table, TableFidelity, hash_site, load_table
 from placement_env.fidelity.traffic import FRAMES, Traffic, scored, simulate_traffic
+from placement_env.fidelity.visibility import Visibility, of_frames
 from placement_env.protocol import Fidelity, FidelityName
 from placement_env.setting import Rendering, Setting
 from toolkit.arrays import Int64
+from toolkit.detection.background import add_background
 from toolkit.detection.scheme import surrogate_name
 from toolkit.detection.schemes import SCHEMES
 from toolkit.objects import LABELS, Detector, check_known, quick_detector
@@ -31,7 +36,6 @@ from toolkit.sites.site import Site
 
 if TYPE_CHECKING:
     from placement_env.fidelity.panorama.live import LiveView
-    from placement_env.fidelity.visibility import Visibility
 
 GENERAL = "general"  # the network not trained at any site
 KEPT_DETECTORS = 4  # sites whose shipped detector is held in memory
@@ -144,8 +148,6 @@ class Preparation:
             whole = self.at_thresholds(name, errors)
             levels: tuple[tuple[Fidelity, ...], ...] = (whole,)
             if cases.levels > 1:
-                from placement_env.fidelity.visibility import of_frames
-
                 parts = [self.at(self.setting.pool, of_frames(self.visibility, part)) for part in self.levels]
                 levels = tuple(part.at_thresholds(name, errors) for part in parts)
             profiles.append(ProfileFidelities(whole[0], levels))
@@ -159,13 +161,9 @@ class Preparation:
             detected = self.detected(errors)
             return tuple(detected.at(iou, ious) for iou in ious)
         if name == "coverage":
-            from placement_env.fidelity.coverage import Coverage
-
             return (Coverage(self.visibility, scheme, codec=codec, classes=classes),) * len(ious)
         if name == "table":
             return tuple(TableFidelity(self._table, scheme, iou, codec, classes=classes) for iou in ious)
-        from placement_env.fidelity.surrogate import Surrogate
-
         radius, made = setting.place.hybrid_radius, []
         for iou in ious:
             if iou not in self._hit_models:
@@ -176,8 +174,6 @@ class Preparation:
 
     def detected(self, errors: ErrorProfile) -> Detected:
         """Detector's fidelity at one error profile and IoU threshold."""
-        from placement_env.fidelity.renders import Renders
-
         setting, run = self.setting, self.run
         return Detected(
             Renders(self.traffic, setting.pool, run.memo, errors=errors),
@@ -257,7 +253,6 @@ def load_shipped_detector(network: str, site: Site) -> Detector:
     site.
     """
     from models.detector import load_detector
-    from toolkit.detection.background import add_background
 
     key = network, format_site(site)
     if key not in _DETECTORS:
