@@ -77,7 +77,7 @@ def full(*_, **__):
 
 def test_all_files_or_none(objective, result, tmp_path, monkeypatch):
     order = SearchOrder(setting=objective.setting, method="greedy")
-    monkeypatch.setattr("toolkit.plots.plan_view.draw_site", full)
+    monkeypatch.setattr("placement_env.search.answer.draw_site", full)
     with pytest.raises(OSError, match="No space left"):
         write_answer(tmp_path / "o", order, answer(objective, result))
     assert not (tmp_path / "o").exists()
