@@ -27,8 +27,7 @@ from toolkit.detection.view import Captured
 from toolkit.frame import Frame
 from toolkit.objects import Objects
 from toolkit.points import frame_points
-from toolkit.runtime.cache import Arrays, Cache, make_key, recall
-from toolkit.runtime.code_digest import code_digest
+from toolkit.runtime.cache import Arrays, Cache, code_digest, make_key, recall
 from toolkit.sensors.error_profiles import PAPER_ERRORS, ErrorProfile, check_drawn, only_own_noise
 from toolkit.sensors.error_terms import velocities
 from toolkit.sensors.sensor import Sensor

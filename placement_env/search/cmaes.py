@@ -19,7 +19,7 @@ from types import ModuleType
 import numpy as np
 
 from placement_env.candidates.candidates import Candidates, aim_sensor, aims
-from placement_env.fidelity.panorama.live import LiveView
+from placement_env.fidelity.panorama import LiveView
 from placement_env.fidelity.preparation import Preparation
 from placement_env.fidelity.seeing import see
 from placement_env.objective import Objective, Score

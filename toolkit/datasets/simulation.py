@@ -29,7 +29,7 @@ from toolkit.bodies.fleet import Fleet, fleet_named
 from toolkit.datasets.dataset import RECORDING_SCHEMA, Header, Scene, encode, join
 from toolkit.frame import Frame
 from toolkit.objects import LABELS, Objects
-from toolkit.runtime.code_digest import code_digest
+from toolkit.runtime.cache import code_digest
 from toolkit.runtime.resumable import Plan, ShardFolder, describe_differences, make_shards
 from toolkit.runtime.run import Simulation
 from toolkit.sensors.sensor import Sensor

@@ -23,11 +23,20 @@ from toolkit.arrays import Float, Float64, Pose, Rng
 from toolkit.geometry import STEEPEST, pose
 from toolkit.runtime.files import name_errors
 from toolkit.sites import furniture as f, network as nets, opendrive, osm
-from toolkit.sites.furnishing import furnish
 from toolkit.sites.georeference import projection
-from toolkit.sites.origins import count_things, describe_things, mark_drawn
 from toolkit.sites.site import Furnishing, Mount, Relief, Site, Solid
-from toolkit.sites.surroundings import POLE, Bay, Road, outline, place_along, place_mounts
+from toolkit.sites.surroundings import (
+    POLE,
+    Bay,
+    Road,
+    count_things,
+    describe_things,
+    furnish,
+    mark_drawn,
+    outline,
+    place_along,
+    place_mounts,
+)
 
 CRACK = 0.3  # m, half the width of cracks between polygons of a map that are closed
 STUB = 1.2  # m, half the width of a slot in the carriageway that is a fault of the network's corners

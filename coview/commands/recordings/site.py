@@ -161,7 +161,7 @@ class ShowSite:
         """Load (and so validate), say what is there, draw."""
         from toolkit.plots.plan_view import draw_site
         from toolkit.sites.files import load_site
-        from toolkit.sites.origins import count_things, describe_things
+        from toolkit.sites.surroundings import count_things, describe_things
 
         shown = load_site(self.site)
         check_file(self.out, inputs=site_file(self.site), overwrite=self.overwrite)

@@ -19,8 +19,7 @@ from toolkit.detection.place import Corners, Level, Place
 from toolkit.frame import select_sensors
 from toolkit.plots.canvas import check_picture
 from toolkit.viewing.drawn import Drawing
-from toolkit.viewing.live import view_live
-from toolkit.viewing.page import PAGE_FRAMES, write_page
+from toolkit.viewing.recording_scene import PAGE_FRAMES, view_live, write_page
 from toolkit.viewing.scene import check_viser
 from toolkit.viewing.still import write_still
 

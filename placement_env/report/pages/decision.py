@@ -27,8 +27,8 @@ from placement_env.report.pages.document import (
 )
 from placement_env.search.order import describe_money
 from toolkit.display import describe_count
-from toolkit.sites.origins import describe_things
 from toolkit.sites.site import Site
+from toolkit.sites.surroundings import describe_things
 
 PLURALS = {"vehicle": "vehicles", "cyclist": "cyclists", "pedestrian": "pedestrians", "heavy": "heavy vehicles"}
 SENDS = {"early": "Sending points", "late": "Sending boxes alone", "hybrid": "Sending boxes and distant points"}

@@ -54,8 +54,8 @@ from toolkit.runtime.run import Run
 from toolkit.sensors.error_profiles import only_own_noise
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.files import format_site
-from toolkit.sites.origins import count_things
 from toolkit.sites.site import Site
+from toolkit.sites.surroundings import count_things
 
 RANGE_ENDS = (10.0, 20.0, 30.0, 40.0)  # m from the nearest sensor, where groups end
 CENTRE = 0.25  # of the shorter side of the area: radius of the zone in its middle

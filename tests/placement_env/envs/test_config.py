@@ -13,8 +13,7 @@ import placement_env.fidelity.seeing
 from placement_env.candidates.pool import paper_candidates
 from placement_env.envs.config import EnvConfig, PoseConfig, SelectConfig, SubsetConfig
 from placement_env.envs.pose import SensorPoseEnv
-from placement_env.envs.select import SensorSelectEnv, SensorSelectVectorEnv
-from placement_env.envs.subset import SensorSubsetEnv
+from placement_env.envs.select import SensorSelectEnv, SensorSelectVectorEnv, SensorSubsetEnv
 from placement_env.objective import Objective
 from placement_env.setting import Setting, Weights
 from toolkit import load_site

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from toolkit.runtime.code_digest import PACKAGES, TOP, code_digest, digest_of_source, import_closure
+from toolkit.runtime.cache import PACKAGES, TOP, code_digest, digest_of_source, import_closure
 
 JOBS = {
     "rendering": "placement_env.fidelity.renders",
