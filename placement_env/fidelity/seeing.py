@@ -158,11 +158,7 @@ class _RoundLook(_Look):
         return seen
 
     def key(self, block: Block) -> bytes:
-        return make_key("panoramas", self.traffic.part(*block).digest(), self._looks)
-
-    @cached_property
-    def _looks(self) -> tuple[object, ...]:
-        return self._depends_on(self.sensors)
+        return make_key("panoramas", self.traffic.part(*block).digest(), self._depends_on(self.sensors))
 
     @cached_property
     def _places(self) -> tuple[Float64[np.ndarray, "V 3"], Int64[np.ndarray, " S"]]:

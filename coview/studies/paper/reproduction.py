@@ -48,7 +48,11 @@ from coview.studies.paper.comparison import (
     Experiment,
     RowEvidence,
     TableRow,
+    draw_agreement,
+    draw_log_fit,
+    draw_pairs,
     explain_difference,
+    paper_page,
     percent,
     sensor_sets,
     set_name,
@@ -64,7 +68,6 @@ from coview.studies.paper.detections import (
     score_run,
     visible_share,
 )
-from coview.studies.paper.page import draw_agreement, draw_log_fit, draw_pairs, paper_page
 from placement_env.analysis.intervals import ratio_interval
 from placement_env.checks import check_whole
 from placement_env.fidelity.detector import IOUS
