@@ -13,9 +13,8 @@ from typing import Literal
 from coview.arguments import Combine, Label
 from coview.detectors import check_digest, site_detector
 from coview.outputs import Writing
-from placement_env.candidates.candidates import Candidates
+from placement_env.candidates.candidates import Candidates, choose_candidates
 from placement_env.candidates.poles import load_keep_out
-from placement_env.candidates.pool import choose_candidates
 from placement_env.candidates.sensor_catalogue import load_sensor_catalogue
 from placement_env.cases import USUAL_CASES, Cases
 from placement_env.classes import SMALL, SMALL_IOU, Classes

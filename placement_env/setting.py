@@ -12,8 +12,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Literal, get_args
 
-from placement_env.candidates.candidates import Candidates
-from placement_env.candidates.pool import choose_candidates
+from placement_env.candidates.candidates import Candidates, choose_candidates
 from placement_env.cases import USUAL_CASES, Cases
 from placement_env.checks import check_choice
 from placement_env.classes import VEHICLES, Classes, find_classes

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.optimize import minimize, minimize_scalar
 
-from placement_env.candidates.pool import own_and_random, random_sets
+from placement_env.candidates.candidates import own_and_random, random_sets
 from placement_env.classes import VEHICLES, Classes
 from placement_env.fidelity.detector import Detected
 from placement_env.fidelity.hit_model import NUMBERS, RANGES, HitModel, build_domain

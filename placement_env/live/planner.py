@@ -16,8 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from placement_env.candidates.candidates import Candidates, aim_sensor
-from placement_env.candidates.pool import NoCandidates, paper_candidates, pool
+from placement_env.candidates.candidates import Candidates, NoCandidates, aim_sensor, paper_candidates, pool
 from placement_env.fidelity.panorama import HEIGHT_STEP, MOST_BYTES
 from placement_env.fidelity.preparation import Preparation
 from placement_env.fidelity.seeing import see

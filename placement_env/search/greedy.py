@@ -22,7 +22,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from placement_env.candidates.pool import pool
+from placement_env.candidates.candidates import pool
 from placement_env.checks import check_whole
 from placement_env.fidelity.coverage import LEAST
 from placement_env.fidelity.seeing import see

@@ -15,8 +15,8 @@ from coview.arguments import check_least, check_schemes, check_share, site_file
 from coview.options import ClassOptions, Output, load_own_detector
 from coview.outputs import NOT_MET, OK, check_folder, check_writable, claim, print_result
 from coview.progress_bar import progress_bar
+from placement_env.candidates.candidates import NoCandidates
 from placement_env.candidates.poles import load_keep_out
-from placement_env.candidates.pool import NoCandidates
 from placement_env.candidates.sensor_catalogue import load_sensor_catalogue
 from placement_env.cases import USUAL_CASES, Cases, iou_text
 from placement_env.report.planning.question import USUAL_SENSORS, Question, Stock

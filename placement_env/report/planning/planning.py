@@ -22,8 +22,7 @@ import numpy as np
 from placement_env.analysis.approaches import compass, find_approaches, find_streets
 from placement_env.analysis.intervals import BLOCK_FRAMES, RESAMPLES, Tally, count_blocks, frames_for_width, is_as_good
 from placement_env.analysis.worth import estimate_worth, exact_worth
-from placement_env.candidates.candidates import Candidates
-from placement_env.candidates.pool import NoCandidates
+from placement_env.candidates.candidates import Candidates, NoCandidates
 from placement_env.cases import LEVEL_NAMES, Cases
 from placement_env.classes import Classes
 from placement_env.fidelity.coverage import LEAST

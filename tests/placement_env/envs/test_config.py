@@ -10,7 +10,7 @@ import pytest
 import placement_env
 import placement_env.fidelity.preparation
 import placement_env.fidelity.seeing
-from placement_env.candidates.pool import paper_candidates
+from placement_env.candidates.candidates import paper_candidates
 from placement_env.envs.config import EnvConfig, PoseConfig, SelectConfig, SubsetConfig
 from placement_env.envs.pose import SensorPoseEnv
 from placement_env.envs.select import SensorSelectEnv, SensorSelectVectorEnv, SensorSubsetEnv

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import placement_env.search.answer as search_answer
-from placement_env.candidates.pool import paper_candidates
+from placement_env.candidates.candidates import paper_candidates
 from placement_env.fidelity.visibility import Visibility
 from placement_env.objective import Objective
 from placement_env.search.answer import (

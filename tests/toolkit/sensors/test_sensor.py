@@ -12,8 +12,7 @@ from hypothesis import given, strategies as st
 import placement_env.envs.registration
 from models.training.packed import PackedFrames
 from models.training.packing import pack, recording
-from placement_env.candidates.candidates import aim_sensor, aims
-from placement_env.candidates.pool import paper_candidates, pool
+from placement_env.candidates.candidates import aim_sensor, aims, paper_candidates, pool
 from placement_env.envs.scenario import poses
 from placement_env.fidelity.occlusion import SensorRays
 from placement_env.fidelity.renders import Renders
