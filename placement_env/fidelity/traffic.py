@@ -77,23 +77,19 @@ class Traffic:
         return sha.hexdigest()
 
 
-def simulate_traffic(
-    site: Site, frames: int = FRAMES, seed: int = 0, *, bodies: tuple[Body, ...] | None = None
-) -> Traffic:
-    """Frames of simulated traffic, the same for the same seed. bodies: recurring ones, None to draw all afresh.
+def simulate_traffic(site: Site, frames: int = FRAMES, seed: int = 0) -> Traffic:
+    """Frames of simulated traffic, all bodies drawn afresh, the same for the same seed.
 
     Parked vehicles stay for `LIFE` frames, like all: sets are compared by a bootstrap over blocks of that length,
     which a van parked there throughout would bias unnoticed. Raises ValueError for fewer frames than one, and errors of
     `toolkit.traffic.snapshots.simulate`.
     """
     check_whole("frames", frames, least=1)
-    mix = Mix(stay=LIFE)
-    if bodies is not None:
-        return Traffic(site, bodies, tuple(simulate(site, bodies, frames=frames, seed=seed, mix=mix)))
     key = format_site(site), frames, seed
     if key not in _KEPT:
         drawn = fleet_named().bodies(frames, np.random.default_rng([seed, 1]))
-        _KEPT[key] = Traffic(site, drawn, tuple(simulate(site, drawn, frames=frames, seed=seed, once=True, mix=mix)))
+        snapshots = simulate(site, drawn, frames=frames, seed=seed, once=True, mix=Mix(stay=LIFE))
+        _KEPT[key] = Traffic(site, drawn, tuple(snapshots))
         if len(_KEPT) > KEPT_TRAFFIC:
             del _KEPT[next(iter(_KEPT))]
     return _KEPT[key]

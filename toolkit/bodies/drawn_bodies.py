@@ -30,6 +30,7 @@ from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE, label_i
 SUPERSTRUCTURES = {"box": 0.32, "curtain": 0.12, "flatbed": 0.16, "tipper": 0.13}  # and their shares
 SUPERSTRUCTURES |= {"tank": 0.07, "refuse": 0.07, "container": 0.08, "mixer": 0.05}
 BUSES = ("minibus", "bus", "bendy_bus")
+NOTHING = merge([])
 
 Built = tuple[str, Mesh, Mesh]  # kind, the body in its box, mirrors outside it
 
@@ -511,7 +512,6 @@ def mound(size: tuple[float, float, float], x: float, z: float) -> Mesh:
     return Mesh(np.maximum(round_.vertices, [-np.inf, -np.inf, z]), round_.triangles)
 
 
-NOTHING = merge([])
 CARRIED = ("taxi", "light_bar", "roof_box", "rack", "rails", "spare_wheel", "hard_top", "load")
 TRAILERS = {"open_trailer": ((1.8, 3.4), (1.3, 2.0)), "box_trailer": ((2.0, 4.2), (1.4, 2.1))}  # lengths, widths (m)
 TRAILERS["caravan"] = (3.8, 6.6), (2.0, 2.4)
