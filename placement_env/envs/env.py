@@ -28,18 +28,7 @@ from placement_env.envs.state import DYNAMIC, GLOBAL, Info, State
 from placement_env.objective import Objective
 from toolkit.arrays import Bool, Float32, Float64, Int64, Shaped
 from toolkit.boxes import footprints
-from toolkit.plots import plan_view as above
-from toolkit.plots.canvas import (
-    INK,
-    PAPER_WHITE,
-    blank_figure,
-    house_style,
-    point_colours,
-    point_names,
-    point_scale,
-    render_pixels,
-    shorten,
-)
+from toolkit.plots import canvas, plan_view as above
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -279,8 +268,8 @@ def bird_view(objective: Objective, members: list[int]) -> Shaped[np.ndarray, "h
     low, high = feet.min(axis=0) - MARGIN, feet.max(axis=0) + MARGIN
     middle, reach = (low + high) / 2, (high - low).max() / 2 * np.array([_SIDE / side, 1.0])
     scale = side / (2 * reach[1])  # inches a metre
-    with house_style():
-        figure = blank_figure(_SIDE, _SIDE)
+    with canvas.house_style():
+        figure = canvas.blank_figure(_SIDE, _SIDE)
         axes = figure.add_axes((0, _FOOT / _SIDE, 1, side / _SIDE))
         axes.set(xlim=(middle[0] - reach[0], middle[0] + reach[0]), ylim=(middle[1] - reach[1], middle[1] + reach[1]))
         axes.set(xticks=[], yticks=[])
@@ -295,10 +284,10 @@ def bird_view(objective: Objective, members: list[int]) -> Shaped[np.ndarray, "h
         above.draw_sensors(axes, chosen, 72 * scale)
         towards = np.array([0.0, 1.0]) if site is None else above.north(site)
         above.draw_north(_draw_strips(figure, scale), (1.85, _FOOT / 2), towards)
-        title = f"{shorten(_name(objective), 30)}: {len(members)} sensor{'s' * (len(members) != 1)}"
+        title = f"{canvas.shorten(_name(objective), 30)}: {len(members)} sensor{'s' * (len(members) != 1)}"
         figure.text(0.02, 1 - 0.16 / _SIDE, title, fontsize=10, fontweight="bold", va="center")
         figure.text(0.02, 1 - 0.36 / _SIDE, f"{vehicles}; by {objective.fidelity}", fontsize=8, va="center")
-        return render_pixels(figure)
+        return canvas.render_pixels(figure)
 
 
 def _name(objective: Objective) -> str:
@@ -316,7 +305,11 @@ def _draw_vehicles(axes: Axes, objective: Objective, members: list[int]) -> str:
     some = np.linspace(0, len(boxes) - 1, min(len(boxes), MOST_VEHICLES)).round().astype(np.int64)
     points = objective.visibility.points[members][:, some].astype(np.float64).sum(axis=0)
     shown = PolyCollection(
-        list(footprints(boxes[some])), facecolor=point_colours(points), edgecolor=INK, linewidth=0.3, zorder=2.1
+        list(footprints(boxes[some])),
+        facecolor=canvas.point_colours(points),
+        edgecolor=canvas.INK,
+        linewidth=0.3,
+        zorder=2.1,
     )
     axes.add_collection(shown, autolim=False)
     drawn = f", {len(some)} drawn" if len(some) < len(boxes) else ""
@@ -329,16 +322,18 @@ def _draw_strips(figure: Figure, scale: float) -> Axes:
     strip.set(xlim=(0, _SIDE), ylim=(0, _FOOT))
     strip.set_axis_off()
     length = above.scale_length(1.2 / scale)
-    for half, colour in ((0.0, INK), (0.5, PAPER_WHITE)):
+    for half, colour in ((0.0, canvas.INK), (0.5, canvas.PAPER_WHITE)):
         left, right = 0.13 + half * length * scale, 0.13 + (half + 0.5) * length * scale
-        strip.fill([left, right, right, left], [0.24, 0.24, 0.31, 0.31], facecolor=colour, edgecolor=INK, linewidth=0.8)
+        strip.fill(
+            [left, right, right, left], [0.24, 0.24, 0.31, 0.31], facecolor=colour, edgecolor=canvas.INK, linewidth=0.8
+        )
     strip.text(0.13, 0.18, f"{length:g} m", fontsize=7.5, va="top")
     strip.text(2.35, 0.27, "points on\na vehicle", fontsize=7, va="center")
-    colours, _ = point_scale()
-    for step, name in enumerate(point_names()):
+    colours, _ = canvas.point_scale()
+    for step, name in enumerate(canvas.point_names()):
         left = 3.0 + 0.42 * step
         corners = [left, left + 0.42, left + 0.42, left]
-        strip.fill(corners, [0.22, 0.22, 0.36, 0.36], facecolor=colours(step), edgecolor=INK, linewidth=0.3)
+        strip.fill(corners, [0.22, 0.22, 0.36, 0.36], facecolor=colours(step), edgecolor=canvas.INK, linewidth=0.3)
         strip.text(left + 0.21, 0.18, name, fontsize=6.5, ha="center", va="top")
     return strip
 

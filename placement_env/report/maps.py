@@ -17,21 +17,7 @@ from placement_env.candidates.candidates import Candidates
 from placement_env.handover.ground import Ground, visible_polygons
 from placement_env.report.content import Planned
 from toolkit.arrays import Bool, Float64
-from toolkit.plots import plan_view as above
-from toolkit.plots.canvas import (
-    BAR,
-    BLIND,
-    INK,
-    VIEW_COLOURS,
-    blank_figure,
-    house_style,
-    point_colours,
-    point_names,
-    sensor_colour,
-    shorten,
-    svg_text,
-    write_figure,
-)
+from toolkit.plots import canvas, plan_view as above
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
 
@@ -44,8 +30,8 @@ STROKE = 0.05  # of a map's extent: length of a heading
 
 def draw_planned(planned: Planned, out: str | Path) -> None:
     """Write the plan view of a plan as a picture."""
-    with house_style():
-        write_figure(_plan_sheet(planned.site, planned.site.sensors, planned.ground).figure, out)
+    with canvas.house_style():
+        canvas.write_figure(_plan_sheet(planned.site, planned.site.sensors, planned.ground).figure, out)
 
 
 def draw_pool(candidates: Candidates, out: str | Path) -> None:
@@ -54,19 +40,19 @@ def draw_pool(candidates: Candidates, out: str | Path) -> None:
     looks = np.unique(candidates.factors[:, [0, 2]], axis=0)
     headings = candidates.axes.headings[looks[:, 1]]
     reach = STROKE * max(float(np.ptp(x)), float(np.ptp(y)), 1.0)
-    with house_style():
-        figure = blank_figure(
+    with canvas.house_style():
+        figure = canvas.blank_figure(
             6.0, float(np.clip(5.0 * np.ptp(y) / max(np.ptp(x), 1.0), 1.0, 6.0)) + 1.0, constrained=True
         )
         axes = figure.add_subplot(aspect="equal", xlabel="x (m)", ylabel="y (m)")
         axes.set_title(f"{len(candidates)} candidate sensors on {len(x)} mounts")
         ends = np.stack([reach * np.cos(headings), reach * np.sin(headings)])
         feet = np.stack([x, y])[:, looks[:, 0]]
-        axes.plot(*np.stack([feet, feet + ends], axis=1), color=BAR, linewidth=0.8)
+        axes.plot(*np.stack([feet, feet + ends], axis=1), color=canvas.BAR, linewidth=0.8)
         above.draw_poles(axes, np.stack([x, y], axis=1))
         for mount in candidates.mounts if len(x) <= NAMED else ():
             axes.annotate(mount.name, tuple(mount.position[:2]), (4, 4), textcoords="offset points", fontsize=7)
-        write_figure(figure, out)
+        canvas.write_figure(figure, out)
 
 
 def plan_view(
@@ -81,8 +67,8 @@ def plan_view(
     Without `ground`, fields of view up to the first building are drawn. Raises ValueError for an unknown pole, and for
     a ground of other sensors.
     """
-    with house_style():
-        return svg_text(
+    with canvas.house_style():
+        return canvas.svg_text(
             _plan_sheet(site, sensors, ground, poles, poles_unused).figure, "Plan view of the chosen sensors"
         )
 
@@ -105,7 +91,7 @@ def _plan_sheet(
         _check(ground, sensors)
         subtitle = "coloured: ground that each sensor sees, by casting rays at the empty site"
     places = above.sensor_places(sensors)
-    title, holds = shorten(f"{site.name}: where the sensors stand", 70), np.concatenate([places, used, unused])
+    title, holds = canvas.shorten(f"{site.name}: where the sensors stand", 70), np.concatenate([places, used, unused])
     sheet = above.map_sheet(site, title, subtitle, holds=holds, legend=legend, inches=MAP_INCHES)
     if ground is None:
         above.draw_wedges(sheet.axes, sensors, site.solids)
@@ -114,7 +100,7 @@ def _plan_sheet(
         calm = [open_ground & (smooth(seen * 1.0, open_ground, ground.cell) > 0.5) for seen in ground.seen]
         smoothed = replace(ground, seen=np.array(calm, bool).reshape(ground.seen.shape))
         for index, polygons in enumerate(visible_polygons(smoothed)):
-            above.fill_polygons(sheet.axes, polygons, sensor_colour(index), order=2.2, alpha=0.09, edge=1.2)
+            above.fill_polygons(sheet.axes, polygons, canvas.sensor_colour(index), order=2.2, alpha=0.09, edge=1.2)
     above.draw_poles(sheet.axes, unused)
     above.draw_poles(sheet.axes, used, used=True)
     if len(unused) <= NAMED:
@@ -131,8 +117,8 @@ def coverage_map(site: Site, ground: Ground, sensors: Sequence[Sensor]) -> str:
     views = np.minimum(ground.views, 3)
     shares = [float((views[ground.open_ground] == k).mean()) if ground.open_ground.any() else 0.0 for k in range(4)]
     names = ["no sensor", "1 sensor", "2 sensors", "3 or more"]
-    legend = [(c, f"{n} ({s:.0%})") for c, n, s in zip(VIEW_COLOURS, names, shares, strict=True)]
-    cells = _Cells(_colours(VIEW_COLOURS)[views], ground.open_ground, legend)
+    legend = [(c, f"{n} ({s:.0%})") for c, n, s in zip(canvas.VIEW_COLOURS, names, shares, strict=True)]
+    cells = _Cells(_colours(canvas.VIEW_COLOURS)[views], ground.open_ground, legend)
     title, alt = "how many sensors see the ground", "Map of how many sensors see each place"
     return _cell_map(site, ground, sensors, cells, title, alt)
 
@@ -142,9 +128,11 @@ def density_map(site: Site, ground: Ground, sensors: Sequence[Sensor]) -> str:
     density = smooth(ground.density.sum(axis=0, dtype=np.float64), ground.open_ground, ground.cell)
     from matplotlib.colors import to_hex
 
-    steps = map(to_hex, point_colours(np.array([0.0, 1, 2, 5, 10, 20, 50, 100])))
-    legend = [(colour, f"{name} /m²") for colour, name in zip(steps, ["under 1", *point_names()[1:]], strict=True)]
-    cells = _Cells(point_colours(density), ground.open_ground, legend)
+    steps = map(to_hex, canvas.point_colours(np.array([0.0, 1, 2, 5, 10, 20, 50, 100])))
+    legend = [
+        (colour, f"{name} /m²") for colour, name in zip(steps, ["under 1", *canvas.point_names()[1:]], strict=True)
+    ]
+    cells = _Cells(canvas.point_colours(density), ground.open_ground, legend)
     title, alt = "points on the ground in a frame", "Map of the density of points on the ground"
     return _cell_map(site, ground, sensors, cells, title, alt, f"; mean over {SMOOTHED:g} x {SMOOTHED:g} m")
 
@@ -154,8 +142,8 @@ def blind_map(site: Site, ground: Ground, sensors: Sequence[Sensor]) -> str:
     blind = ground.open_ground & (ground.views == 0)
     kinds = np.where(ground.lanes, 0, np.where(ground.footways, 1, 2))
     areas = [float((blind & (kinds == k)).sum()) * ground.cell**2 for k in range(3)]
-    legend = [(BLIND[k], f"{k}, unseen ({m2:.0f} m²)") for k, m2 in zip(BLIND, areas, strict=True)]
-    cells = _Cells(_colours(tuple(BLIND.values()))[kinds], blind, legend)
+    legend = [(canvas.BLIND[k], f"{k}, unseen ({m2:.0f} m²)") for k, m2 in zip(canvas.BLIND, areas, strict=True)]
+    cells = _Cells(_colours(tuple(canvas.BLIND.values()))[kinds], blind, legend)
     return _cell_map(site, ground, sensors, cells, "ground that no sensor sees", "Map of blind spots")
 
 
@@ -176,12 +164,12 @@ def _cell_map(
     count = f"{len(sensors)} sensor{'s' * (len(sensors) != 1)}"
     subtitle = f"N = {count}; rays cast at the empty site, cells of {ground.cell:g} m{note}"
     patches = [(Patch(facecolor=colour, edgecolor="#808080", linewidth=0.5), name) for colour, name in cells.legend]
-    entries, title = [*patches, *above.sensor_entries(sensors)], shorten(f"{site.name}: {title}", 70)
+    entries, title = [*patches, *above.sensor_entries(sensors)], canvas.shorten(f"{site.name}: {title}", 70)
     image = np.concatenate([cells.colours[..., :3], cells.shown[..., None]], axis=-1)
     image = (image * 255).round().astype(np.uint8).repeat(ENLARGED, axis=0).repeat(ENLARGED, axis=1)
     half = ground.cell / 2
     place = (ground.x[0] - half, ground.x[-1] + half, ground.y[0] - half, ground.y[-1] + half)
-    with house_style():
+    with canvas.house_style():
         sheet = above.map_sheet(
             site, title, subtitle, holds=above.sensor_places(sensors), legend=entries, inches=MAP_INCHES
         )
@@ -190,9 +178,9 @@ def _cell_map(
         sheet.axes.set(**limits)
         lanes = shapely.union_all([shapely.Polygon(lane) for lane in site.lanes])
         for line in shapely.get_parts(shapely.boundary(shapely.simplify(lanes, 0.05))):
-            sheet.axes.plot(*shapely.get_coordinates(line).T, color=INK, linewidth=0.5, alpha=0.7, zorder=1.4)
+            sheet.axes.plot(*shapely.get_coordinates(line).T, color=canvas.INK, linewidth=0.5, alpha=0.7, zorder=1.4)
         above.draw_sensors(sheet.axes, sensors, sheet.points_per_metre)
-        return svg_text(sheet.figure, alt)
+        return canvas.svg_text(sheet.figure, alt)
 
 
 def smooth(

@@ -22,21 +22,9 @@ import shapely
 from toolkit.arrays import Float, Float64, Pose, Rng
 from toolkit.geometry import STEEPEST, pose
 from toolkit.runtime.files import name_errors
-from toolkit.sites import furniture as f, network as nets, opendrive, osm
+from toolkit.sites import furniture as f, network as nets, opendrive, osm, surroundings
 from toolkit.sites.georeference import projection
 from toolkit.sites.site import Furnishing, Mount, Relief, Site, Solid
-from toolkit.sites.surroundings import (
-    POLE,
-    Bay,
-    Road,
-    count_things,
-    describe_things,
-    furnish,
-    mark_drawn,
-    outline,
-    place_along,
-    place_mounts,
-)
 
 CRACK = 0.3  # m, half the width of cracks between polygons of a map that are closed
 STUB = 1.2  # m, half the width of a slot in the carriageway that is a fault of the network's corners
@@ -161,8 +149,8 @@ def furnish_site(
     relief = replace(site.relief, amplitude=round(float(rng.uniform(0.0, ROUGHEST)), 3), seed=int(rng.integers(2**31)))
     site = replace(site, relief=relief, furnished=density)
     site = _furnish(replace(site, solids=f.settle(solids, relief), mounts=f.on_ground(mounts, site)), rng)
-    counted = {kind: n for kind, n in count_things(site)["drawn"].items() if kind != "pole"}
-    said = f"drawn from seed {seed}, in no map: {describe_things(counted)}"
+    counted = {kind: n for kind, n in surroundings.count_things(site)["drawn"].items() if kind != "pole"}
+    said = f"drawn from seed {seed}, in no map: {surroundings.describe_things(counted)}"
     return site, f"{said}, ground within {relief.amplitude} m"
 
 
@@ -182,36 +170,39 @@ def redraw(site: Site, seed: int) -> Site:
 
 def _furnish(site: Site, rng: Rng) -> Site:
     """Add drawn solids and bays to a site with its mounts and the map's solids."""
-    mounts, solids, road = site.mounts, site.solids, Road(*legs(site.network), site.lanes, site.footways)
-    drawn, bays = furnish(road, site.area, mounts, rng, light=site.furnished == "light")
+    mounts, solids, road = site.mounts, site.solids, surroundings.Road(*legs(site.network), site.lanes, site.footways)
+    drawn, bays = surroundings.furnish(road, site.area, mounts, rng, light=site.furnished == "light")
     ours = [shapely.Point(m.position[:2]).buffer(0.5) for m in mounts if m.origin != "drawn"]
     ours += [shapely.Polygon(s.footprint) for s in solids if s.kind not in ("kerb", "island")]
-    ours += [outline(bay, MAP_BAY) for bay in site.parking]
+    ours += [surroundings.outline(bay, MAP_BAY) for bay in site.parking]
     kept = _keep_apart([s for s in drawn if s.kind != "kerb"], shapely.union_all(ours).buffer(0.2))
     taken = shapely.union_all([*ours, *(shapely.Polygon(s.footprint) for s in solids if s.kind == "kerb")])
-    free = [bay for bay in bays if not taken.intersects(outline(bay, MAP_BAY))]
+    free = [bay for bay in bays if not taken.intersects(surroundings.outline(bay, MAP_BAY))]
     origins = (*site.bay_origins, *(("drawn",) * len(free)))
-    solids = (*solids, *f.settle(mark_drawn(kept), site.relief))
+    solids = (*solids, *f.settle(surroundings.mark_drawn(kept), site.relief))
     parking = np.concatenate([site.parking, np.reshape(free, (-1, 3))])
     return replace(site, solids=solids, parking=parking, parking_origins=origins)
 
 
 def free_bays(
-    bays: Sequence[Bay], window: shapely.Geometry, solids: Sequence[Solid], tracks: shapely.Geometry
+    bays: Sequence[surroundings.Bay], window: shapely.Geometry, solids: Sequence[Solid], tracks: shapely.Geometry
 ) -> Float64[np.ndarray, "n 3"]:
     """Bays (x, y, yaw) in `window` without solids and traffic."""
     standing = nets.unite(s.footprint for s in solids if s.kind not in ("island", "kerb"))
     tracks = tracks.buffer(-0.3)
-    ground = [(bay, outline(bay, MAP_BAY)) for bay in bays]
+    ground = [(bay, surroundings.outline(bay, MAP_BAY)) for bay in bays]
     ground = [(bay, shape) for bay, shape in ground if window.contains(shape) and not standing.intersects(shape)]
     free = [bay for bay, shape in ground if not tracks.intersects(shape.buffer(-0.25))]  # corners of slanted bays
     return np.array(free, np.float64).reshape(-1, 3).round(4)
 
 
-def bays_along(middle: Float[np.ndarray, "k 2"]) -> list[Bay]:
+def bays_along(middle: Float[np.ndarray, "k 2"]) -> list[surroundings.Bay]:
     """Bays x, y, yaw along a parking lane's middle, every 6.4 m."""
     line = shapely.LineString(middle)
-    return [(x, y, yaw) for x, y, yaw in place_along(line, np.arange(3.2, line.length - 3.2, 6.4), 0.5).tolist()]
+    return [
+        (x, y, yaw)
+        for x, y, yaw in surroundings.place_along(line, np.arange(3.2, line.length - 3.2, 6.4), 0.5).tolist()
+    ]
 
 
 def _keep_apart(solids: Sequence[Solid], ours: shapely.Geometry) -> list[Solid]:
@@ -430,9 +421,9 @@ def _finish(site: Site, piece: MapPiece, solids: Sequence[Solid], *, lamps: np.n
     """Add kerbs and mounts to a site, and furnish it if a seed is given."""
     if not nets.unite(site.lanes).intersects(shapely.box(*site.area)):
         raise piece.no_road()
-    road = Road((), (), site.lanes, site.footways)
+    road = surroundings.Road((), (), site.lanes, site.footways)
     walls = nets.unite(s.footprint for s in solids if s.top > 2.0).buffer(0.3)
-    walls = walls.union(shapely.union_all([outline(bay, MAP_BAY) for bay in site.parking]).buffer(0.3))
+    walls = walls.union(shapely.union_all([surroundings.outline(bay, MAP_BAY) for bay in site.parking]).buffer(0.3))
     mounts: list[Mount] = []
     near, occupied = shapely.box(*site.area).buffer(10.0), walls.buffer(-0.3)
     for lamp in lamps:  # on brackets over the road
@@ -442,14 +433,14 @@ def _finish(site: Site, piece: MapPiece, solids: Sequence[Solid], *, lamps: np.n
         if near.contains(spot) and not occupied.intersects(shapely.Point(place)):
             mounts.append(Mount(f"lamp{len(mounts):02}", np.array([*place.round(3), 0.0]), 3.0, 8.0))
     if len(mounts) < 6:
-        drawn = place_mounts(road, site.area, np.random.default_rng(0), spacing=12.0, avoid=walls)
+        drawn = surroundings.place_mounts(road, site.area, np.random.default_rng(0), spacing=12.0, avoid=walls)
         near = shapely.MultiPoint(lamps).buffer(2.0)
         drawn = tuple(m for m in drawn if not near.intersects(shapely.Point(m.position[:2])))
         mounts += [replace(m, price=1.0, origin="drawn") for m in drawn]
     stones = kerbstones(site.lanes, site.footways, find_turns(site.network))
     if piece.seed is None:
         feet = [m.position.tolist() for m in mounts if m.origin == "drawn"]
-        poles = mark_drawn([f.post(x, y, POLE) for x, y, _ in feet])
+        poles = surroundings.mark_drawn([f.post(x, y, surroundings.POLE) for x, y, _ in feet])
         made = replace(site, solids=f.settle([*solids, *poles, *stones], site.relief), mounts=f.on_ground(mounts, site))
     else:
         made, note = furnish_site(site, mounts, [*solids, *stones], piece.seed, piece.density)
