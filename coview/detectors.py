@@ -8,23 +8,29 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, SupportsFloat, cast
+
+import numpy as np
+
+from toolkit.calibration.empty_scene import Scenes
+from toolkit.calibration.ground import level_warning
+from toolkit.datasets.dataset import CoopDataset
+from toolkit.detection.background import KnownBackground, add_background, recording_background
+from toolkit.detection.detect import ImportedDetector, resolve_detector
+from toolkit.detection.place import Place
+from toolkit.frame import Recording
+from toolkit.objects import Detections, Detector
+from toolkit.points import join_clouds
+from toolkit.sites.site import Site
 
 BACKGROUND, BARE, CLUSTER = "+background", "-background", "cluster"
 GENERAL = "general"
 FEWEST_FRAMES, SHORTEST = 10, 60.0  # and seconds, of recordings whose background is learnt: else all that waits is part
 
 if TYPE_CHECKING:
-    import numpy as np
-
     from models.detector import VoxelNetDetector
-    from toolkit.calibration.empty_scene import Scenes
-    from toolkit.datasets.dataset import CoopDataset
-    from toolkit.detection.place import Place
-    from toolkit.frame import Recording
-    from toolkit.objects import Detections, Detector
-    from toolkit.sites.site import Site
 
 
 class CloudDetector:
@@ -44,10 +50,6 @@ class CloudDetector:
 
     def __call__(self, cloud: object, /) -> Detections:
         """Detect in one cloud. Raises ValueError for what is no cloud, or where no ground is found to level."""
-        from dataclasses import replace
-
-        import numpy as np
-
         from toolkit.calibration.ground import level, plain_points
 
         points = plain_points(cloud)
@@ -58,24 +60,16 @@ class CloudDetector:
             return replace(found, boxes=ground.boxes_back(found.boxes)) if len(found) else found
         if not self._checked and len(points):
             self._checked = True
-            self._warn(points)
+            if said := level_warning(points):
+                ours = said.removesuffix(": level the points first")
+                warnings.warn(f'not levelled: {ours}: load_detector(..., level="map") levels clouds', stacklevel=2)
         return self.network(points)
 
     def unions(self, clouds: Sequence[np.ndarray], unions: np.ndarray) -> Sequence[Detections]:
         """Detect in each union of clouds, rows of a mask."""
-        from toolkit.points import join_clouds
-
         if self.level is None:
             return self.network.unions(clouds, unions)
         return [self(join_clouds(clouds, union)) for union in unions]
-
-    def _warn(self, points: np.ndarray) -> None:
-        from toolkit.calibration.ground import level_warning
-
-        said = level_warning(points)
-        if said is not None:
-            ours = said.removesuffix(": level the points first")
-            warnings.warn(f'not levelled: {ours}: load_detector(..., level="map") levels clouds', stacklevel=3)
 
 
 def load_detector(
@@ -110,9 +104,7 @@ def recording_detector(
     scenery, of what the recording shows behind all that moves; place: where it will detect, if not at the site itself;
     scenes: empty ones to learn from.
     """
-    from toolkit.detection.background import KnownBackground, recording_background
     from toolkit.detection.cluster import ClusterDetector, learn_cluster_detector
-    from toolkit.detection.place import Place
 
     place, site = place or Place(), recording.site
     at_site = site is not None and place.at(site)
@@ -126,13 +118,11 @@ def recording_detector(
     known = known and (name or GENERAL).endswith(BACKGROUND)
     if bare != CLUSTER and not known:
         return place_detector(bare, place)
-    from toolkit.calibration import empty_scene
-
     if not len(recording):
         raise ValueError("there is no frame to evaluate: check the path and the layout")
     if known:
         _check_long(recording)
-    learnt = learn_cluster_detector(scenes or empty_scene.Scenes(recording), recording[0], place)
+    learnt = learn_cluster_detector(scenes or Scenes(recording), recording[0], place)
     if bare == CLUSTER:
         return _on_grids(learnt, place)
     return KnownBackground(place_detector(bare, place), learnt.background)
@@ -161,8 +151,6 @@ def check_detector(name: str, place: Place | None = None) -> None:
         if not weights_file(bare).is_file():
             raise FileNotFoundError(f"no such file of weights: {bare}")
     if ":" in bare:
-        from toolkit.detection.detect import resolve_detector
-
         resolve_detector(bare)
     if place is not None and place.area is not None and bare not in ("voxelnet", CLUSTER):
         place_detector(bare, place)
@@ -176,14 +164,10 @@ def site_detector(name: str, site: Site) -> Detector:
     """
     name, known = split_background(name, site)
     if known:
-        from toolkit.detection.background import add_background
-
         return add_background(site_detector(name + BARE, site), site)
     if name == CLUSTER:
         raise ValueError("detector cluster learns from a recording, of which there is none here: take voxelnet")
     if ":" in name:
-        from toolkit.detection.detect import ImportedDetector
-
         return ImportedDetector(name, site)
     from models.detector import load_detector, load_site_detector
 
@@ -192,10 +176,6 @@ def site_detector(name: str, site: Site) -> Detector:
 
 def place_detector(name: str, place: Place) -> Detector:
     """Return a detector for frames of any recording, of points counted from the middle of the place."""
-    import numpy as np
-
-    from toolkit.sites.site import Site
-
     if name.endswith(BACKGROUND):
         raise ValueError(f"{name} must see the site empty first: take coview detect, or leave {BACKGROUND} out")
     if name in ("voxelnet", CLUSTER):

@@ -31,7 +31,7 @@ from placement_env.live.variant import LiveSensor
 from placement_env.report.pages.scene import add_site
 from toolkit.arrays import Float64
 from toolkit.detection.schemes import PAPER_SCHEMES
-from toolkit.plots.palette import FAINT, OUTCOME, sensor_colour
+from toolkit.plots.canvas import FAINT, OUTCOME, sensor_colour
 from toolkit.sensors.error_profiles import PROFILES
 from toolkit.sensors.sensor import Sensor
 from toolkit.viewing import scene

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from toolkit.plots.palette import BAR, FAINT, INK, OUTCOME
+from toolkit.plots.canvas import BAR, FAINT, INK, OUTCOME
 
 if TYPE_CHECKING:
     from placement_env.live.figures import FoundShare, LiveAnswer

@@ -8,20 +8,23 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from coview.arguments import Combine, Label
+from coview.detectors import check_digest, site_detector
 from coview.outputs import Writing
+from placement_env.candidates.candidates import Candidates, choose_candidates
+from placement_env.candidates.poles import load_keep_out
+from placement_env.candidates.sensor_catalogue import load_sensor_catalogue
 from placement_env.cases import USUAL_CASES, Cases
-from placement_env.setting import AP_ONLY, Weights
-
-if TYPE_CHECKING:
-    from placement_env.candidates.candidates import Candidates
-    from placement_env.classes import Classes
-    from placement_env.setting import Setting
-    from toolkit.objects import Detector
-    from toolkit.runtime.run import Run
-    from toolkit.sites.site import Site
+from placement_env.classes import SMALL, SMALL_IOU, Classes
+from placement_env.report.planning.question import Stock
+from placement_env.setting import AP_ONLY, Setting, Weights
+from toolkit.detection.link.range_images import find_codec
+from toolkit.objects import Detector
+from toolkit.runtime.run import Run
+from toolkit.sensors.models import find_model
+from toolkit.sites.site import Site
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,8 +50,6 @@ class ClassOptions:
 
     def build(self) -> Classes:
         """Return the classes. Raises ValueError where the options do not fit."""
-        from placement_env.classes import SMALL, SMALL_IOU, Classes
-
         names, weights = self.classes, self.class_weights
         if not 0 < self.small_iou <= 1:
             raise ValueError(f"--small-iou must lie above 0 and at most at 1, got {self.small_iou:g}")
@@ -84,12 +85,6 @@ class CandidateOptions:
 
         Raises ValueError where the options do not fit, and what the files raise.
         """
-        from placement_env.candidates.poles import load_keep_out
-        from placement_env.candidates.pool import choose_candidates
-        from placement_env.candidates.sensor_catalogue import load_sensor_catalogue
-        from placement_env.report.planning.question import Stock
-        from toolkit.sensors.models import find_model
-
         if self.candidates == "paper" and not site.sensors:
             raise ValueError(f"site {site.name!r} has no sensors of its own: say --candidates pool")
         for option, given in (("--model", self.model), ("--sensors", self.sensors)):
@@ -130,9 +125,6 @@ class SettingOptions:
 
     def build(self, site: Site, run: Run) -> tuple[Setting, str]:
         """Return the setting at a site, and its currency. Raises ValueError where options do not fit."""
-        from placement_env.setting import Setting
-        from toolkit.detection.link.range_images import find_codec
-
         if self.fidelity == "table" and self.candidates.candidates != "paper":
             raise ValueError("--fidelity table knows the built-in sites' own sensors only: say --candidates paper")
         pool, currency = self.candidates.build(site)
@@ -159,8 +151,6 @@ def load_own_detector(name: str | None, site: Site, run: Run) -> Detector | None
 
     Raises ValueError where its detections are to be kept and it does not say what they depend on.
     """
-    from coview.detectors import check_digest, site_detector
-
     if name is None:
         return None
     detector = site_detector(name, site)

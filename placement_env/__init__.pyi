@@ -8,7 +8,7 @@ from .analysis.worth import (
 )
 from .candidates.candidates import Candidates as Candidates
 from .candidates.poles import load_poles as load_poles
-from .candidates.pool import paper_candidates as paper_candidates, pool as pool
+from .candidates.candidates import paper_candidates as paper_candidates, pool as pool
 from .cases import Cases as Cases
 from .classes import Classes as Classes
 from .envs.select import SensorSelectEnv as SensorSelectEnv

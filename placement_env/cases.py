@@ -26,11 +26,9 @@ import numpy as np
 from placement_env.checks import check_choice, check_iou, whole
 from placement_env.classes import Classes, Combine, join_names
 from toolkit.arrays import Bool, Float64, Int64
-from toolkit.sensors.error_profiles import PROFILES, find_profile, only_own_noise
+from toolkit.sensors.error_profiles import PROFILES, ErrorProfile, find_profile, only_own_noise
 
 if TYPE_CHECKING:
-    from toolkit.sensors.error_profiles import ErrorProfile
-
     Profiles = str | ErrorProfile | tuple[str | ErrorProfile, ...]
 else:
     Profiles = tuple[str, ...]  # what the command line reads

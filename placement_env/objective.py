@@ -15,13 +15,15 @@ from collections.abc import Callable, Iterable
 from copy import copy
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
-from placement_env.candidates.candidates import extra_prices, fit_together, room_beside
+from placement_env.candidates.candidates import Candidates, extra_prices, fit_together, room_beside
 from placement_env.cases import USUAL_CASES
 from placement_env.classes import VEHICLES, Classes
+from placement_env.fidelity.preparation import Preparation
+from placement_env.fidelity.visibility import Visibility
 from placement_env.protocol import ByClass, ByFrames
 from placement_env.racing import Race, race
 from placement_env.setting import Setting, Weights
@@ -32,11 +34,6 @@ from toolkit.detection.scheme import scheme_codec
 from toolkit.runtime.files import replace_infinite
 from toolkit.runtime.run import Run
 from toolkit.sites.site import Site
-
-if TYPE_CHECKING:
-    from placement_env.candidates.candidates import Candidates
-    from placement_env.fidelity.preparation import Preparation
-    from placement_env.fidelity.visibility import Visibility
 
 Members = Iterable[int | str] | Int64[np.ndarray, " k"]  # of a set, by index or name
 Observer = Callable[[tuple[int, ...], float, int], None]  # of better sets, their reward, and frames of a race or 0
@@ -89,8 +86,6 @@ class Objective:
         self.watch: Observer | None = None
         self.preparation: Preparation | None = None
         if isinstance(self.setting.fidelity, str):
-            from placement_env.fidelity.preparation import Preparation
-
             self.preparation = Preparation(self.setting, run, stride)
             self.preparation.check()
             if self.setting.fidelity != "table":

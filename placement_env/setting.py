@@ -10,8 +10,9 @@ from collections.abc import Callable, Iterable
 from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import Literal, get_args
 
+from placement_env.candidates.candidates import Candidates, choose_candidates
 from placement_env.cases import USUAL_CASES, Cases
 from placement_env.checks import check_choice
 from placement_env.classes import VEHICLES, Classes, find_classes
@@ -22,9 +23,6 @@ from toolkit.detection.schemes import find_scheme
 from toolkit.objects import Detector
 from toolkit.sites.files import load_site
 from toolkit.sites.site import Site
-
-if TYPE_CHECKING:
-    from placement_env.candidates.candidates import Candidates
 
 Rendering = Literal["auto", "full", "panorama"]
 
@@ -106,9 +104,6 @@ class Setting:
     @cached_property
     def pool(self) -> Candidates:
         """The candidates. Raises ValueError and OSError where there are none, or no pole of a name to be kept."""
-        from placement_env.candidates.candidates import Candidates
-        from placement_env.candidates.pool import choose_candidates
-
         asked = self.candidates
         if callable(asked):
             found = asked(self.place)

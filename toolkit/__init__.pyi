@@ -10,7 +10,7 @@ from .clouds import (
 )
 from .datasets.cloud_files import fuse_files as fuse_files
 from .datasets.dataset import CoopDataset as CoopDataset
-from .datasets.readings import ReadRecording as ReadRecording, Reads as Reads
+from .datasets.recordings import ReadRecording as ReadRecording, Reads as Reads
 from .datasets.recordings import open_recording as open_recording, write_recording as write_recording
 from .datasets.simulation import simulate_dataset as simulate_dataset
 from .detection.background import KnownBackground as KnownBackground, site_background as site_background

@@ -12,7 +12,7 @@ from matplotlib.patches import Polygon
 from toolkit.boxes import footprints
 from toolkit.calibration.empty_scene import learn_empty_scenes
 from toolkit.datasets.dataset import CoopDataset
-from toolkit.datasets.readings import read_frame
+from toolkit.datasets.recordings import read_frame
 from toolkit.datasets.simulation import simulate_dataset
 from toolkit.plots.canvas import blank_figure, house_style, write_figure
 from toolkit.points import frame_points

@@ -16,19 +16,17 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import ndtr, ndtri, stdtrit
 
 from placement_env.checks import check_whole
+from placement_env.fidelity.detector import IGNORED, Outcome
 from toolkit.arrays import Bool, Float64, Int64
 from toolkit.detection.metrics import average_precision, precision_recall
 from toolkit.traffic.spawner import LIFE
-
-if TYPE_CHECKING:
-    from placement_env.fidelity.detector import Outcome
 
 BLOCK_FRAMES = 2 * LIFE
 FEWEST_BLOCKS = 10  # that have an interval
@@ -203,8 +201,6 @@ class Tally:
     @staticmethod
     def of(outcomes: Sequence[Outcome], truths: Int64[np.ndarray, " frames"], at: int) -> Tally:
         """Tally outcomes at the IoU threshold of index `at`."""
-        from placement_env.fidelity.detector import IGNORED
-
         counts = [(each, each.truth[at] != IGNORED) for each in outcomes]
         hit = [each.truth[at, counted] >= 0 for each, counted in counts]
         return Tally.of_frames([each.scores[counted] for each, counted in counts], hit, truths)

@@ -13,7 +13,7 @@ from types import ModuleType
 
 ENVIRONMENTS: dict[str, tuple[str, str]] = {
     "coview/SensorSelect-v0": ("select:SensorSelectEnv", "select:SensorSelectVectorEnv"),
-    "coview/SensorSubset-v0": ("subset:SensorSubsetEnv", "subset:SensorSubsetVectorEnv"),
+    "coview/SensorSubset-v0": ("select:SensorSubsetEnv", "select:SensorSubsetVectorEnv"),
     "coview/SensorPose-v0": ("pose:SensorPoseEnv", "pose:SensorPoseVectorEnv"),
 }
 

@@ -37,8 +37,7 @@ from toolkit.detection.schemes import find_scheme
 from toolkit.detection.view import Captured, Cloud, Images, View, together
 from toolkit.objects import LABELS, Detections, Detector, Objects, UnionDetector, check_known
 from toolkit.points import detect_on_ground, detect_unions_on_ground
-from toolkit.runtime.cache import Arrays, Cache, make_key
-from toolkit.runtime.code_digest import code_digest
+from toolkit.runtime.cache import Arrays, Cache, code_digest, make_key
 from toolkit.runtime.run import Processes
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site

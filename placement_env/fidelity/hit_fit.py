@@ -5,14 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import minimize, minimize_scalar
 
+from placement_env.candidates.candidates import own_and_random, random_sets
 from placement_env.classes import VEHICLES, Classes
+from placement_env.fidelity.detector import Detected
 from placement_env.fidelity.hit_model import NUMBERS, RANGES, HitModel, build_domain
+from placement_env.fidelity.renders import Renders
 from placement_env.fidelity.surrogate import Evidence, Surrogate, compute_expected_ap
+from placement_env.fidelity.traffic import simulate_traffic
 from placement_env.fidelity.visibility import Visibility
 from placement_env.subsets import MemberSums
 from toolkit.arrays import Bool, Float64
@@ -23,9 +27,6 @@ from toolkit.runtime.run import Run
 from toolkit.sensors.sensor import SensorModel
 from toolkit.sites.site import HYBRID_RADIUS, Site
 from toolkit.traffic.spawner import LIFE
-
-if TYPE_CHECKING:
-    from placement_env.fidelity.detector import Detected
 
 FITTED = ("intercept", "density", "norm", "reach", "oblique", "bulk")  # plus ceiling as a logit, floor as a logarithm
 NORM_OF_POINTS, NORM_OF_BOXES = 0.8, 4.0  # to start from
@@ -221,11 +222,7 @@ def fit_sites(
     ious: of vehicles; run: its seed, plus the place of a site in the list, draws traffic, poses and sets; its cache
     keeps detections, so an interrupted run resumes. Raises ValueError where a class is absent or is always hit.
     """
-    from placement_env.candidates.pool import own_and_random, random_sets
-    from placement_env.fidelity.detector import Detected
-    from placement_env.fidelity.renders import Renders
     from placement_env.fidelity.seeing import see
-    from placement_env.fidelity.traffic import simulate_traffic
 
     observed = []
     frames = run.frames_or(FIT_FRAMES)

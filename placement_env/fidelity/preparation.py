@@ -1,37 +1,139 @@
-"""`Preparation`: traffic, views, renders and detectors that the fidelities of one setting share, made when needed."""
+"""`Preparation`: traffic, views, renders and detectors that the fidelities of one setting share, made when needed.
+
+`CasesFidelity` combines those of single cases into one, see `placement_env.cases`.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, TypeVar, cast
 
 import numpy as np
 
 from placement_env.candidates.candidates import Candidates
 from placement_env.cases import LEVEL_NAMES, Cases
-from placement_env.classes import VEHICLES
-from placement_env.fidelity.over_cases import ProfileFidelities, over_cases
-from placement_env.fidelity.traffic import FRAMES, scored
-from placement_env.protocol import Fidelity, FidelityName
+from placement_env.classes import VEHICLES, Classes
+from placement_env.fidelity.coverage import Coverage
+from placement_env.fidelity.detector import Detected
+from placement_env.fidelity.hit_model import HitModel, chosen_model, load_models, shipped_model
+from placement_env.fidelity.renders import Renders
+from placement_env.fidelity.surrogate import Surrogate
+from placement_env.fidelity.table import Table, TableFidelity, hash_site, load_table
+from placement_env.fidelity.traffic import FRAMES, Traffic, scored, simulate_traffic
+from placement_env.fidelity.visibility import Visibility, of_frames
+from placement_env.protocol import ByClass, ByFrames, ClassEstimates, Estimate, Fidelity, FidelityName
 from placement_env.setting import Rendering, Setting
-from toolkit.arrays import Int64
+from toolkit.arrays import Bool, Int64
+from toolkit.detection.background import add_background
 from toolkit.detection.scheme import surrogate_name
 from toolkit.detection.schemes import SCHEMES
 from toolkit.objects import LABELS, Detector, check_known, quick_detector
 from toolkit.runtime.run import Run
 from toolkit.sensors.error_profiles import ErrorProfile
 from toolkit.sensors.sensor import Sensor
+from toolkit.sites.files import format_site
 from toolkit.sites.site import Site
 
 if TYPE_CHECKING:
-    from placement_env.fidelity.detector import Detected
-    from placement_env.fidelity.hit_model import HitModel
-    from placement_env.fidelity.panorama.live import LiveView
-    from placement_env.fidelity.table import Table
-    from placement_env.fidelity.traffic import Traffic
-    from placement_env.fidelity.visibility import Visibility
+    from placement_env.fidelity.panorama import LiveView
+
+_Estimated = TypeVar("_Estimated", Estimate, ClassEstimates)
+
+
+@dataclass(frozen=True)
+class ProfileFidelities:
+    """Fidelities at one error profile."""
+
+    whole: Fidelity
+    levels: tuple[tuple[Fidelity, ...], ...]
+
+
+class CasesFidelity:
+    """Score sets over all cases; kbit are those of the intact set, by the error profile of least AP, or means."""
+
+    def __init__(self, profiles: Sequence[ProfileFidelities], cases: Cases) -> None:
+        self._profiles, self.cases, self._first = tuple(profiles), cases, profiles[0].whole
+        self.detector = getattr(self._first, "detector", None)
+
+    @property
+    def name(self) -> str:
+        """Name of the fidelity."""
+        return self._first.name
+
+    @property
+    def classes(self) -> Classes:
+        """Classes that count."""
+        return cast(ByClass, self._first).classes
+
+    def __call__(self, subsets: Bool[np.ndarray, "n C"], /) -> Estimate:
+        """Figures of each set."""
+        return self._reduce(subsets, lambda fidelity, rows: fidelity(rows))
+
+    def by_class(self, subsets: Bool[np.ndarray, "n C"], /) -> ClassEstimates:
+        """Figures of each set for each class.
+
+        The worst failure or level of one class need not be that of another; the worst error profile is that of all
+        classes together.
+        """
+        found = self._at_profiles(subsets, lambda fidelity, rows: cast(ByClass, fidelity).by_class(rows))
+        return ClassEstimates(*self._over_profiles(found, [each.combined(self.classes).ap for each in found]))
+
+    def at_each(self, subsets: Bool[np.ndarray, "n C"]) -> dict[str, Estimate]:
+        """Figures of each set at each error profile, by its name."""
+        found = self._at_profiles(subsets, lambda fidelity, rows: fidelity(rows))
+        return dict(zip(self.cases.names, found, strict=True))
+
+    def _reduce(
+        self, subsets: Bool[np.ndarray, "n C"], score: Callable[[Fidelity, Bool[np.ndarray, "m C"]], Estimate]
+    ) -> Estimate:
+        found = self._at_profiles(subsets, score)
+        return Estimate(*self._over_profiles(found, [each.ap for each in found]))
+
+    def _over_profiles(self, found: list[_Estimated], ap: list[np.ndarray]) -> list[np.ndarray]:
+        """Figures over the error profiles, weighed by set."""
+        shares = self.cases.shares(np.stack(ap))  # (profile, set)
+        figures = [np.stack(each) for each in zip(*found, strict=True)]
+        return [(shares.reshape(*shares.shape, *[1] * (each.ndim - 2)) * each).sum(axis=0) for each in figures]
+
+    def _at_profiles(
+        self, subsets: Bool[np.ndarray, "n C"], score: Callable[[Fidelity, Bool[np.ndarray, "m C"]], _Estimated]
+    ) -> list[_Estimated]:
+        rows, owners = self.cases.expand(subsets)
+        found = []
+        for profile in self._profiles:
+            scored = [[score(fidelity, rows) for fidelity in level] for level in profile.levels]
+            ap, recall = (
+                self.cases.at_profiles(np.array([[[e[figure] for e in level] for level in scored]]), owners)[0]
+                for figure in (0, 1)
+            )
+            intact = scored[0][0] if profile.whole is profile.levels[0][0] else score(profile.whole, subsets)
+            found.append(type(intact)(ap, recall, intact.kbit[: len(subsets)]))
+        return found
+
+
+class CasesByFrames(CasesFidelity):
+    """`CasesFidelity` that can score some frames alone."""
+
+    @property
+    def frames(self) -> int:
+        """Number of frames."""
+        return cast(ByFrames, self._first).frames
+
+    def partial(self, subsets: Bool[np.ndarray, "n C"], frames: Sequence[int]) -> Estimate:
+        """Figures of each set over these frames."""
+        return self._reduce(subsets, lambda fidelity, rows: cast(ByFrames, fidelity).partial(rows, frames))
+
+
+def over_cases(profiles: Sequence[ProfileFidelities], cases: Cases) -> Fidelity:
+    """Fidelity over the cases."""
+    if cases.plain and len(profiles) == 1:
+        return profiles[0].whole
+    every = [each for profile in profiles for level in profile.levels for each in level]
+    made = CasesByFrames if all(isinstance(each, ByFrames) for each in every) else CasesFidelity
+    return made(profiles, cases)
+
 
 GENERAL = "general"  # the network not trained at any site
 KEPT_DETECTORS = 4  # sites whose shipped detector is held in memory
@@ -59,8 +161,6 @@ class Preparation:
     @cached_property
     def traffic(self) -> Traffic:
         """Simulated frames."""
-        from placement_env.fidelity.traffic import simulate_traffic
-
         return simulate_traffic(self.setting.place, self.run.frames_or(FRAMES), self.run.seed).every(self.stride)
 
     def split(self, levels: int) -> tuple[Int64[np.ndarray, " _"], ...]:
@@ -101,7 +201,7 @@ class Preparation:
         None where rays must be cast: where the setting's `rendering` is "full", or the range of a candidate ends within
         the site.
         """
-        from placement_env.fidelity.panorama.live import LiveView
+        from placement_env.fidelity.panorama import LiveView
         from placement_env.fidelity.seeing import choose_quick
 
         asked = self.setting.rendering
@@ -146,8 +246,6 @@ class Preparation:
             whole = self.at_thresholds(name, errors)
             levels: tuple[tuple[Fidelity, ...], ...] = (whole,)
             if cases.levels > 1:
-                from placement_env.fidelity.visibility import of_frames
-
                 parts = [self.at(self.setting.pool, of_frames(self.visibility, part)) for part in self.levels]
                 levels = tuple(part.at_thresholds(name, errors) for part in parts)
             profiles.append(ProfileFidelities(whole[0], levels))
@@ -161,15 +259,9 @@ class Preparation:
             detected = self.detected(errors)
             return tuple(detected.at(iou, ious) for iou in ious)
         if name == "coverage":
-            from placement_env.fidelity.coverage import Coverage
-
             return (Coverage(self.visibility, scheme, codec=codec, classes=classes),) * len(ious)
         if name == "table":
-            from placement_env.fidelity.table import TableFidelity
-
             return tuple(TableFidelity(self._table, scheme, iou, codec, classes=classes) for iou in ious)
-        from placement_env.fidelity.surrogate import Surrogate
-
         radius, made = setting.place.hybrid_radius, []
         for iou in ious:
             if iou not in self._hit_models:
@@ -180,9 +272,6 @@ class Preparation:
 
     def detected(self, errors: ErrorProfile) -> Detected:
         """Detector's fidelity at one error profile and IoU threshold."""
-        from placement_env.fidelity.detector import Detected
-        from placement_env.fidelity.renders import Renders
-
         setting, run = self.setting, self.run
         return Detected(
             Renders(self.traffic, setting.pool, run.memo, errors=errors),
@@ -197,8 +286,6 @@ class Preparation:
 
     @cached_property
     def _table(self) -> Table:
-        from placement_env.fidelity.table import hash_site, load_table
-
         site, path = self.setting.place, self.setting.table
         table = load_table(site.name if path is None else path)
         origin, place = table.origin, hash_site(site, self.setting.pool.sensors)
@@ -249,8 +336,6 @@ def _check_levels(setting: Setting, name: FidelityName) -> None:
 
 def surrogate_models(setting: Setting, iou: float, network: str) -> tuple[HitModel, ...]:
     """Hit model of each class, of the setting's file or shipped. Raises ValueError, FileNotFoundError if missing."""
-    from placement_env.fidelity.hit_model import chosen_model, load_models, shipped_model
-
     classes, scheme, path = setting.counted, setting.fusion, setting.surrogate
     wanted = [(name, classes.get_iou(name, iou)) for name in classes.names]
     if path is None:
@@ -266,8 +351,6 @@ def load_shipped_detector(network: str, site: Site) -> Detector:
     site.
     """
     from models.detector import load_detector
-    from toolkit.detection.background import add_background
-    from toolkit.sites.files import format_site
 
     key = network, format_site(site)
     if key not in _DETECTORS:

@@ -12,30 +12,27 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from models.training.packed import STEPS_PER_METRE, Rig
 from models.training.packing import FARTHEST, change
+from placement_env.candidates.candidates import Candidates
 from placement_env.fidelity.traffic import Traffic, build_renderer
 from toolkit.arrays import Float32, Int64, Shaped
 from toolkit.calibration.empty_scene import EmptyScene, SceneLearner, Scenes
 from toolkit.datasets.dataset import CoopDataset
-from toolkit.datasets.readings import ReadRecording, Reads, block_seed, read_frame, with_errors
+from toolkit.datasets.recordings import ReadRecording, Reads, block_seed, read_frame, with_errors
 from toolkit.detection.view import Captured
 from toolkit.frame import Frame
 from toolkit.objects import Objects
 from toolkit.points import frame_points
-from toolkit.runtime.cache import Arrays, Cache, make_key, recall
-from toolkit.runtime.code_digest import code_digest
+from toolkit.runtime.cache import Arrays, Cache, code_digest, make_key, recall
 from toolkit.sensors.error_profiles import PAPER_ERRORS, ErrorProfile, check_drawn, only_own_noise
 from toolkit.sensors.error_terms import velocities
 from toolkit.sensors.sensor import Sensor
+from toolkit.sites.files import format_site
 from toolkit.traffic.spawner import LIFE
-
-if TYPE_CHECKING:
-    from placement_env.candidates.candidates import Candidates
 
 IN_MEMORY = 2048  # parts held in memory when a cache keeps them
 RENDER_PARTS = 2 * LIFE  # of the frames, rendered separately: a race looks at one frame of every block of so many first
@@ -205,8 +202,6 @@ class Recorded:
     @cached_property
     def digest(self) -> str:
         """SHA-256 over everything behind clouds except the sensor."""
-        from toolkit.sites.files import format_site
-
         parts = [_code(self.sensors), self._noise_seed, format_site(self.site), *_beyond_noise(self.errors)]
         sha = hashlib.sha256(" ".join(map(str, parts)).encode())
         with self.recording.path.open("rb") as file:

@@ -13,16 +13,14 @@ import numpy as np
 from placement_env.candidates.candidates import Candidates
 from placement_env.checks import check_choice
 from placement_env.fidelity.occlusion import Seen, look_at
-from placement_env.fidelity.panorama.ray_table import Lookup
-from placement_env.fidelity.panorama.surround import ScoredItems, Still, Surround, find_place_strips, successive_strips
+from placement_env.fidelity.panorama import Lookup, ScoredItems, Still, Surround, find_place_strips, successive_strips
 from placement_env.fidelity.traffic import Traffic, build_renderer
 from placement_env.fidelity.visibility import Visibility
 from placement_env.setting import Rendering
 from toolkit.arrays import Bool, Float64, Int64
 from toolkit.objects import VEHICLE
 from toolkit.rendering.strips import SuccessiveStrips
-from toolkit.runtime.cache import make_key, recall
-from toolkit.runtime.code_digest import code_digest
+from toolkit.runtime.cache import code_digest, make_key, recall
 from toolkit.runtime.run import Run
 from toolkit.sensors.sensor import Sensor, SensorModel
 from toolkit.sites.files import format_site
@@ -160,11 +158,7 @@ class _RoundLook(_Look):
         return seen
 
     def key(self, block: Block) -> bytes:
-        return make_key("panoramas", self.traffic.part(*block).digest(), self._looks)
-
-    @cached_property
-    def _looks(self) -> tuple[object, ...]:
-        return self._depends_on(self.sensors)
+        return make_key("panoramas", self.traffic.part(*block).digest(), self._depends_on(self.sensors))
 
     @cached_property
     def _places(self) -> tuple[Float64[np.ndarray, "V 3"], Int64[np.ndarray, " S"]]:

@@ -30,7 +30,7 @@ from toolkit.runtime.run import Processes
 from toolkit.sensors.error_profiles import PAPER_ERRORS
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites import BUILT_IN
-from toolkit.sites.files import load_site
+from toolkit.sites.files import format_site, load_site
 from toolkit.sites.site import HYBRID_RADIUS, Site
 
 SHIPPED = Path(__file__).parent / "exact"
@@ -241,8 +241,6 @@ def make_table(
 
 def hash_site(site: Site, sensors: Sequence[Sensor]) -> str:
     """SHA-256 over a site and its sensors. A table applies to no others. The hybrid radius is stored beside it."""
-    from toolkit.sites.files import format_site
-
     mounted = [(type(s.model).__name__, astuple(s.model), (s.pose.round(4) + 0.0).tolist()) for s in sensors]
     return make_key(format_site(site, without=["hybrid_radius"]), mounted).hex()
 

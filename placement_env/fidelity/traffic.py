@@ -16,6 +16,7 @@ from toolkit.bodies.body import Body
 from toolkit.bodies.fleet import fleet_named
 from toolkit.objects import VEHICLE, Objects
 from toolkit.points import has_centre_inside
+from toolkit.sites.files import format_site
 from toolkit.sites.site import Site
 from toolkit.traffic.snapshots import Mix, Snapshot, simulate
 from toolkit.traffic.spawner import LIFE
@@ -59,8 +60,6 @@ class Traffic:
     @cached_property
     def _scene(self) -> bytes:
         """SHA-256 over site and bodies."""
-        from toolkit.sites.files import format_site
-
         sha = sha256(format_site(self.site).encode())
         for body in self.bodies:
             sha.update(repr((body.name, body.label, body.vertices.shape, body.triangles.shape)).encode())
@@ -78,25 +77,19 @@ class Traffic:
         return sha.hexdigest()
 
 
-def simulate_traffic(
-    site: Site, frames: int = FRAMES, seed: int = 0, *, bodies: tuple[Body, ...] | None = None
-) -> Traffic:
-    """Frames of simulated traffic, the same for the same seed. bodies: recurring ones, None to draw all afresh.
+def simulate_traffic(site: Site, frames: int = FRAMES, seed: int = 0) -> Traffic:
+    """Frames of simulated traffic, all bodies drawn afresh, the same for the same seed.
 
     Parked vehicles stay for `LIFE` frames, like all: sets are compared by a bootstrap over blocks of that length,
     which a van parked there throughout would bias unnoticed. Raises ValueError for fewer frames than one, and errors of
     `toolkit.traffic.snapshots.simulate`.
     """
-    from toolkit.sites.files import format_site
-
     check_whole("frames", frames, least=1)
-    mix = Mix(stay=LIFE)
-    if bodies is not None:
-        return Traffic(site, bodies, tuple(simulate(site, bodies, frames=frames, seed=seed, mix=mix)))
     key = format_site(site), frames, seed
     if key not in _KEPT:
         drawn = fleet_named().bodies(frames, np.random.default_rng([seed, 1]))
-        _KEPT[key] = Traffic(site, drawn, tuple(simulate(site, drawn, frames=frames, seed=seed, once=True, mix=mix)))
+        snapshots = simulate(site, drawn, frames=frames, seed=seed, once=True, mix=Mix(stay=LIFE))
+        _KEPT[key] = Traffic(site, drawn, tuple(snapshots))
         if len(_KEPT) > KEPT_TRAFFIC:
             del _KEPT[next(iter(_KEPT))]
     return _KEPT[key]

@@ -18,7 +18,7 @@ import numpy as np
 from placement_env.fidelity.traffic import Traffic, scored
 from toolkit.arrays import Bool, Float32, Float64, Int64
 from toolkit.datasets.dataset import CoopDataset
-from toolkit.datasets.readings import with_errors
+from toolkit.datasets.recordings import with_errors
 from toolkit.objects import VEHICLE, Objects
 from toolkit.points import count_on_ground, frame_points, is_beyond
 from toolkit.runtime.files import read_arrays, write_arrays

@@ -1,6 +1,6 @@
 """`LivePlanner`: sensors moved by hand, each move answered by figures within a tenth of a second.
 
-A sensor is seen in panoramas from its pole (`placement_env.fidelity.panorama.live`), a set scored by the surrogate, as
+A sensor is seen in panoramas from its pole (`placement_env.fidelity.panorama`), a set scored by the surrogate, as
 in `coview/SensorPose-v0`. At a height that was never used the first answer is coarse, between the half metres below and
 above or from the nearer one; `refine` makes what is missing, a panorama at a time, then the views of the whole stock,
 of which `suggest` chooses. One thread may refine while another moves.
@@ -16,9 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from placement_env.candidates.candidates import Candidates, aim_sensor
-from placement_env.candidates.pool import NoCandidates, paper_candidates, pool
-from placement_env.fidelity.panorama.live import HEIGHT_STEP, MOST_BYTES
+from placement_env.candidates.candidates import Candidates, NoCandidates, aim_sensor, paper_candidates, pool
+from placement_env.fidelity.panorama import HEIGHT_STEP, MOST_BYTES
 from placement_env.fidelity.preparation import Preparation
 from placement_env.fidelity.seeing import see
 from placement_env.fidelity.visibility import Visibility

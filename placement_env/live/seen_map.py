@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from placement_env.fidelity.panorama.surround import build_moment
+from placement_env.fidelity.panorama import build_moment
 from placement_env.fidelity.preparation import Preparation
 from placement_env.fidelity.traffic import build_renderer
 from placement_env.handover.ground import lay_grid

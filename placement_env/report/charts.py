@@ -13,8 +13,8 @@ from placement_env.handover.mounted import RATE, LinkLoad
 from placement_env.report import content
 from placement_env.search.result import Result
 from toolkit.plots import canvas
+from toolkit.plots.canvas import BAR, INK, OUTCOME, SENSORS, PlotStyle
 from toolkit.plots.curves import curve_axes
-from toolkit.plots.palette import BAR, INK, OUTCOME, SENSORS, PlotStyle
 from toolkit.plots.plan_view import sensor_labels
 
 if TYPE_CHECKING:

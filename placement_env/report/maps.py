@@ -18,8 +18,20 @@ from placement_env.handover.ground import Ground, visible_polygons
 from placement_env.report.content import Planned
 from toolkit.arrays import Bool, Float64
 from toolkit.plots import plan_view as above
-from toolkit.plots.canvas import blank_figure, house_style, shorten, svg_text, write_figure
-from toolkit.plots.palette import BAR, BLIND, INK, VIEW_COLOURS, point_colours, point_names, sensor_colour
+from toolkit.plots.canvas import (
+    BAR,
+    BLIND,
+    INK,
+    VIEW_COLOURS,
+    blank_figure,
+    house_style,
+    point_colours,
+    point_names,
+    sensor_colour,
+    shorten,
+    svg_text,
+    write_figure,
+)
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
 

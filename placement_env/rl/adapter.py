@@ -19,9 +19,8 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices
 from placement_env.envs.env import AnyEnv, PlacementEnv, PlacementVectorEnv
 from placement_env.envs.pose import SensorPoseEnv
 from placement_env.envs.scenario import STATIC
-from placement_env.envs.select import SensorSelectEnv
+from placement_env.envs.select import SensorSelectEnv, SensorSubsetEnv
 from placement_env.envs.state import GLOBAL, Info
-from placement_env.envs.subset import SensorSubsetEnv
 from toolkit.arrays import Float32
 
 X, HEADING = STATIC.index("x"), STATIC.index("cos heading")  # y and sine come next

@@ -33,8 +33,13 @@ class CandidateNetwork(nn.Module):
     def forward(self, observations: Tensor) -> tuple[Tensor, Tensor]:
         """Return logits (n, slots + 1) and value features (n, width) of observations (n, size)."""
         different, which = distinct(observations)
-        each, pooled = self._first(different)
-        return self._logits(each, pooled)[which], torch.relu(self.value(pooled))[which]
+        of_slots, of_whole = different[:, : -len(GLOBAL)], different[:, -len(GLOBAL) :]
+        of_slots = of_slots.reshape(len(different), FEATURES, -1).transpose(1, 2)
+        each = torch.relu(self.of_each(of_slots) + self.of_whole(of_whole)[:, None])
+        pooled = self.pooled(torch.cat([each.mean(1), each.max(1).values], 1))
+        place = self.place(torch.relu(self.inner(each) + pooled[:, None]))[..., 0]
+        logits = torch.cat([place, self.stop(torch.relu(pooled))], 1)
+        return logits[which], torch.relu(self.value(pooled))[which]
 
     def forward_actor(self, observations: Tensor) -> Tensor:
         """Return the logits alone."""
@@ -43,16 +48,6 @@ class CandidateNetwork(nn.Module):
     def forward_critic(self, observations: Tensor) -> Tensor:
         """Return the value features alone."""
         return self(observations)[1]
-
-    def _first(self, observations: Tensor) -> tuple[Tensor, Tensor]:
-        of_slots, of_whole = observations[:, : -len(GLOBAL)], observations[:, -len(GLOBAL) :]
-        of_slots = of_slots.reshape(len(observations), FEATURES, -1).transpose(1, 2)
-        each = torch.relu(self.of_each(of_slots) + self.of_whole(of_whole)[:, None])
-        return each, self.pooled(torch.cat([each.mean(1), each.max(1).values], 1))
-
-    def _logits(self, each: Tensor, pooled: Tensor) -> Tensor:
-        place = self.place(torch.relu(self.inner(each) + pooled[:, None]))[..., 0]
-        return torch.cat([place, self.stop(torch.relu(pooled))], 1)
 
 
 def distinct(rows: Tensor) -> tuple[Tensor, Tensor]:

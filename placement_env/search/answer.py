@@ -22,7 +22,8 @@ from placement_env.search.order import Answer, SearchOrder
 from placement_env.search.portfolio.curve import AMOUNTS, CurvePoint
 from toolkit.arrays import Float64
 from toolkit.plots import canvas
-from toolkit.plots.palette import BAR, INK
+from toolkit.plots.canvas import BAR, INK
+from toolkit.plots.plan_view import draw_site
 from toolkit.runtime.files import write_text, writing_together
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.files import save_site
@@ -58,8 +59,6 @@ def write_answer(folder: str | Path, order: SearchOrder, answer: Answer) -> str:
 
     Raises ValueError where no sensor is to be built, or the objective has no site.
     """
-    from toolkit.plots.plan_view import draw_site
-
     if not answer.met or answer.objective.site is None:
         raise ValueError("only a set of sensors at a site can be handed over, and this is an empty set or has no site")
     objective, members, plain = answer.objective, answer.chosen, answer.objective.setting.place

@@ -18,8 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from toolkit.runtime.cache import decode_arrays, encode_arrays, make_key, read_secret
-from toolkit.runtime.code_digest import code_digest
+from toolkit.runtime.cache import code_digest, decode_arrays, encode_arrays, make_key, read_secret
 from toolkit.runtime.files import replace_infinite, write_bytes
 from toolkit.runtime.resumable import ShardFolder
 

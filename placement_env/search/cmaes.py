@@ -15,11 +15,13 @@ import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from types import ModuleType
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from placement_env.candidates.candidates import Candidates, aim_sensor, aims
+from placement_env.fidelity.panorama import LiveView
+from placement_env.fidelity.preparation import Preparation
+from placement_env.fidelity.seeing import see
 from placement_env.objective import Objective, Score
 from placement_env.search import greedy
 from placement_env.search.checkpoint import NOWHERE, Checkpoint, KeptState
@@ -28,10 +30,6 @@ from placement_env.search.result import Certificate, Result, load_score
 from placement_env.setting import Weights
 from toolkit.arrays import Float64
 from toolkit.sensors.sensor import Sensor
-
-if TYPE_CHECKING:
-    from placement_env.fidelity.panorama.live import LiveView
-    from placement_env.fidelity.preparation import Preparation
 
 TILT_RANGE = (float(np.deg2rad(-5.0)), float(np.deg2rad(60.0)))  # rad below the horizon
 VECTORS = 300  # vectors scored by default
@@ -172,8 +170,6 @@ def build_pose_scorer(preparation: Preparation, weights: Weights = FREE, *, live
 
     live: panoramas to use, None to cast rays.
     """
-    from placement_env.fidelity.seeing import see
-
     quiet = replace(preparation.run, cache=None, progress=None)
 
     def score_poses(sets: Sequence[Poses]) -> list[Score | None]:

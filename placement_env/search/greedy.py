@@ -22,7 +22,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from placement_env.candidates.pool import pool
+from placement_env.candidates.candidates import pool
 from placement_env.checks import check_whole
 from placement_env.fidelity.coverage import LEAST
 from placement_env.fidelity.seeing import see
@@ -203,14 +203,14 @@ class HalvedViews:
         return Estimate(worth, worth.copy(), np.zeros(len(subsets)))
 
 
-def with_first_sensors(site: Site, count: int, *, seed: int = 0) -> FirstSensors:
+def with_first_sensors(site: Site, count: int) -> FirstSensors:
     """Replace a site's sensors by `count` cameras on its mounts, fewer if no more fit or see a vehicle.
 
     Raises ValueError for a count below 1, and for a site without mounts, poses or vehicles.
     """
     check_whole("number of sensors", count, least=1)
     candidates = pool(site, heights=[HEIGHT], headings=HEADINGS, tilts=[TILT])
-    visibility = see(simulate_traffic(site, FIRST_FRAMES, seed), candidates)
+    visibility = see(simulate_traffic(site, FIRST_FRAMES), candidates)
     if not visibility.points.shape[1]:
         raise ValueError(
             f"no vehicle enters the area of site {site.name!r} in {FIRST_FRAMES} frames: place sensors yourself"

@@ -6,15 +6,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
 from importlib.util import find_spec
-from typing import TYPE_CHECKING
 
+from placement_env.candidates.candidates import Candidates
+from placement_env.cases import Cases
 from placement_env.checks import check_choice
 from placement_env.search.exact.exhaustive import LARGEST
-
-if TYPE_CHECKING:
-    from placement_env.candidates.candidates import Candidates
-    from placement_env.cases import Cases
-    from placement_env.search.result import Result
+from placement_env.search.result import Result
 
 
 @dataclass(frozen=True)

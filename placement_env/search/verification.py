@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from placement_env.checks import check_whole
-from placement_env.fidelity.over_cases import CasesFidelity
+from placement_env.fidelity.preparation import CasesFidelity
 from placement_env.objective import Objective, Score
 from placement_env.protocol import ByFrames
 from placement_env.racing import find_best
@@ -16,6 +16,8 @@ from placement_env.search.progress import Progress, as_rows
 from placement_env.search.result import Result
 from toolkit.arrays import Bool, Float64, Int64, Shaped
 from toolkit.sensors.sensor import Sensor
+
+ENTRANTS = 27  # of a race by some of the frames
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,13 +29,11 @@ class Verified:
     accurate: Float64[np.ndarray, " k"]
 
 
-def verified(
-    fast: Objective, accurate: Objective, subset: Int64[np.ndarray, " k"], *, best: int = 5, entrants: int = 27
-) -> Verified:
+def verified(fast: Objective, accurate: Objective, subset: Int64[np.ndarray, " k"], *, best: int = 5) -> Verified:
     """The `best` of a set and its feasible neighbours, ranked by the accurate reward.
 
     The fast fidelity's error exceeds the effect of one sensor's pose, so a neighbour may be the better set. Where the
-    accurate fidelity can score some of the frames, the `entrants` best sets by the fast reward race. Sets that tie with
+    accurate fidelity can score some of the frames, the `ENTRANTS` best sets by the fast reward race. Sets that tie with
     the last of the best by the fast reward are ranked too. Raises ValueError where the candidates differ, and for
     `best` below 1.
     """
@@ -43,7 +43,7 @@ def verified(
     sets = neighbours(subset, len(fast.candidates))
     sets = sets[fast.feasible(sets)] if fast.feasible(sets[:1])[0] else sets[:1]
     if isinstance(accurate.scored_by, ByFrames):
-        sets = sets[np.argsort(-fast.scores(sets).reward, kind="stable")[:entrants]]
+        sets = sets[np.argsort(-fast.scores(sets).reward, kind="stable")[:ENTRANTS]]
         sets = sets[accurate.race(sets, keep=best).winners]
     guesses = fast.scores(sets).reward
     few = find_best(guesses, best)

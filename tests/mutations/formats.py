@@ -30,10 +30,9 @@ from placement_env.fidelity.detector import IOUS
 from placement_env.fidelity.hit_model import FOLDER
 from placement_env.fidelity.table import Origin, Table, save_table
 from toolkit.bodies.meshes import MeshEntry, take_mesh, take_meshes
-from toolkit.datasets.dataset import CoopDataset
+from toolkit.datasets.dataset import CoopDataset, Header, Scene, encode
 from toolkit.datasets.doctor import diagnose_file
-from toolkit.datasets.readings import Reads
-from toolkit.datasets.recording import Header, Scene, encode
+from toolkit.datasets.recordings import Reads
 from toolkit.detection.evaluation import Comparison, evaluate_recording
 from toolkit.detection.schemes import PAPER_SCHEMES as SCHEMES
 from toolkit.detection.survey import survey

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from placement_env.analysis import intervals
-from placement_env.candidates.candidates import Axes, Candidates
-from placement_env.candidates.pool import paper_candidates
+from placement_env.candidates.candidates import Axes, Candidates, paper_candidates
 from placement_env.fidelity.detector import Detected
 from placement_env.fidelity.hit_model import HitModel
 from placement_env.fidelity.seeing import see

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from placement_env.analysis.worth import exact_worth
-from placement_env.candidates.pool import paper_candidates
+from placement_env.candidates.candidates import paper_candidates
 from placement_env.fidelity.detector import Detected
 from placement_env.objective import Objective
 from placement_env.protocol import Estimate

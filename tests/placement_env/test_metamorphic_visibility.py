@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from placement_env.analysis.worth import exact_worth
-from placement_env.candidates.candidates import Axes, Candidates
-from placement_env.candidates.pool import paper_candidates
+from placement_env.candidates.candidates import Axes, Candidates, paper_candidates
 from placement_env.fidelity.coverage import Coverage
 from placement_env.fidelity.hit_model import shipped_model
 from placement_env.fidelity.renders import Renders

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from placement_env.candidates.candidates import Axes, Candidates
-from placement_env.candidates.pool import pool
+from placement_env.candidates.candidates import Axes, Candidates, pool
 from placement_env.cases import Cases
 from placement_env.objective import Objective
 from placement_env.protocol import Estimate

@@ -1,6 +1,6 @@
 import pytest
 
-from placement_env.candidates.pool import paper_candidates
+from placement_env.candidates.candidates import paper_candidates
 from placement_env.setting import Setting, Weights
 
 

@@ -6,16 +6,14 @@ from dataclasses import dataclass
 from functools import lru_cache
 from itertools import cycle, islice
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from toolkit.arrays import Rng
 from toolkit.bodies.body import Body, include_mirrors, make_body, make_boxed_body
+from toolkit.bodies.drawn_bodies import draw_body, possible_names
+from toolkit.bodies.meshes import TakenMesh, take_meshes
 from toolkit.bodies.people import pedestrians, two_wheelers
 from toolkit.bodies.vehicles import CAR_NAMES, cars, trucks
 from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE
-
-if TYPE_CHECKING:
-    from toolkit.bodies.meshes import TakenMesh
 
 HELD_OUT = CAR_NAMES[-5:]  # cars that no shipped detector has been trained on
 FLEETS = ("catalogue", "own", "meshes", "both")
@@ -36,8 +34,6 @@ def catalogue(meshes: str | Path | None = None, held_out: bool = False) -> tuple
     ours = tuple(body for body in _procedural() if body.label != VEHICLE or (body.name in HELD_OUT) == held_out)
     if meshes is None:
         return ours
-    from toolkit.bodies.meshes import take_meshes
-
     return ours + tuple(taken.body for taken in take_meshes(meshes))
 
 
@@ -53,16 +49,12 @@ class Fleet:
     @property
     def names(self) -> tuple[str, ...]:
         """Names of all possible bodies, the fixed ones first."""
-        from toolkit.bodies.drawn_bodies import possible_names
-
         return tuple(body.name for body in self.fixed) + (possible_names() if self.drawn else ())
 
     def bodies(self, frames: int, rng: Rng) -> tuple[Body, ...]:
         """Bodies for `frames` frames of traffic; drawn ones suffice for `LARGEST_DRAW`, each used once."""
         if not self.drawn:
             return self.fixed
-        from toolkit.bodies.drawn_bodies import draw_body
-
         bodies: list[Body] = []
         for label in range(len(LABELS)):
             fixed = [body for body in self.fixed if body.label == label]
@@ -101,8 +93,6 @@ def fleet_named(
         raise ValueError(f"fleet {name!r} needs a folder of meshes, got none: give one")
     taken: tuple[TakenMesh, ...] = ()
     if meshes is not None:
-        from toolkit.bodies.meshes import take_meshes
-
         taken = take_meshes(meshes, mirrors=mirrors)
     bodies, notes = tuple(each.body for each in taken), tuple(f"{each.file}: {each.how}" for each in taken)
     if name == "catalogue":

@@ -1,12 +1,30 @@
-"""A recorded dataset as a sequence of frames. Reads files of `coview simulate` and the published ones alike."""
+"""A recording of images as one HDF5 file: frames in the published layout, with our fields beside it in `coview`.
+
+`CoopDataset` reads files of `coview simulate` and the published ones alike; `encode` and `join` write them.
+
+dslices                float32 [T, C, H, W]  depth along the axis (m), 1000 where nothing returned; only every
+                                             stride-th pixel is measured, the others hold 0
+slices                 uint8 [T, 0, H, W, 3] no colour images; the published viewer asks for their number
+cameras/{d00..}        intrinsic, extrinsic  in the published convention; attributes name, stride, sigma, ...
+objects/{k}            float64 [n, 10]       see `toolkit.datasets.published_layout`
+coview                 attributes schema, version, plan, sensors (names, in the order of a Frame's measurements)
+coview/site            the site as GeoJSON text;  coview/bodies  names of the bodies, JSON list
+coview/time            float64 [T]           seconds
+coview/object_start    int64 [T + 1]         frame k has objects object_start[k]:object_start[k + 1] of the next two
+coview/object_ids, coview/object_bodies      int64 [N]
+coview/ranges/{name}   float32 [T, rows, columns]  a lidar's ranges (m), 0 where nothing returned; attributes as those
+                                             of cameras: name, model (its class), fields of the model
+coview/depth/{name}    the same of what measures depth and cannot share `dslices`: cameras that differ in size
+"""
 
 from __future__ import annotations
 
+import json
 import operator
 import os
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import fields, replace
+from dataclasses import asdict, dataclass, fields, replace
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -15,15 +33,17 @@ from typing import NamedTuple, SupportsIndex, overload
 import h5py
 import numpy as np
 
+from toolkit.arrays import Int64
 from toolkit.datasets import published_layout as published
-from toolkit.datasets.recording import OWN_IMAGES
 from toolkit.frame import DisplayedRecording, Frame, Rectangle
 from toolkit.objects import LABELS, Objects
 from toolkit.runtime import hdf5
 from toolkit.runtime.files import parse_json
+from toolkit.runtime.hdf5 import hdf5_file
 from toolkit.sensors.models import DepthCamera, find_model_class, make_model
 from toolkit.sensors.sensor import Sensor
-from toolkit.sites.files import load_site, parse
+from toolkit.sites import BUILT_IN
+from toolkit.sites.files import format_site, load_site, parse
 from toolkit.sites.site import Site
 
 CLOUDS_KIND = "clouds"  # the attribute `coview` of a file of recorded clouds
@@ -210,7 +230,7 @@ def check_kinds(file: h5py.File) -> tuple[str, ...]:
         expected = h5py.Dataset if name == "dslices" else h5py.Group
         if not issubclass(kind, expected):
             words = f"{expected.__name__.lower()}, got a {kind.__name__.lower()}"
-            raise ValueError(f"{name} must be an HDF5 {words}: see toolkit.datasets.recording")
+            raise ValueError(f"{name} must be an HDF5 {words}: see toolkit.datasets.dataset")
     return cameras
 
 
@@ -226,8 +246,6 @@ def _site(file: h5py.File, cameras: Sequence[str]) -> Site:
             return parse(parse_json(hdf5.text(file, "coview/site")))
         except (ValueError, OSError) as error:
             raise UnknownSite(f"coview/site is damaged ({error}): pass site= to read the file all the same") from None
-    from toolkit.sites import BUILT_IN
-
     matrices = [hdf5.array(file, f"cameras/{name}/extrinsic") for name in cameras]
     usable = [matrix for matrix in matrices if matrix.shape == (4, 4) and np.isfinite(matrix).all()]
     positions = [np.linalg.pinv(matrix)[None, :2, 3] for matrix in usable]
@@ -319,3 +337,136 @@ def _own_sensor(attributes: Mapping[str, object], where: str) -> Sensor:
     except (TypeError, AttributeError, ValueError, OverflowError) as error:
         wrong = f"attributes of {where} describe no sensor ({error})"
         raise ValueError(f"{wrong}: the file is damaged, restore it") from None
+
+
+RECORDING_SCHEMA = 1
+_GZIP_LEVEL = 1
+OWN_IMAGES = {"depth": "depth", "range": "ranges"}  # group of coview/ by a sensor's measurement
+
+
+@dataclass(frozen=True)
+class Header:
+    """Values shared by all frames of a recording. plan: of its simulation, see `toolkit.datasets.simulation`."""
+
+    site: Site
+    sensors: tuple[Sensor, ...]
+    bodies: tuple[str, ...] = ()
+    plan: str = "{}"
+
+    @property
+    def images(self) -> tuple[str, ...]:
+        """Storage place of each sensor's measurements. The cameras of one common size share `dslices`."""
+        pinholes = self.pinholes
+        shared = len({(camera.height, camera.width) for camera in pinholes.values()}) == 1
+        return tuple(
+            "dslices" if shared and s.name in pinholes else f"coview/{OWN_IMAGES[s.model.measures]}/{s.name}"
+            for s in self.sensors
+        )
+
+    @property
+    def pinholes(self) -> dict[str, DepthCamera]:
+        """Cameras that the published layout can hold, by sensor name."""
+        return {each.name: each.model for each in self.sensors if isinstance(each.model, DepthCamera)}
+
+
+@dataclass(frozen=True)
+class Scene:
+    """One frame to be recorded. bodies: (n,) body of each object, an index into `Header.bodies`."""
+
+    frame: Frame
+    bodies: Int64[np.ndarray, " n"]
+
+
+def encode(header: Header, scenes: Sequence[Scene]) -> bytes:
+    """Bytes of a complete file of `scenes`. They are made in memory, so that they can be written all or not at all."""
+    objects = [len(scene.frame.objects) for scene in scenes]
+    images, pinholes = header.images, header.pinholes
+    with h5py.File("memory", "w", driver="core", backing_store=False, block_size=1 << 22) as file:
+        _create(file, header, len(scenes), sum(objects))
+        start = np.concatenate([[0], np.cumsum(objects, dtype=np.int64)])
+        file["coview/object_start"][:] = start
+        for k, scene in enumerate(scenes):
+            frame = scene.frame
+            file["coview/time"][k] = frame.time
+            _add(file, f"objects/{k}", published.format_objects(frame.objects, header.site.map_SE3_site))
+            file["coview/object_ids"][start[k] : start[k + 1]] = frame.objects.ids
+            file["coview/object_bodies"][start[k] : start[k + 1]] = scene.bodies
+            channel = 0
+            for sensor, measurement, name in zip(header.sensors, frame.images, images, strict=True):
+                if name == "dslices":
+                    file[name][k, channel] = published.expand_image(measurement, pinholes[sensor.name])
+                    channel += 1
+                else:
+                    file[name][k] = published.rounded(measurement)
+        file.flush()
+        return file.id.get_file_image()
+
+
+def join(header: Header, parts: Sequence[Path], out: Path) -> None:
+    """Write the frames of all parts, in order, as one file. Compressed images are copied as they are."""
+    lengths, objects = [], []
+    for part in parts:
+        with h5py.File(part) as file:
+            lengths.append(len(file["coview/time"]))
+            objects.append(len(file["coview/object_ids"]))
+    with hdf5_file(out) as (joined, check):
+        _create(joined, header, sum(lengths), sum(objects))
+        first = first_object = 0
+        for path, frames, count in zip(parts, lengths, objects, strict=True):
+            with h5py.File(path) as part:
+                joined["coview/time"][first : first + frames] = part["coview/time"][:]
+                starts = first_object + part["coview/object_start"][:]
+                joined["coview/object_start"][first : first + frames + 1] = starts
+                for column in ("coview/object_ids", "coview/object_bodies"):
+                    joined[column][first_object : first_object + count] = part[column][:]
+                for k in range(frames):
+                    _add(joined, f"objects/{first + k}", part[f"objects/{k}"][:])
+                for name in dict.fromkeys(header.images):
+                    source, target = part[name].id, joined[name].id
+                    for i in range(source.get_num_chunks()):
+                        place = source.get_chunk_info(i).chunk_offset
+                        mask, compressed = source.read_direct_chunk(place)
+                        target.write_direct_chunk((first + place[0], *place[1:]), compressed, mask)
+            check()
+            first, first_object = first + frames, first_object + count
+
+
+def _create(file: h5py.File, header: Header, frames: int, objects: int) -> None:
+    own = file.create_group("coview")
+    own.attrs.update(schema=RECORDING_SCHEMA, plan=header.plan, sensors=json.dumps([s.name for s in header.sensors]))
+    _add(own, "site", format_site(header.site))
+    _add(own, "bodies", json.dumps(header.bodies))
+    lengths = {"time": frames, "object_start": frames + 1, "object_ids": objects, "object_bodies": objects}
+    for name, length in lengths.items():
+        own.create_dataset(name, (length,), np.float64 if name == "time" else np.int64, track_times=False)
+    own["time"].attrs["unit"] = "s"
+    file.create_group("objects").attrs["columns"] = json.dumps(published.OBJECT_COLUMNS)
+    file.create_group("cameras")
+    digits, channel = max(2, len(str(len(header.sensors)))), 0
+    for sensor, name in zip(header.sensors, header.images, strict=True):
+        if name == "dslices":
+            node = file.create_group(f"cameras/d{channel:0{digits}d}")
+            camera = header.pinholes[sensor.name]
+            _add(node, "intrinsic", published.intrinsic(camera))
+            _add(node, "extrinsic", published.extrinsic(sensor.pose, header.site.map_SE3_site))
+            channel += 1
+        else:
+            node = _create_images(file, name, (frames, *sensor.model.shape))
+        # numbers that restore the sensor to the last bit: `toolkit.datasets.dataset` reads them
+        numbers = {key: value for key, value in asdict(sensor.model).items() if value is not None}
+        node.attrs.update(name=sensor.name, model=type(sensor.model).__name__, site_SE3_sensor=sensor.pose)
+        node.attrs.update(numbers)
+    if channel:
+        images = _create_images(file, "dslices", (frames, channel, camera.height, camera.width))
+        images.attrs.update(unit="m", no_return=published.NO_RETURN)
+        file.create_dataset("slices", (frames, 0, camera.height, camera.width, 3), np.uint8, track_times=False)
+
+
+def _create_images(file: h5py.File, name: str, shape: tuple[int, ...]) -> h5py.Dataset:
+    chunks = (*(1,) * (len(shape) - 2), *shape[-2:])
+    packed = {"compression": "gzip", "compression_opts": _GZIP_LEVEL, "shuffle": True, "track_times": False}
+    return file.create_dataset(name, shape, np.float32, chunks=chunks, **packed)
+
+
+def _add(group: h5py.Group, name: str, content: np.ndarray | str) -> None:
+    group.create_dataset(name, data=content, track_times=False)

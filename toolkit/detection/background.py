@@ -23,6 +23,7 @@ from toolkit.frame import empty_scene
 from toolkit.geometry import level_rows
 from toolkit.objects import Detections, Detector, UnionDetector, quick_detector
 from toolkit.points import Crop, frame_points, join_clouds
+from toolkit.rendering.static_scene import build_scenery
 from toolkit.sites.site import Site
 
 VOXEL = 0.15  # m
@@ -192,8 +193,6 @@ def add_background(detector: Detector, site: Site) -> KnownBackground:
 
 def site_background(site: Site) -> Background:
     """Return the background of a site's scenery on level ground."""
-    from toolkit.rendering.static_scene import build_scenery
-
     crop, slope = Crop.of(site), site.relief.slope
     voxel, mesh = choose_voxel(crop), build_scenery(site)
     level, (xmin, ymin, xmax, ymax) = level_rows(mesh.vertices, slope)[mesh.triangles], crop.area

@@ -35,8 +35,7 @@ from toolkit.boxes import Overlap, count_points
 from toolkit.calibration.empty_scene import Scenes
 from toolkit.calibration.poses import FoundPose
 from toolkit.datasets.dataset import CoopDataset
-from toolkit.datasets.readings import ReadRecording, Reads, with_errors
-from toolkit.datasets.recordings import Part
+from toolkit.datasets.recordings import Part, ReadRecording, Reads, with_errors
 from toolkit.datasets.records import check_labels
 from toolkit.detection.breakdown import FrameTruth, GroupRow, format_rows, group_rows, select_truth
 from toolkit.detection.codec import PAPER, Codec, ImageCodec, check_codec
@@ -50,6 +49,8 @@ from toolkit.detection.schemes import PAPER_SCHEMES, find_scheme, fuse_frame
 from toolkit.detection.view import NMS_IOU, LinkMemory, View, stand_view
 from toolkit.frame import Frame, Recording, select_sensors
 from toolkit.objects import LABELS, VEHICLE, Detections, Detector, check_known, label_index
+from toolkit.plots.curves import draw_pr_curves
+from toolkit.plots.plan_view import FrameOutcome, draw_frame
 from toolkit.points import detect_on_ground, frame_points, has_centre_inside
 from toolkit.runtime.files import replace_infinite, write_text, writing_together
 from toolkit.runtime.run import Processes
@@ -436,8 +437,6 @@ def save_evaluation(rows: Evaluation, folder: str | Path) -> None:
     """Write table.json and the PR curves (`curve_files`) into a folder, which is made if missing. table.json is
     {"provenance": {...}, "rows": [...], "classes": [...]}. All files are written, or where that fails (OSError) none.
     """
-    from toolkit.plots.curves import draw_pr_curves
-
     with writing_together(folder) as unfinished:
         table = {"provenance": with_file_digest(rows.provenance), **rows.as_dict()}
         write_text(unfinished / "table.json", json.dumps(table, indent=1))
@@ -457,8 +456,6 @@ def draw_example(recording: CoopDataset, detector: Detector, out: str | Path, *,
 
     Objects centred outside the area do not count. seed: of the sensors' noise.
     """
-    from toolkit.plots.plan_view import FrameOutcome, draw_frame
-
     site = recording.site
     frame = with_errors(max(recording, key=lambda frame: len(frame.objects)), PAPER_ERRORS, seed)
     truth, found = frame.objects, fuse_frame("early", frame, detector, site=site).detections

@@ -138,7 +138,7 @@ def fuse_frame(
 
     sensors: indices or names in any order, None for all; site: a site, or its area xmin, ymin, xmax, ymax (m); height:
     of the crop (m), else the site's own, else 4. The frame is taken as it is: draw noise first with
-    `toolkit.datasets.readings`. Raises ValueError for a sensor that the frame does not have or that is named twice.
+    `toolkit.datasets.recordings`. Raises ValueError for a sensor that the frame does not have or that is named twice.
     """
     chosen = select_sensors(frame.sensors, sensors)
     view = frame_view(frame, detector, site, height=height, codec=check_codec(codec), nms_iou=iou_threshold)

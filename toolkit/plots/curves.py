@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from toolkit.arrays import Float, Int
-from toolkit.plots.canvas import add_legend, blank_figure, house_style, plain, shorten, write_figure
-from toolkit.plots.palette import LINES, PlotStyle
+from toolkit.plots.canvas import LINES, PlotStyle, add_legend, blank_figure, house_style, plain, shorten, write_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

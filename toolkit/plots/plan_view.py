@@ -18,18 +18,32 @@ import shapely
 from toolkit.arrays import Bool, Float, Float64, Mask, Shaped
 from toolkit.boxes import footprints
 from toolkit.objects import LABELS, Detections, Objects
-from toolkit.plots import palette
-from toolkit.plots.canvas import add_legend, blank_figure, house_style, plain, shorten, write_figure
-from toolkit.plots.palette import CLASS, GROUND, INK, OUTCOME, PAPER_WHITE, SOLID, Outcome, PlotStyle, sensor_colour
+from toolkit.plots import canvas
+from toolkit.plots.canvas import (
+    CLASS,
+    GROUND,
+    INK,
+    OUTCOME,
+    PAPER_WHITE,
+    SOLID,
+    Outcome,
+    PlotStyle,
+    add_legend,
+    blank_figure,
+    house_style,
+    plain,
+    sensor_colour,
+    shorten,
+    write_figure,
+)
 from toolkit.sensors.sensor import Sensor
+from toolkit.sites.site import Site, Solid
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from matplotlib.transforms import Transform
-
-    from toolkit.sites.site import Site, Solid
 
 
 AROUND = 10.0  # m around the area
@@ -107,9 +121,9 @@ def draw_ground(axes: Axes, site: Site) -> None:
     for solid in site.solids:
         by_kind[solid.kind if solid.kind in SOLID else "other"].append(shapely.Polygon(solid.footprint))
     for rank, (kind, shapes) in enumerate(by_kind.items()):
-        fill_polygons(axes, shapes, SOLID.get(kind, palette.OTHER_SOLID), order=1.5 + 0.01 * rank)
+        fill_polygons(axes, shapes, SOLID.get(kind, canvas.OTHER_SOLID), order=1.5 + 0.01 * rank)
     drawn = shapely.union_all([shapely.Polygon(solid.footprint) for solid in _drawn_solids(site)])
-    hatched: PlotStyle = {"hatch": palette.DRAWN_HATCH, "edgecolor": palette.DRAWN_INK}
+    hatched: PlotStyle = {"hatch": canvas.DRAWN_HATCH, "edgecolor": canvas.DRAWN_INK}
     for part in shapely.get_parts(drawn):
         outline = shapely.get_coordinates(part.exterior)
         axes.fill(*outline.T, zorder=1.6, facecolor="none", linewidth=0.0, **hatched)
@@ -298,8 +312,8 @@ def _overlap(one: tuple[float, ...], other: tuple[float, ...]) -> bool:
 
 def pole_style(used: bool) -> PlotStyle:
     """Matplotlib's properties of a pole."""
-    edge: PlotStyle = {"marker": "s", "markersize": 6.0, "markeredgecolor": palette.POLE_INK, "markeredgewidth": 1.3}
-    return edge | {"markerfacecolor": palette.POLE_INK if used else PAPER_WHITE, "linestyle": "none"}
+    edge: PlotStyle = {"marker": "s", "markersize": 6.0, "markeredgecolor": canvas.POLE_INK, "markeredgewidth": 1.3}
+    return edge | {"markerfacecolor": canvas.POLE_INK if used else PAPER_WHITE, "linestyle": "none"}
 
 
 def draw_objects(axes: Axes, objects: Objects) -> None:
@@ -451,7 +465,7 @@ def ground_entries(site: Site) -> list[Entry]:
     edge: PlotStyle = {"edgecolor": "#b0b0b0", "linewidth": 0.5}
     entries = [(Patch(facecolor=colour, **edge), name) for name, colour, some in there if some]
     if _drawn_solids(site):
-        drawn: PlotStyle = {"hatch": palette.DRAWN_HATCH, "edgecolor": palette.DRAWN_INK, "linewidth": 0.5}
+        drawn: PlotStyle = {"hatch": canvas.DRAWN_HATCH, "edgecolor": canvas.DRAWN_INK, "linewidth": 0.5}
         entries.append((Patch(facecolor="white", **drawn), "drawn, in no map"))
     return [(Line2D([], [], color=INK, linewidth=1.1, dashes=(8, 2, 2, 2)), "detection area"), *entries]
 

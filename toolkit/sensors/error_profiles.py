@@ -26,8 +26,18 @@ import numpy as np
 
 from toolkit.runtime.cache import make_key
 from toolkit.sensors import error_terms as terms
-from toolkit.sensors.error_terms import Calibration, DropOut, Glass, MixedPixels, OwnNoise, RangeNoise
-from toolkit.sensors.readings import Draws, ErrorTerm, Reading, TrueImage
+from toolkit.sensors.error_terms import (
+    Calibration,
+    Draws,
+    DropOut,
+    ErrorTerm,
+    Glass,
+    MixedPixels,
+    OwnNoise,
+    RangeNoise,
+    Reading,
+    TrueImage,
+)
 
 
 @dataclass(frozen=True)

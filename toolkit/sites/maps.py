@@ -22,12 +22,21 @@ import shapely
 from toolkit.arrays import Float, Float64, Pose, Rng
 from toolkit.geometry import STEEPEST, pose
 from toolkit.runtime.files import name_errors
-from toolkit.sites import furniture as f, network as nets, opendrive, osm, osm_parking
-from toolkit.sites.furnishing import furnish
+from toolkit.sites import furniture as f, network as nets, opendrive, osm
 from toolkit.sites.georeference import projection
-from toolkit.sites.origins import count_things, describe_things, mark_drawn
 from toolkit.sites.site import Furnishing, Mount, Relief, Site, Solid
-from toolkit.sites.surroundings import POLE, Bay, Road, outline, place_along, place_mounts
+from toolkit.sites.surroundings import (
+    POLE,
+    Bay,
+    Road,
+    count_things,
+    describe_things,
+    furnish,
+    mark_drawn,
+    outline,
+    place_along,
+    place_mounts,
+)
 
 CRACK = 0.3  # m, half the width of cracks between polygons of a map that are closed
 STUB = 1.2  # m, half the width of a slot in the carriageway that is a fault of the network's corners
@@ -379,7 +388,7 @@ def import_osm(piece: MapPiece, *, lefthand: bool = False) -> Site:
     notes = [*extract.notes, *notes]
     if not pieces:
         raise piece.no_road()
-    parking = osm_parking.find_parking(extract, osm.ROADS, within, lefthand=lefthand)
+    parking = osm.find_parking(extract, osm.ROADS, within, lefthand=lefthand)
     map_SE3_site, driving, on_earth = pose(yaw=heading), ["--lefthand"] if lefthand else [], projection(*place)
     with tempfile.TemporaryDirectory() as folder:
         streets, types = Path(folder, "roads.osm"), Path(folder, "types.xml")
@@ -388,8 +397,8 @@ def import_osm(piece: MapPiece, *, lefthand: bool = False) -> Site:
         options = [f"--osm-files={streets}", f"--type-files={types}", f"--proj={on_earth}", *_OSM_OPTIONS, *driving]
         options += [f"--plain-output-prefix={Path(folder, 'plain')}"]
         network = _in_site_frame(_convert(options, piece), map_SE3_site)
-        if parking and (strips := osm_parking.find_parking_strips(network, parking)):
-            options = [*osm_parking.widen_network(Path(folder), strips), "--output.street-names", "--no-warnings"]
+        if parking and (strips := osm.find_parking_strips(network, parking)):
+            options = [*osm.widen_network(Path(folder), strips), "--output.street-names", "--no-warnings"]
             options += driving
             try:
                 network = _in_site_frame(nets.convert(options), map_SE3_site)
@@ -410,7 +419,7 @@ def import_osm(piece: MapPiece, *, lefthand: bool = False) -> Site:
     solids += posts
     taken = nets.unite(solid.footprint for solid in solids).union(nets.unite(lanes)).buffer(0.2)
     bays = np.array(osm.bays(extract, window, taken), np.float64).reshape(-1, 3)
-    at_kerbs = free_bays(osm_parking.find_strip_bays(network, parking), window, solids, tracks)
+    at_kerbs = free_bays(osm.find_strip_bays(network, parking), window, solids, tracks)
     bays, name = np.concatenate([bays, at_kerbs]), path.name.partition(".")[0]
     make = partial(Site, name, piece.area, map_SE3_site=map_SE3_site, geo_reference=on_earth)
     site = make(lanes=lanes, footways=footways, parking=bays, network=network)

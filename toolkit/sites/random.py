@@ -11,12 +11,10 @@ from toolkit.arrays import Float64, Rng
 from toolkit.geometry import look, pose
 from toolkit.sensors.models import DepthCamera, SpinningLidar
 from toolkit.sensors.sensor import Sensor
-from toolkit.sites.furnishing import CLOSED_LANE, furnish
 from toolkit.sites.furniture import on_ground, settle
 from toolkit.sites.network import XmlAttributes, build_network, line, road_polygons, shoulders, street
-from toolkit.sites.origins import draw_everything
 from toolkit.sites.site import Mount, Relief, Site
-from toolkit.sites.surroundings import ANGLES, Road, place_mounts
+from toolkit.sites.surroundings import ANGLES, CLOSED_LANE, Road, draw_everything, furnish, place_mounts
 
 LEG_LENGTH = 140.0  # how far a leg goes from the middle of the junction (m)
 LOWEST, HIGHEST = 1.6, 9.0  # m above the foot of a mount, where sensors hang

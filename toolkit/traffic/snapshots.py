@@ -4,8 +4,13 @@ As in the paper's dataset, a spawned object is a car, a two-wheeler or a pedestr
 (8 % of the cars are heavy vehicles), at most 30 objects exist, and each is seen in four frames, 5 s apart, before
 another takes its place. Classes without bodies, or without lanes of their own near the area (pedestrians, where there
 is no footway), are left out and the other probabilities grow in proportion. Parked vehicles are drawn for the bays;
-they count among the 30, a fifth of them at most by default, and stay longer. A share of all may be `Strays`. Boxes that
-overlap are moved aside or dropped.
+they count among the 30, a fifth of them at most by default, and stay longer. Boxes that overlap are moved aside or
+dropped.
+
+A share of all may be `Strays`, road users where their class seldom is: on any lane or footway, beside walls and
+vehicles, shoulder to shoulder. Where everybody keeps to lanes of their own, a detector learns the place in place of the
+shape: a pedestrian on a lane becomes a cyclist. Strays stand or go straight on, at any heading, for as many frames as
+other road users live.
 """
 
 from __future__ import annotations
@@ -13,24 +18,229 @@ from __future__ import annotations
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 import shapely
 
-from toolkit.arrays import Float64, Int64
+from toolkit.arrays import Bool, Float64, Int64
+from toolkit.bodies.body import Body
 from toolkit.boxes import footprints
-from toolkit.objects import VEHICLE, Objects
+from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE, Objects
+from toolkit.sites.network import unite
 from toolkit.sites.site import Site
-from toolkit.traffic.obstacles import Obstacles, separate
-from toolkit.traffic.spawner import Spawner, Supply
-from toolkit.traffic.strays import Strays
-from toolkit.traffic.sumo import FINE_STEP, STEP, running
-
-if TYPE_CHECKING:
-    from toolkit.bodies.body import Body
+from toolkit.traffic.spawner import FINE_STEP, LIFE, STEP, Spawner, Supply, running
 
 _Boxes = Float64[np.ndarray, "n 7"]
+GAP = 0.1  # m left between bodies
+STEPS_ASIDE = (0.0, 0.25, -0.25, 0.5, -0.5, 0.75, -0.75, 1.0, -1.0)  # m, tried in this order
+_WALKABLE = 0.3  # m above the ground; lower solids can be stepped on
+
+
+class Obstacles:
+    """Static solids high enough to be in the way, indexed by place.
+
+    Heights count from the plane of the ground, as those of boxes do until a snapshot puts them on the ground.
+    """
+
+    def __init__(self, site: Site) -> None:
+        middles = np.array([solid.footprint.mean(axis=0) for solid in site.solids]).reshape(-1, 2)
+        above = np.array([solid.top for solid in site.solids]) - site.ground(middles)
+        blocking = [solid for solid, height in zip(site.solids, above, strict=True) if height > _WALKABLE]
+        places = np.array([solid.footprint.mean(axis=0) for solid in blocking]).reshape(-1, 2)
+        self.bases = np.array([solid.base for solid in blocking]) - site.plane(places)
+        self.tree = shapely.STRtree([shapely.Polygon(solid.footprint) for solid in blocking])
+
+    def hit(self, boxes: _Boxes) -> Bool[np.ndarray, " n"]:
+        """Mask of boxes that touch an obstacle; they pass under one that begins above them, such as a tree's crown."""
+        rows, obstacles = self.tree.query(_shapes(boxes), predicate="intersects")
+        hit = np.zeros(len(boxes), bool)
+        hit[rows[self.bases[obstacles] < boxes[rows, 2] + boxes[rows, 5] / 2]] = True
+        return hit
+
+
+def separate(boxes: _Boxes, obstacles: Obstacles) -> tuple[_Boxes, Bool[np.ndarray, " n"], int]:
+    """Separate boxes; return them, a mask of kept rows and the number of changes.
+
+    Earlier rows have precedence. A row in the way steps aside by up to 1 m across its heading, or is dropped.
+    """
+    kept = np.ones(len(boxes), bool)
+    in_the_way = np.flatnonzero(overlaps(boxes).any(axis=0) | obstacles.hit(boxes))
+    if not len(in_the_way):
+        return boxes, kept, 0
+    settled, shapes = boxes.copy(), _shapes(boxes)
+    for row in in_the_way:
+        kept[row] = False  # so that `kept` are the others
+        places = np.tile(boxes[row], (len(STEPS_ASIDE), 1))
+        places[:, :2] += np.outer(STEPS_ASIDE, [-np.sin(boxes[row, 6]), np.cos(boxes[row, 6])])
+        place_shapes = _shapes(places)
+        free = ~obstacles.hit(places) & ~shapely.intersects(place_shapes[:, None], shapes[kept][None]).any(axis=1)
+        first = np.argmax(free)
+        kept[row], settled[row], shapes[row] = free[first], places[first], place_shapes[first]
+    return settled, kept, int((~kept | (settled != boxes).any(axis=1)).sum())
+
+
+def overlaps(boxes: _Boxes) -> Bool[np.ndarray, "n n"]:
+    """Mask of pairs of boxes closer than `GAP`, above the diagonal."""
+    radius = np.hypot(boxes[:, 3] + GAP, boxes[:, 4] + GAP) / 2
+    gaps = boxes[:, None, :2] - boxes[None, :, :2]
+    i, j = np.nonzero(np.triu(np.square(gaps).sum(-1) < np.square(radius[:, None] + radius[None]), 1))
+    shapes = _shapes(boxes)
+    close = np.zeros((len(boxes), len(boxes)), bool)
+    close[i, j] = shapely.intersects(shapes[i], shapes[j])
+    return close
+
+
+def _shapes(boxes: _Boxes) -> np.ndarray:
+    widened = boxes.copy()
+    widened[:, 3:5] += GAP  # half of it on each side: two neighbours keep one gap
+    return shapely.polygons(footprints(widened))
+
+
+STRAY_SHARES = {PEDESTRIAN: 0.54, CYCLIST: 0.26, VEHICLE: 0.12, HEAVY: 0.08}  # of the strays
+BESIDE, COMPANIONS = 0.35, 0.3  # share that stands beside a solid or a vehicle, and beside the stray drawn before
+STANDING_SHARES = {PEDESTRIAN: 0.5, CYCLIST: 0.3, VEHICLE: 1.0, HEAVY: 1.0}  # share of the others
+SPEED = {PEDESTRIAN: (0.4, 1.8), CYCLIST: (1.0, 6.0)}  # m/s, from .. to
+_NEAREST, _FARTHEST = 0.12, 1.5  # m of air between a stray and what it stands beside
+_SHOULDER = 0.4  # m of air at most between two companions
+_TRIES = 6
+_EVERY = 0.5  # m between the places along an edge
+_Poses = Float64[np.ndarray, "n 3"]
+
+
+@dataclass(frozen=True, eq=False)
+class StrayGround:
+    """Places of strays: points of lanes and footways in the area, and edges of solids there with outward normals."""
+
+    points: Float64[np.ndarray, "n 2"]
+    edges: Float64[np.ndarray, "m 4"]
+
+    @staticmethod
+    def of(site: Site, obstacles: Obstacles, rng: np.random.Generator) -> StrayGround:
+        """Draw places all over a site's road."""
+        surface = shapely.intersection(unite([*site.lanes, *site.footways]), shapely.box(*site.area))
+        drawn = rng.uniform(site.area[:2], site.area[2:], (8000, 2))
+        shapely.prepare(surface)
+        points = drawn[shapely.contains_xy(surface, *drawn.T)]
+        solids = obstacles.tree.geometries
+        return StrayGround(points, outward_edges(solids[shapely.dwithin(solids, surface, _FARTHEST)]))
+
+
+def outward_edges(polygons: np.ndarray) -> Float64[np.ndarray, "n 4"]:
+    """Points every half metre along the outlines of polygons, and the outward normal at each: x y nx ny.
+
+    >>> edges = outward_edges(shapely.polygons([[[0, 0], [0.5, 0], [0.5, 0.5], [0, 0.5]]]))
+    >>> sorted((edges[:, 2:].round() + 0.0).tolist())
+    [[-1.0, 0.0], [0.0, -1.0], [0.0, 1.0], [1.0, 0.0]]
+    """
+    rings = shapely.segmentize(shapely.get_exterior_ring(shapely.normalize(polygons)), _EVERY)
+    xy, ring = shapely.get_coordinates(rings, return_index=True)
+    ahead = np.diff(xy, axis=0)[ring[1:] == ring[:-1]]
+    middles = ((xy[1:] + xy[:-1]) / 2)[ring[1:] == ring[:-1]]
+    length = np.hypot(*ahead.T)
+    kept = length > 1e-6
+    normals = np.column_stack([-ahead[:, 1], ahead[:, 0]])[kept] / length[kept, None]
+    return np.column_stack([middles[kept], normals])  # normalised rings run clockwise: left is outside
+
+
+@dataclass(frozen=True, eq=False)
+class Strays:
+    """Strays of a moment: body, id, pose when drawn (x, y, yaw), speed (m/s), time then (s) and frames to live."""
+
+    ground: StrayGround
+    obstacles: Obstacles
+    bodies: Int64[np.ndarray, " n"]
+    ids: Int64[np.ndarray, " n"]
+    poses: _Poses
+    speeds: Float64[np.ndarray, " n"]
+    drawn: Float64[np.ndarray, " n"]
+    left: Int64[np.ndarray, " n"]
+
+    @staticmethod
+    def draw(site: Site, obstacles: Obstacles, supply: Supply, number: int, vehicles: np.ndarray) -> Strays:
+        """Draw so many strays. vehicles: boxes (n, 7) of those that park, which strays stand beside too."""
+        rng, none = supply.rng, np.zeros(0)
+        ground = StrayGround.of(site, obstacles, rng) if number else StrayGround(np.zeros((0, 2)), np.zeros((0, 4)))
+        if number and len(vehicles):
+            beside = outward_edges(shapely.polygons(footprints(vehicles)))
+            again = max(1, len(ground.edges) // max(1, 2 * len(beside)))  # a third of the edges are those of vehicles
+            ground = replace(ground, edges=np.concatenate([ground.edges, np.tile(beside, (again, 1))]))
+        whole = none.astype(np.int64)
+        strays = Strays(ground, obstacles, whole, whole, np.zeros((0, 3)), none, none, whole)
+        number = number if len(ground.points) else 0
+        return strays._add(number, supply, 0.0, rng.integers(1, LIFE + 1, number))
+
+    def at(self, time: float) -> _Poses:
+        """Poses at a time (s)."""
+        gone = self.speeds * (time - self.drawn)
+        x, y, yaw = self.poses.T
+        return np.column_stack([x + gone * np.cos(yaw), y + gone * np.sin(yaw), yaw])
+
+    def later(self, supply: Supply, time: float) -> Strays:
+        """Strays a frame later, others in place of those whose life is over. time: of that frame (s)."""
+        number, left = len(self.ids), self.left - 1
+        kept = left > 0
+        columns = {name: getattr(self, name)[kept] for name in ("bodies", "ids", "poses", "speeds", "drawn")}
+        missing = number - int(kept.sum())
+        return replace(self, **columns, left=left[kept])._add(missing, supply, time, np.full(missing, LIFE))
+
+    def _add(self, number: int, supply: Supply, time: float, left: np.ndarray) -> Strays:
+        rng, chosen = supply.rng, [label for label in STRAY_SHARES if (supply.labels == label).any()]
+        shares = np.array([STRAY_SHARES[label] for label in chosen])
+        bodies, poses, speeds = list[int](), list[np.ndarray](), list[float]()
+        for label in rng.choice(chosen, number, p=shares / shares.sum()).tolist():
+            has_company = bool(poses) and rng.random() < COMPANIONS
+            if has_company:
+                label = int(supply.labels[bodies[-1]]) if rng.random() < 0.8 else label
+            body = int(supply.several(np.flatnonzero(supply.labels == label), 1)[0])
+            stands = rng.random() < STANDING_SHARES[label]
+            speed = 0.0 if stands else float(rng.uniform(*SPEED[label]))
+            if has_company:
+                pose, speed = self._place_companion(poses[-1], supply.sizes[[bodies[-1], body], 1], rng), speeds[-1]
+            else:
+                pose, beside = self._place(supply.sizes[body], rng)
+                speed = 0.0 if beside else speed
+            bodies.append(body)
+            poses.append(pose)
+            speeds.append(speed if label in SPEED else 0.0)
+        ids = [next(supply.ids) for _ in range(number)]
+        return replace(
+            self,
+            bodies=np.append(self.bodies, np.array(bodies, np.int64)),
+            ids=np.append(self.ids, np.array(ids, np.int64)),
+            poses=np.concatenate([self.poses, np.array(poses).reshape(-1, 3)]),
+            speeds=np.append(self.speeds, speeds),
+            drawn=np.append(self.drawn, np.full(number, time)),
+            left=np.append(self.left, left),
+        )
+
+    def _place(self, size: np.ndarray, rng: np.random.Generator) -> tuple[Float64[np.ndarray, "3"], bool]:
+        """Pose on open ground or beside something, and whether it is the second; clear of solids where that is easy."""
+        pose, beside = np.zeros(3), False
+        for _ in range(_TRIES):
+            yaw, beside = rng.uniform(-np.pi, np.pi), len(self.ground.edges) > 0 and rng.random() < BESIDE
+            if beside:
+                x, y, nx, ny = self.ground.edges[rng.integers(len(self.ground.edges))]
+                edge = np.arctan2(nx, -ny)
+                yaw = edge + np.pi / 2 * rng.integers(4) + rng.normal(0, 0.1) if rng.random() < 0.6 else yaw
+                across = abs(np.cos(yaw - edge)) * size[1] / 2 + abs(np.sin(yaw - edge)) * size[0] / 2
+                away = across + rng.uniform(_NEAREST, _FARTHEST)
+                pose = np.array([x + away * nx, y + away * ny, yaw])
+            else:
+                pose = np.array([*self.ground.points[rng.integers(len(self.ground.points))], yaw])
+            box = np.array([[pose[0], pose[1], size[2] / 2, *size, pose[2]]])
+            if not self.obstacles.hit(box)[0]:
+                break
+        return pose, beside
+
+    @staticmethod
+    def _place_companion(first: np.ndarray, widths: np.ndarray, rng: np.random.Generator) -> Float64[np.ndarray, "3"]:
+        """Pose to the left of the one drawn before, so that a group stands in a row."""
+        x, y, yaw = first
+        across, behind = widths.sum() / 2 + rng.uniform(_NEAREST, _SHOULDER), rng.normal(0, 0.15)
+        x, y = x - across * np.sin(yaw) - behind * np.cos(yaw), y + across * np.cos(yaw) - behind * np.sin(yaw)
+        return np.array([x, y, yaw + rng.normal(0, 0.1)])
+
+
 STAY = 20.0  # frames, mean
 ROOM = (5.8, 2.4, 2.0)  # m, length, width and height a bay must offer
 OCCUPIED = (0.3, 0.9)  # share of the bays, from .. to
@@ -105,7 +315,7 @@ class Mix:
     most: int = MOST_OBJECTS  # at a time
     parked: int | None = None  # vehicles among them that park, a fifth at most by default
     stay: int | None = None  # frames until all stand in other bays, for independent blocks; None: each on its own
-    strays: float = 0.0  # share of all that is anywhere, whatever its class, see `toolkit.traffic.strays`
+    strays: float = 0.0  # share of all that is anywhere, whatever its class, see `toolkit.traffic.snapshots`
 
     def __post_init__(self) -> None:
         if self.most < 1:

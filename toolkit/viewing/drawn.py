@@ -18,7 +18,7 @@ from toolkit.detection.place import Place
 from toolkit.display import describe_count
 from toolkit.frame import Frame, OtherObjects
 from toolkit.objects import LABELS, Detections, Detector, label_index
-from toolkit.plots.palette import Outcome, sensor_colour
+from toolkit.plots.canvas import Outcome, sensor_colour
 
 Marked = Literal["hits", "missed", "false alarms", "ignored"]
 _OUTCOMES: tuple[tuple[Marked, Outcome], ...] = (("hits", "hit"), ("missed", "missed"), ("false alarms", "false alarm"))

@@ -1,4 +1,4 @@
-"""Nodes of a scene that shows a recording. Any part of it can be hidden.
+"""A recording in 3D, live in the browser or as a page: nodes of its scene, of which any part can be hidden.
 
     /sensors/K                      a sensor, by its number among all names
     /sensors/K/COLOURING/FRAME      its points in one frame, in the colours of one colouring
@@ -9,25 +9,58 @@
     /tags/KIND/FRAME-K              class and score of a box
 
 A node is seen if it and all nodes above it are visible.
+
+The page is one file of HTML that works from disk, without server or network: frames, switches and the scene. The
+scene holds every frame as nodes of their own; the page shows one at a time and plays them. Points are stored once,
+whatever they are coloured by, and thinned to what a page can hold.
+
+The live view reads the recording while it is shown, with a slider for frames and switches.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+import secrets
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+from threading import Lock
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from toolkit.arrays import Float64
+from toolkit.datasets.recordings import Part
 from toolkit.mesh import box
-from toolkit.plots.palette import FAINT, OUTCOME, sensor_colour
+from toolkit.plots.canvas import FAINT, OUTCOME, sensor_colour
+from toolkit.runtime.files import write_text
 from toolkit.viewing import drawn as drawings, scene
-from toolkit.viewing.drawn import BOX_KINDS, MARKED, Colouring, DrawnSample, Marked, Scales
-from toolkit.viewing.scene import Handle, Look, Segments, box_edges, headings
+from toolkit.viewing.drawn import (
+    BOX_KINDS,
+    COLOURINGS,
+    MARKED,
+    Colouring,
+    Drawing,
+    DrawnSample,
+    Marked,
+    Scales,
+    list_colourings,
+)
+from toolkit.viewing.scene import (
+    Handle,
+    Look,
+    Segments,
+    box_edges,
+    headings,
+    overview,
+    render_page,
+    scene_html,
+    set_view,
+    viser_server,
+)
 
 if TYPE_CHECKING:
-    from viser import SceneApi
+    from viser import SceneApi, ViserServer
 
 BOXES = {"truth": FAINT, "detections": OUTCOME["detection"].colour}  # colour by node
 OUTCOME_NODES: dict[Marked, str] = {name: name.replace(" ", "_") for name in MARKED}
@@ -140,3 +173,212 @@ def find_view_area(sample: DrawnSample) -> tuple[float, float, float, float]:
     xmin, ymin = (10 * np.floor((low - more) / 10)).tolist()
     xmax, ymax = (10 * np.ceil((high + more) / 10)).tolist()
     return xmin, ymin, xmax, ymax
+
+
+PAGE_FRAMES = 20  # of a recording, unless another number is asked for
+PAGE_POINTS = 600_000  # of all clouds of all frames together
+
+
+@dataclass(frozen=True)
+class Switch:
+    """A part that a reader can hide."""
+
+    name: str
+    nodes: str
+    colour: str | None = None
+    checked: bool = True
+
+
+@dataclass(frozen=True)
+class PageContent:
+    """Contents of a page: a switch for each part, one of `colourings` at a time, and frames by their nodes with a line
+    of text each. points: number of all points; drawn: number of those on the page."""
+
+    title: str
+    html: str
+    switches: tuple[Switch, ...]
+    colourings: tuple[Switch, ...]
+    frames: tuple[tuple[str, ...], ...]
+    names: tuple[str, ...]
+    points: int
+    drawn: int
+
+
+def page_content(samples: Sequence[DrawnSample], title: str, *, most: int = PAGE_POINTS) -> PageContent:
+    """Contents of a page of some frames. most: limit on its points. Raises ValueError without a frame, ImportError
+    without viser."""
+    if not samples:
+        raise ValueError("there is no sample to view: check the path and the layout")
+    sizes = [len(cloud.points) for sample in samples for cloud in sample.clouds]
+    sensors, colourings, scales = list_sensors(samples), list_colourings(samples), Scales.of(samples[0])
+    style = SceneStyle(sensors, colourings, scales, max(most // max(len(sizes), 1), 1), "float16")
+    area = find_view_area(samples[0])
+    nodes: list[tuple[str, ...]] = []
+    with viser_server() as server:
+        add_grid(server.scene, area)
+        add_groups(server.scene, style)
+        for frame, sample in enumerate(samples):
+            made = add_sample(server.scene, sample, style, frame=frame, visible=frame == 0)
+            nodes.append(tuple(handle.name for handle in made))
+        set_view(server, *overview(area))
+        html = scene_html(server)
+    switches = [Switch(name, f"/sensors/{k}", sensor_colour(k)) for k, name in enumerate(sensors)]
+    known = any(sample.outcomes for sample in samples)
+    boxes = [name for name in BOXES if name != "detections" or not all(s.outcomes for s in samples)]
+    switches += [Switch(name, f"/{name}", BOXES[name]) for name in boxes]
+    colours = {name: OUTCOME[outcome].colour for name, outcome in MARKED.items() if known}
+    switches += [Switch(name, f"/{OUTCOME_NODES[name]}", colour) for name, colour in colours.items()]
+    if any(sample.tags for sample in samples):
+        switches.append(Switch(TAGS_NAME, f"/{TAGS}"))
+    there = {kind for sample in samples for kind in (*sample.truth, *sample.detections)}
+    kinds = {kind: nodes_of_kind(kind, outcomes=known) for kind in BOX_KINDS if kind in there}
+    switches += [Switch(kind, " ".join(nodes)) for kind, nodes in kinds.items()]
+    points = {each: " ".join(f"/sensors/{number}/{each}" for number in range(len(sensors))) for each in colourings}
+    return PageContent(
+        *(title, html, (*switches, Switch("grid of 10 m", GRID_NODE))),
+        tuple(Switch(scales.describe(each), points[each], checked=each == colourings[0]) for each in colourings),
+        *(tuple(nodes), tuple(sample.describe() for sample in samples)),
+        *(sum(sizes), sum(min(size, style.most) for size in sizes)),
+    )
+
+
+def page_html(content: PageContent) -> str:
+    """The page. Raises ImportError without jinja2."""
+    data = {"html": content.html, "frames": content.frames, "names": content.names}
+    return render_page(Path(__file__).parent / "page.html.j2", data, content=content)
+
+
+def write_page(samples: Sequence[DrawnSample], title: str, out: str | Path) -> PageContent:
+    """Write frames as a page, whole or not at all; return its contents. The same frames give the same bytes."""
+    content = page_content(samples, title)
+    write_text(out, page_html(content))
+    return content
+
+
+LIVE_POINTS = 400_000  # of one cloud
+PORT = 8080  # unless it is taken
+
+
+class LiveView:
+    """Scene of one frame at a time, served by viser. It has controls. said: the line below the slider, with the frame's
+    contents or the reason why it cannot be shown. Raises the errors of reading the first frame."""
+
+    def __init__(self, server: ViserServer, samples: Part, drawing: Drawing) -> None:
+        self.server, self.samples, self.drawing = server, samples, drawing
+        self.said, self._lock = "", Lock()
+        self.colouring: Colouring = COLOURINGS[0]
+        self._drawn: DrawnSample | None = None
+        first = samples[0]
+        self.origin = drawing.origin(first)
+        drawn = drawing.draw(first, self.origin)
+        sensors = list_sensors([drawn])
+        self.style = SceneStyle(sensors, COLOURINGS, Scales.of(drawn), LIVE_POINTS)
+        area = find_view_area(drawn)
+        groups = [add_grid(server.scene, area), *add_groups(server.scene, self.style)]
+        self.groups: dict[str, Handle] = {handle.name: handle for handle in groups}
+        self.shown: list[Handle] = []
+        self.switches: dict[str, Handle] = {}  # of the page, by the part they show
+        self._wanted = 0
+        set_view(server, *overview(area))
+        server.gui.configure_theme(show_share_button=False, show_logo=False)
+        self._line = server.gui.add_markdown("")
+        if len(samples) > 1:
+            self._add_slider()
+        names = {self.style.scales.describe(each): each for each in self.style.colourings}
+        choice = server.gui.add_dropdown("Points coloured by", tuple(names))
+        choice.on_update(lambda _: self.colour_by(names[choice.value]))
+        self.sensor_switches = server.gui.add_folder("Sensors")
+        for number, name in enumerate(self.style.sensors):
+            self._add_switch(self.sensor_switches, name, [f"/sensors/{number}"])
+        boxes = server.gui.add_folder("Boxes")
+        for group, how in zip(BOXES, ("truth, solid", "detections, dashed"), strict=True):
+            self._add_switch(boxes, how, [f"/{group}"])
+        for name, node in OUTCOME_NODES.items() if drawing.detector is not None else ():
+            self._add_switch(boxes, f"{name}, {SHOWN_AS[name]}", [f"/{node}"])
+        if drawing.detector is not None:
+            self._add_switch(boxes, TAGS_NAME, [f"/{TAGS}"])
+        for kind in BOX_KINDS:
+            self._add_switch(boxes, kind, nodes_of_kind(kind, outcomes=True))
+        self._add_switch(boxes, "grid of 10 m", [GRID_NODE])
+        self.show(0)
+
+    def show(self, number: int) -> None:
+        """Show the frame of this number, or say why not."""
+        self._wanted = number
+        with self._lock:
+            if number != self._wanted:  # the slider has gone on meanwhile
+                return
+            try:
+                drawn = self.drawing.draw(self.samples[number], self.origin)
+                parts = [drawn.describe()]
+                if any(len(cloud.points) > LIVE_POINTS for cloud in drawn.clouds):
+                    parts.append(f"of larger clouds {LIVE_POINTS} points are drawn")
+                self._drawn, self.said = drawn, ". ".join([*parts, *([drawn.warning] if drawn.warning else [])])
+            except (ValueError, OSError) as error:
+                self._drawn, self.said = None, f"sample {number} cannot be shown: {error}"
+            self._redraw()
+            letters = (f"\\{letter}" if letter in r"\`*_{}[]()#+-.!|<>~&" else letter for letter in self.said)
+            self._line.content = "".join(letters)  # Markdown that shows names of any characters literally
+
+    def colour_by(self, colouring: Colouring) -> None:
+        """Show points in these colours."""
+        with self._lock:
+            self.colouring = colouring
+            self._redraw()
+
+    def _redraw(self) -> None:
+        for handle in self.shown:
+            handle.remove()
+        self.shown = []
+        if self._drawn is not None:
+            for name in list_sensors([self._drawn]):
+                if name not in self.style.sensors:
+                    self._add_sensor(name)
+            style = replace(self.style, colourings=(self.colouring,))
+            self.shown = add_sample(self.server.scene, self._drawn, style)
+        for number in range(len(self.style.sensors)):
+            for each in self.style.colourings:
+                self.groups[f"/sensors/{number}/{each}"].visible = each == self.colouring
+
+    def _add_sensor(self, name: str) -> None:
+        """Add a sensor that earlier frames did not have."""
+        number = len(self.style.sensors)
+        self.style = replace(self.style, sensors=(*self.style.sensors, name))
+        handles = add_sensor(self.server.scene, self.style, number)
+        self.groups |= {handle.name: handle for handle in handles}
+        self._add_switch(self.sensor_switches, name, [f"/sensors/{number}"])
+
+    def _add_slider(self) -> None:
+        slider: Handle = self.server.gui.add_slider("Frame", 0, len(self.samples) - 1, 1, 0)
+        self.switches["frame"] = slider
+        slider.on_update(lambda _: self.show(int(slider.value)))
+
+        def go_on(_: Handle) -> None:
+            slider.value = (int(slider.value) + 1) % len(self.samples)
+
+        self.server.gui.add_button("Next frame").on_click(go_on)
+
+    def _add_switch(self, folder: Handle, name: str, nodes: list[str]) -> None:
+        with folder:
+            switch = self.server.gui.add_checkbox(name, True)
+        self.switches[name] = switch
+
+        def apply(_: Handle) -> None:
+            for node in nodes:
+                self.groups[node].visible = bool(switch.value)
+
+        switch.on_update(apply)
+
+
+def view_live(samples: Part, drawing: Drawing, *, port: int = PORT, ready: Callable[[str], None] = print) -> None:
+    """Serve a recording to browsers of this machine. It runs until the process is interrupted. ready: called with the
+    address. Raises ImportError without viser, ValueError for an invalid port, and the errors of reading the first
+    frame."""
+    if not 1 <= port < 2**16:
+        raise ValueError(f"port must lie in 1..65535, got {port}: leave it out for {PORT}")
+    token = secrets.token_urlsafe(16)
+    with viser_server(port, token) as server:
+        LiveView(server, samples, drawing)
+        ready(f"http://127.0.0.1:{server.get_port()}/{token}/")
+        with suppress(KeyboardInterrupt):
+            server.sleep_forever()

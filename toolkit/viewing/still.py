@@ -10,8 +10,19 @@ import numpy as np
 from toolkit.boxes import footprints
 from toolkit.frame import Frame, Recording
 from toolkit.objects import Detections, Objects
-from toolkit.plots.canvas import blank_figure, house_style, shorten, write_figure
-from toolkit.plots.palette import FAINT, INK, OUTCOME, PAPER_WHITE, Outcome, PlotStyle, sensor_colour
+from toolkit.plots.canvas import (
+    FAINT,
+    INK,
+    OUTCOME,
+    PAPER_WHITE,
+    Outcome,
+    PlotStyle,
+    blank_figure,
+    house_style,
+    sensor_colour,
+    shorten,
+    write_figure,
+)
 from toolkit.plots.plan_view import Entry, draw_frame, draw_outcome, outcome_entry
 from toolkit.viewing import drawn
 from toolkit.viewing.recording_scene import find_view_area

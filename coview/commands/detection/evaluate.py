@@ -118,8 +118,7 @@ def evaluate(
     from toolkit.calibration.empty_scene import Scenes
     from toolkit.calibration.poses import TOGETHER, Corrected, find_poses
     from toolkit.calibration.registration import read_surface
-    from toolkit.datasets.readings import ReadRecording, Reads
-    from toolkit.datasets.recordings import Part
+    from toolkit.datasets.recordings import Part, ReadRecording, Reads
     from toolkit.datasets.records import check_labels
     from toolkit.detection.evaluation import curve_files, evaluate_recording, save_evaluation
     from toolkit.frame import select_sensors

@@ -15,15 +15,20 @@ from coview.arguments import check_least, check_schemes, check_share, site_file
 from coview.options import ClassOptions, Output, load_own_detector
 from coview.outputs import NOT_MET, OK, check_folder, check_writable, claim, print_result
 from coview.progress_bar import progress_bar
+from placement_env.candidates.candidates import NoCandidates
+from placement_env.candidates.poles import load_keep_out
+from placement_env.candidates.sensor_catalogue import load_sensor_catalogue
 from placement_env.cases import USUAL_CASES, Cases, iou_text
+from placement_env.report.planning.question import USUAL_SENSORS, Question, Stock
+from placement_env.setting import Setting
+from toolkit.detection.link.range_images import find_codec
 from toolkit.runtime.files import read_json
 from toolkit.runtime.run import Run
+from toolkit.sites.files import load_site
+from toolkit.sites.site import Site
 
 if TYPE_CHECKING:
     from placement_env.report.content import Plan
-    from placement_env.report.planning.question import Stock
-    from placement_env.setting import Setting
-    from toolkit.sites.site import Site
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,10 +83,6 @@ class StockOptions:
 
     def build(self, site: Site) -> Stock:
         """Build the stock. Raises ValueError and OSError for unusable files."""
-        from placement_env.candidates.poles import load_keep_out
-        from placement_env.candidates.sensor_catalogue import load_sensor_catalogue
-        from placement_env.report.planning.question import Stock
-
         return Stock(
             candidates=self.candidates,
             catalogue=None if self.sensors is None else load_sensor_catalogue(self.sensors),
@@ -91,10 +92,6 @@ class StockOptions:
 
     def setting(self, site: str, classes: ClassOptions, cases: Cases, run: Run) -> Setting:
         """Build the setting at a site (name or file). Raises ValueError and OSError for unusable options and files."""
-        from placement_env.setting import Setting
-        from toolkit.detection.link.range_images import find_codec
-        from toolkit.sites.files import load_site
-
         check_schemes([self.scheme])
         if run.cache is not None:
             check_writable(run.cache.resolve(), run.cache)
@@ -136,9 +133,7 @@ def plan(
     Args:
         site: tjunction, roundabout, or a site file.
     """
-    from placement_env.candidates.pool import NoCandidates
     from placement_env.report.planning.planning import plan as answer, write_plan
-    from placement_env.report.planning.question import USUAL_SENSORS, Question
 
     out = output.out or Path("out/plan")
     files = [path for path in (stock.sensors, stock.keep_out) if path is not None]

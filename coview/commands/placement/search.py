@@ -14,7 +14,9 @@ from coview.options import Output, SettingOptions
 from coview.outputs import NOT_MET, OK, check_folder, check_writable, print_result
 from coview.progress_bar import progress_bar
 from placement_env.cases import USUAL_CASES
+from placement_env.search.methods import usual_method
 from toolkit.runtime.run import Run
+from toolkit.sites.files import load_site
 
 Method = Literal["portfolio", "exhaustive", "greedy", "raced", "swap", "cpsat", "hits", "cheapest", "cmaes", "ppo"]
 
@@ -80,7 +82,6 @@ def search(
     from placement_env.search.answer import answer_files, check_georeference, write_answer
     from placement_env.search.exact.cheapest import Demand
     from placement_env.search.order import SearchOrder, run_search
-    from toolkit.sites.files import load_site
 
     method = _check(search, setting)
     if run.cache is not None:
@@ -124,8 +125,6 @@ def search(
 
 def _check(query: SearchOptions, setting: SettingOptions) -> str:
     """Method to use. Raises ValueError where options conflict."""
-    from placement_env.search.methods import usual_method
-
     check_schemes([setting.scheme])
     method: str = query.method or usual_method(
         setting.fidelity, verify=query.verify is not None, at_least=query.at_least is not None

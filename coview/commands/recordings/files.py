@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, cast
+from typing import Literal, cast
 
 from tyro.conf import Positional
 
@@ -15,13 +15,16 @@ from coview.arguments import Label, check_ending, check_least, check_positive
 from coview.outputs import OK, Writing, check_file, check_new_folder, claim, print_result
 from coview.progress_bar import progress_bar
 from coview.recordings import Opening, count_passing, frame_count
-from toolkit.detection.place import Place
+from toolkit.bodies.fleet import fleet_named
+from toolkit.datasets.cloud_files import crop_area, fuse_files, load_poses
+from toolkit.datasets.dataset import CoopDataset
+from toolkit.datasets.layouts.argoverse import check_log
+from toolkit.datasets.recordings import Part, ReadRecording, Reads, filter_classes, find_layout
+from toolkit.datasets.simulation import random_recordings_file
+from toolkit.detection.place import Place, level_frames
 from toolkit.runtime.files import check_links
 from toolkit.runtime.run import Simulation
 from toolkit.sensors.error_profiles import find_profile
-
-if TYPE_CHECKING:
-    from toolkit.datasets.dataset import CoopDataset
 
 
 @dataclass(frozen=True)
@@ -61,9 +64,6 @@ def convert(
         to: Layout to write: one of those of --layout, or of a plug-in; rosbag has no labels, hdf5 keeps everything.
         out: Folder to write, or file for hdf5.
     """
-    from toolkit.datasets.readings import ReadRecording, Reads
-    from toolkit.datasets.recordings import Part, filter_classes, find_layout
-
     check_least("--frames", contents.frames, 1, "leave it out for all")
     if contents.errors is not None:
         find_profile(contents.errors)
@@ -129,11 +129,8 @@ def fuse(
         argoverse: Log with two lidars; prints its points per labelled cuboid beside the recorded counts.
     """
     from toolkit.clouds import down_sample, save
-    from toolkit.datasets.cloud_files import crop_area, fuse_files, load_poses
 
     if argoverse is not None:
-        from toolkit.datasets.layouts.argoverse import check_log
-
         rows = check_log(argoverse)
         lines = [f"{row.sweep}  {row.category:<24} {row.points:>6} {row.recorded:>6}" for row in rows]
         text = "\n".join([*lines, f"{sum(row.points == row.recorded for row in rows)} of {len(rows)} cuboids agree"])
@@ -216,9 +213,6 @@ def pack(
         raise ValueError("--packed is not for --random-sites: leave it out")
     check = partial(check_file, out, inputs=[*datasets, *packed, *opening.files])
     if random_sites:
-        from toolkit.bodies.fleet import fleet_named
-        from toolkit.datasets.random_recordings import random_recordings_file
-
         again = Path(f"{out}.parts").is_dir()  # a run that was killed while it cleaned up
         check(overwrite=writing.overwrite or again)
         with progress_bar("site", random_sites, hidden=writing.json) as bar:
@@ -232,9 +226,6 @@ def pack(
                 overwrite=writing.overwrite,
             )
     else:
-        from toolkit.datasets.recordings import Part
-        from toolkit.detection.place import level_frames
-
         for path in datasets:
             check_links(path)
         with ExitStack() as stack:

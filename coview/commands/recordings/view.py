@@ -14,8 +14,14 @@ from coview.detectors import check_detector, place_detector
 from coview.outputs import OK, Writing, check_file, print_result
 from coview.progress_bar import progress_bar
 from coview.recordings import Opening
+from toolkit.datasets.recordings import Part
 from toolkit.detection.place import Corners, Level, Place
 from toolkit.frame import select_sensors
+from toolkit.plots.canvas import check_picture
+from toolkit.viewing.drawn import Drawing
+from toolkit.viewing.recording_scene import PAGE_FRAMES, view_live, write_page
+from toolkit.viewing.scene import check_viser
+from toolkit.viewing.still import write_still
 
 
 @dataclass(frozen=True)
@@ -73,14 +79,6 @@ def view(
         still: Picture (.png or .svg) of one frame from above to write instead of serving.
         port: Port of the address in the browser; the next free one where it is taken.
     """
-    from toolkit.datasets.recordings import Part
-    from toolkit.plots.canvas import check_picture
-    from toolkit.viewing.drawn import Drawing
-    from toolkit.viewing.live import view_live
-    from toolkit.viewing.page import PAGE_FRAMES, write_page
-    from toolkit.viewing.scene import check_viser
-    from toolkit.viewing.still import write_still
-
     check_least("--frames", shown.frames, 1, "leave it out for all")
     check_least("--every", shown.every, 1)
     check_least("--frame", shown.frame, 0)

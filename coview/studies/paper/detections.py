@@ -34,8 +34,7 @@ from toolkit.detection.view import View, together
 from toolkit.geometry import invert, transform
 from toolkit.objects import Detector, Objects
 from toolkit.points import count_on_ground, detect_on_ground, has_centre_inside, is_beyond
-from toolkit.runtime.cache import Arrays, Cache, make_key
-from toolkit.runtime.code_digest import code_digest
+from toolkit.runtime.cache import Arrays, Cache, code_digest, make_key
 from toolkit.runtime.run import Processes
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site

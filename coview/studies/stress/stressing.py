@@ -27,7 +27,7 @@ from placement_env.analysis.intervals import Tally
 from placement_env.report.content import Judgement
 from toolkit.arrays import Float32
 from toolkit.calibration.empty_scene import Scenes
-from toolkit.datasets.readings import ReadRecording, Reads, block_seed, read_frame
+from toolkit.datasets.recordings import ReadRecording, Reads, block_seed, read_frame
 from toolkit.detection.link.channel import STALE, Lagged, Tracks, delay_frames
 from toolkit.detection.metrics import matches
 from toolkit.detection.scheme import Chained
@@ -36,8 +36,7 @@ from toolkit.detection.view import LinkMemory, frame_view
 from toolkit.frame import Frame, RecordingView, SiteRecording
 from toolkit.objects import Detections, Detector, check_known, known_labels
 from toolkit.points import has_centre_inside
-from toolkit.runtime.cache import Cache, make_key
-from toolkit.runtime.code_digest import code_digest
+from toolkit.runtime.cache import Cache, code_digest, make_key
 from toolkit.runtime.run import Run
 from toolkit.sensors.error_profiles import PAPER_ERRORS, ErrorProfile
 from toolkit.sensors.error_terms import MOST_APART

@@ -12,12 +12,23 @@ from placement_env.handover.ground import Ground
 from placement_env.handover.mounted import RATE
 from placement_env.report import content
 from placement_env.report.maps import plan_view
-from placement_env.report.pages.document import Bullets, Content, Drawing, Fact, Facts, Paragraph, number, say
-from placement_env.report.pages.wording import interval_text, percent, price_text
+from placement_env.report.pages.document import (
+    Bullets,
+    Content,
+    Drawing,
+    Fact,
+    Facts,
+    Paragraph,
+    interval_text,
+    number,
+    percent,
+    price_text,
+    say,
+)
 from placement_env.search.order import describe_money
 from toolkit.display import describe_count
-from toolkit.sites.origins import describe_things
 from toolkit.sites.site import Site
+from toolkit.sites.surroundings import describe_things
 
 PLURALS = {"vehicle": "vehicles", "cyclist": "cyclists", "pedestrian": "pedestrians", "heavy": "heavy vehicles"}
 SENDS = {"early": "Sending points", "late": "Sending boxes alone", "hybrid": "Sending boxes and distant points"}

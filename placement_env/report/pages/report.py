@@ -28,22 +28,20 @@ from placement_env.report.pages.document import (
     SceneView,
     Section,
     TableBlock,
-    number,
-    say,
-    table,
-    to_html,
-    to_pdf,
-)
-from placement_env.report.pages.scene import build_scene
-from placement_env.report.pages.wording import (
     ap_figure,
     ap_text,
     interval_text,
     list_aps,
+    number,
     percent,
     price_text,
+    say,
+    table,
+    to_html,
+    to_pdf,
     use_pole_names,
 )
+from placement_env.report.pages.scene import build_scene
 from toolkit.arrays import Float64
 from toolkit.display import describe_count
 from toolkit.runtime.files import writing_together

@@ -18,7 +18,7 @@ from placement_env.handover.mounted import PlannedSensor
 from placement_env.report.content import Moment, Plan
 from toolkit.arrays import Float32
 from toolkit.mesh import Mesh, box, extrude, merge, triangulate, tube
-from toolkit.plots.palette import FAINT, GROUND, OTHER_SOLID, OUTCOME, POLE_INK, SOLID, sensor_colour
+from toolkit.plots.canvas import FAINT, GROUND, OTHER_SOLID, OUTCOME, POLE_INK, SOLID, sensor_colour
 from toolkit.rendering.renderer import Renderer
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site

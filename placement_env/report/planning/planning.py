@@ -22,8 +22,7 @@ import numpy as np
 from placement_env.analysis.approaches import compass, find_approaches, find_streets
 from placement_env.analysis.intervals import BLOCK_FRAMES, RESAMPLES, Tally, count_blocks, frames_for_width, is_as_good
 from placement_env.analysis.worth import estimate_worth, exact_worth
-from placement_env.candidates.candidates import Candidates
-from placement_env.candidates.pool import NoCandidates
+from placement_env.candidates.candidates import Candidates, NoCandidates
 from placement_env.cases import LEVEL_NAMES, Cases
 from placement_env.classes import Classes
 from placement_env.fidelity.coverage import LEAST
@@ -54,8 +53,8 @@ from toolkit.runtime.run import Run
 from toolkit.sensors.error_profiles import only_own_noise
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.files import format_site
-from toolkit.sites.origins import count_things
 from toolkit.sites.site import Site
+from toolkit.sites.surroundings import count_things
 
 RANGE_ENDS = (10.0, 20.0, 30.0, 40.0)  # m from the nearest sensor, where groups end
 CENTRE = 0.25  # of the shorter side of the area: radius of the zone in its middle

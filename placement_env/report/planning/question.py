@@ -10,8 +10,7 @@ from pathlib import Path
 
 import shapely
 
-from placement_env.candidates.candidates import Candidates
-from placement_env.candidates.pool import choose_candidates, with_terms
+from placement_env.candidates.candidates import Candidates, choose_candidates, with_terms
 from placement_env.candidates.sensor_catalogue import SensorCatalogue
 from placement_env.cases import Cases
 from placement_env.checks import check_whole
@@ -53,8 +52,7 @@ class Stock:
     def __call__(self, site: Site) -> Candidates:
         """Candidates with prices and links.
 
-        Raises `placement_env.candidates.pool.NoCandidates` if no pole or pose is left, ValueError and OSError for a
-        damaged file.
+        Raises `NoCandidates` if no pole or pose is left, ValueError and OSError for a damaged file.
         """
         found = choose_candidates(site, self.candidates, catalogue=self.catalogue, keep_out=self.keep_out)
         price = None if self.catalogue is None else self.catalogue.pole_price

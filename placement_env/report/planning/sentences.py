@@ -16,8 +16,8 @@ from toolkit.detection.codec import PAPER
 from toolkit.detection.scheme import scheme_codec
 from toolkit.display import describe_count
 from toolkit.objects import LABELS
-from toolkit.sites.origins import count_things, describe_things
 from toolkit.sites.site import Site
+from toolkit.sites.surroundings import count_things, describe_things
 
 
 def _describe_ends(judged: Judgement) -> str:

@@ -32,8 +32,7 @@ from placement_env.search.result import Result
 from placement_env.search.verification import neighbours
 from placement_env.setting import Weights
 from toolkit.arrays import Bool, Float64
-from toolkit.runtime.cache import Cache, make_key
-from toolkit.runtime.code_digest import code_digest
+from toolkit.runtime.cache import Cache, code_digest, make_key
 
 ENTRANTS = 9  # neighbours for each number of sensors, beside the searches' own answers
 SWAP_EVALUATIONS = 60_000  # sets that swap may score for each number of sensors

@@ -38,7 +38,7 @@ def main() -> None:
 
 
 def conditions(path, dataset, detector, asked) -> None:
-    from toolkit.datasets.readings import Reads
+    from toolkit.datasets.recordings import Reads
     from toolkit.detection.evaluation import Comparison, evaluate_recording
 
     print(f"\n{path.stem}, {asked.frames} frames\n")

@@ -31,8 +31,8 @@ def main() -> None:
 
     from models import load_detector
     from toolkit.boxes import count_points
-    from toolkit.datasets.random_recordings import random_recording
-    from toolkit.datasets.readings import with_errors
+    from toolkit.datasets.recordings import with_errors
+    from toolkit.datasets.simulation import random_recording
     from toolkit.detection.background import KnownBackground, site_background
     from toolkit.detection.metrics import TRUE_IOU, evaluate
     from toolkit.objects import VEHICLE, label_index

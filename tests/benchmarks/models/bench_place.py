@@ -47,7 +47,7 @@ def main() -> None:
     from models import load_detector
     from toolkit.bodies.drawn_bodies import draw_body
     from toolkit.boxes import count_points, iou_3d
-    from toolkit.datasets.readings import with_errors
+    from toolkit.datasets.recordings import with_errors
     from toolkit.detection.metrics import TRUE_IOU
     from toolkit.frame import Frame
     from toolkit.objects import CYCLIST, PEDESTRIAN, Objects
@@ -55,8 +55,7 @@ def main() -> None:
     from toolkit.rendering.renderer import Renderer
     from toolkit.sites.files import load_site
     from toolkit.sites.network import unite
-    from toolkit.traffic.obstacles import Obstacles
-    from toolkit.traffic.snapshots import Snapshot
+    from toolkit.traffic.snapshots import Obstacles, Snapshot
 
     site, rng = load_site(asked.site), np.random.default_rng(asked.seed)
     area = site.area if asked.weights == "general" else None

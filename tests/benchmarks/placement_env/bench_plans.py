@@ -27,7 +27,7 @@ sys.path[:0] = [str(Path(__file__).parents[3]), str(Path(__file__).parent)]
 from bench_regret import IOUS, Rows, read_rows  # noqa: E402
 from regret_sites import ROOT  # noqa: E402
 
-from placement_env.candidates.pool import pool  # noqa: E402
+from placement_env.candidates.candidates import pool  # noqa: E402
 from placement_env.fidelity.preparation import Preparation  # noqa: E402
 from placement_env.report.planning import planning  # noqa: E402
 from placement_env.report.planning.question import Question, Stock  # noqa: E402

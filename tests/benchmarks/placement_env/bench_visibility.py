@@ -12,7 +12,7 @@ from time import perf_counter
 
 import numpy as np
 
-from placement_env.candidates.pool import pool
+from placement_env.candidates.candidates import pool
 from placement_env.fidelity.seeing import see
 from placement_env.fidelity.traffic import simulate_traffic
 from placement_env.setting import Rendering

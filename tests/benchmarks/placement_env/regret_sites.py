@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from placement_env.candidates.pool import pool
+from placement_env.candidates.candidates import pool
 from toolkit.sensors.models import find_model
 from toolkit.sites.files import load_site
 from toolkit.sites.maps import MapPiece, import_opendrive, import_osm

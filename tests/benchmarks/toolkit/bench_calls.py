@@ -15,7 +15,7 @@ import numpy as np
 
 import toolkit
 from coview.recordings import Opening
-from toolkit.datasets.readings import Reads
+from toolkit.datasets.recordings import Reads
 from toolkit.datasets.simulation import simulate_dataset
 from toolkit.detection.evaluation import Comparison, evaluate_recording
 from toolkit.frame import Recording

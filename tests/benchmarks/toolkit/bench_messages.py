@@ -20,7 +20,7 @@ import numpy as np
 
 from toolkit.calibration.empty_scene import Scenes, learn_empty_scenes, load_empty_scenes, save_empty_scenes
 from toolkit.datasets.dataset import CoopDataset
-from toolkit.datasets.readings import read_frame
+from toolkit.datasets.recordings import read_frame
 from toolkit.datasets.simulation import simulate_dataset
 from toolkit.detection.link.differences import DifferenceReader, DifferenceSender
 from toolkit.detection.link.foreground import decode_foreground, encode_foreground, standing_out

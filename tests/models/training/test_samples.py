@@ -28,7 +28,7 @@ from models.training.samples import (
     with_errors,
 )
 from toolkit.boxes import count_points, iou_bev, points_in_boxes
-from toolkit.datasets.readings import with_errors as read_with_errors
+from toolkit.datasets.recordings import with_errors as read_with_errors
 from toolkit.frame import Frame
 from toolkit.geometry import look
 from toolkit.objects import HEAVY, VEHICLE, Objects

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from placement_env.candidates.candidates import Candidates, aim_sensor, aims, find_repeat
-from placement_env.candidates.pool import pool
+from placement_env.candidates.candidates import Candidates, aim_sensor, aims, find_repeat, pool
 from toolkit.geometry import look, pose
 from toolkit.sensors.models import DepthCamera, SolidStateLidar, SpinningLidar
 from toolkit.sensors.sensor import Sensor

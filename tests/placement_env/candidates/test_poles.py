@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 import shapely
 
+from placement_env.candidates.candidates import choose_candidates, pool
 from placement_env.candidates.poles import guess_property, list_unknown, load_keep_out, load_poles
-from placement_env.candidates.pool import choose_candidates, pool
 from placement_env.candidates.sensor_catalogue import PricedModel, SensorCatalogue
 from placement_env.report.planning.question import Stock
 from toolkit.geometry import pose

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 import shapely
 
-from placement_env.candidates.candidates import Candidates
-from placement_env.candidates.pool import (
+from placement_env.candidates.candidates import (
     MOST_POSES,
     ON_ITS_MOUNT,
+    Candidates,
     choose_candidates,
     own_and_random,
     paper_candidates,
@@ -59,7 +59,7 @@ def test_sensors_of_either_model_have_mounts_wherever_they_stand():
     assert mount.position.tolist() == [5.0, 5.0, 0.0]
     assert mount.max_height == 12.0
     script = (
-        "from placement_env.candidates.pool import pool; from toolkit.sites.files import load_site;"
+        "from placement_env.candidates.candidates import pool; from toolkit.sites.files import load_site;"
         "print(pool(load_site('tjunction')).select(range(99)).digest())"
     )
     told = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout.strip()

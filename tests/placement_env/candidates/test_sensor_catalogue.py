@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from placement_env.candidates.pool import pool
+from placement_env.candidates.candidates import pool
 from placement_env.candidates.sensor_catalogue import load_sensor_catalogue
 from toolkit.sensors.models import DepthCamera, SpinningLidar
 from toolkit.sites.files import load_site

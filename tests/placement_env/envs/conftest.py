@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from placement_env.candidates.pool import pool
+from placement_env.candidates.candidates import pool
 from placement_env.fidelity.coverage import Coverage
 from placement_env.fidelity.visibility import Visibility
 from placement_env.objective import Objective

@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 
 import placement_env
+import placement_env.fidelity.preparation
 import placement_env.fidelity.seeing
-import placement_env.fidelity.traffic
-from placement_env.candidates.pool import paper_candidates
+from placement_env.candidates.candidates import paper_candidates
 from placement_env.envs.config import EnvConfig, PoseConfig, SelectConfig, SubsetConfig
 from placement_env.envs.pose import SensorPoseEnv
-from placement_env.envs.select import SensorSelectEnv, SensorSelectVectorEnv
-from placement_env.envs.subset import SensorSubsetEnv
+from placement_env.envs.select import SensorSelectEnv, SensorSelectVectorEnv, SensorSubsetEnv
 from placement_env.objective import Objective
 from placement_env.setting import Setting, Weights
 from toolkit import load_site
@@ -39,7 +38,7 @@ def _nothing_is_rendered(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_: Any, **__: Any) -> None:
         raise AssertionError("something was simulated or rendered")
 
-    monkeypatch.setattr(placement_env.fidelity.traffic, "simulate_traffic", refuse)
+    monkeypatch.setattr(placement_env.fidelity.preparation, "simulate_traffic", refuse)
     monkeypatch.setattr(placement_env.fidelity.seeing, "see", refuse)
 
 

@@ -11,7 +11,7 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import SyncVectorEnv
 from stable_baselines3.common.env_checker import check_env as check_env_sb3
 
-from placement_env.candidates.pool import paper_candidates
+from placement_env.candidates.candidates import paper_candidates
 from placement_env.envs.pose import TILT_LIMITS, Rig
 from placement_env.envs.registration import register
 from toolkit import load_site

@@ -6,9 +6,9 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
+from placement_env.envs.env import summary
 from placement_env.envs.registration import register
-from placement_env.envs.rendering import summary
-from toolkit.plots.palette import point_colours
+from toolkit.plots.canvas import point_colours
 
 register()
 

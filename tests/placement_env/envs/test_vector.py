@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
-from placement_env.candidates.pool import pool
+from placement_env.candidates.candidates import pool
 from placement_env.envs.registration import register
 from placement_env.objective import Objective
 from placement_env.protocol import Estimate

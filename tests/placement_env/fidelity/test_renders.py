@@ -9,7 +9,7 @@ from placement_env.fidelity.renders import Recorded, Renders
 from placement_env.fidelity.visibility import Visibility
 from toolkit.boxes import count_points
 from toolkit.datasets.dataset import CoopDataset
-from toolkit.datasets.readings import with_errors
+from toolkit.datasets.recordings import with_errors
 from toolkit.datasets.simulation import simulate_dataset
 from toolkit.frame import Frame
 from toolkit.geometry import pose

@@ -6,8 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from placement_env.candidates.candidates import Axes, Candidates, aim_sensor
-from placement_env.candidates.pool import paper_candidates, pool
+from placement_env.candidates.candidates import Axes, Candidates, aim_sensor, paper_candidates, pool
 from placement_env.candidates.sensor_catalogue import PricedModel, SensorCatalogue
 from placement_env.handover import mounted
 from toolkit.geometry import pose

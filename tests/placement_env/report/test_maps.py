@@ -13,7 +13,7 @@ from matplotlib.image import imread
 from placement_env.handover.ground import Ground
 from placement_env.report.maps import ENLARGED, blind_map, coverage_map, density_map, plan_view, smooth
 from toolkit.geometry import look
-from toolkit.plots.palette import BLIND, VIEW_COLOURS, point_colours
+from toolkit.plots.canvas import BLIND, VIEW_COLOURS, point_colours
 from toolkit.sensors.models import DepthCamera
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.files import load_site

@@ -14,9 +14,8 @@ from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv
 
-from placement_env.envs.select import SensorSelectEnv
+from placement_env.envs.select import SensorSelectEnv, SensorSubsetEnv
 from placement_env.envs.state import GLOBAL
-from placement_env.envs.subset import SensorSubsetEnv
 from placement_env.rl.adapter import HEADING, SB3VecEnv, X, as_sb3, vectorize
 
 N = 3

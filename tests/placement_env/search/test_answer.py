@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import placement_env.search.answer as search_answer
-from placement_env.candidates.pool import paper_candidates
+from placement_env.candidates.candidates import paper_candidates
 from placement_env.fidelity.visibility import Visibility
 from placement_env.objective import Objective
 from placement_env.search.answer import (
@@ -77,7 +77,7 @@ def full(*_, **__):
 
 def test_all_files_or_none(objective, result, tmp_path, monkeypatch):
     order = SearchOrder(setting=objective.setting, method="greedy")
-    monkeypatch.setattr("toolkit.plots.plan_view.draw_site", full)
+    monkeypatch.setattr("placement_env.search.answer.draw_site", full)
     with pytest.raises(OSError, match="No space left"):
         write_answer(tmp_path / "o", order, answer(objective, result))
     assert not (tmp_path / "o").exists()

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from placement_env.candidates.pool import paper_candidates
+from placement_env.candidates.candidates import paper_candidates
 from placement_env.fidelity.preparation import check_scorable
 from placement_env.search import cmaes, greedy, methods, swap
 from placement_env.search.exact import cpsat, exhaustive

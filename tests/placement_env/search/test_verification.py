@@ -5,10 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from placement_env.candidates.pool import paper_candidates
+from placement_env.candidates.candidates import paper_candidates
 from placement_env.cases import Cases
-from placement_env.fidelity.over_cases import ProfileFidelities, over_cases
-from placement_env.fidelity.preparation import Preparation
+from placement_env.fidelity.preparation import Preparation, ProfileFidelities, over_cases
 from placement_env.objective import Objective
 from placement_env.protocol import Estimate
 from placement_env.search import greedy, verification

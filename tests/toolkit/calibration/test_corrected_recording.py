@@ -6,8 +6,7 @@ import pytest
 
 from toolkit.calibration.poses import FoundPose, copy_corrected, write_corrected
 from toolkit.calibration.registration import Registration
-from toolkit.datasets.dataset import CoopDataset
-from toolkit.datasets.recording import Header, Scene, encode
+from toolkit.datasets.dataset import CoopDataset, Header, Scene, encode
 from toolkit.datasets.simulation import simulate_dataset
 from toolkit.frame import Frame
 from toolkit.geometry import look, pose

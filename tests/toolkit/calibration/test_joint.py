@@ -3,8 +3,8 @@ from functools import partial
 import numpy as np
 import pytest
 
-from toolkit.calibration import joint, registration
-from toolkit.calibration.joint import Pairs, SeenBoxes, align, face_sensor, object_pairs, seen_objects
+from toolkit.calibration import poses as joint, registration
+from toolkit.calibration.poses import Pairs, SeenBoxes, align, face_sensor, object_pairs, seen_objects
 from toolkit.calibration.registration import LEVER, Surface, apply_motion
 from toolkit.frame import Frame
 from toolkit.geometry import invert, look, transform

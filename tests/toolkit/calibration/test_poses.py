@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from toolkit.calibration import empty_scene, joint, poses, poses as sample_poses
-from toolkit.calibration.joint import Alignment
+from toolkit.calibration import empty_scene, poses, poses as sample_poses
+from toolkit.calibration.poses import Alignment
 from toolkit.calibration.registration import Registration, Surface, scene_points, site_surface
-from toolkit.datasets.readings import ReadRecording, Reads
+from toolkit.datasets.recordings import ReadRecording, Reads
 from toolkit.frame import Frame, SensorCloud, unproject
 from toolkit.geometry import invert, look, pose, transform
 from toolkit.objects import Objects
@@ -382,7 +382,7 @@ def test_road_users_are_searched_in_a_few_frames_evenly_from_the_first_to_the_la
     monkeypatch.setattr(poses, "align_clouds", align)
     frames, detector = Known(recording(TRUE, 12)), lambda points: None
     assert poses.find_poses(frames, None, held=["b"], detector=detector, frames=count) == ()
-    assert asked == [(searched, detector, PLACE), (2, [1], joint.object_pairs, ("seen",))]
+    assert asked == [(searched, detector, PLACE), (2, [1], poses.object_pairs, ("seen",))]
     with pytest.raises(ValueError, match="a detector is for a recording of a known site"):
         poses.find_poses(recording(TRUE), None, detector=detector)
 

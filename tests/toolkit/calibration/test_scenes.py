@@ -8,14 +8,16 @@ import pytest
 
 from toolkit.calibration import empty_scene as sample_scenes
 from toolkit.calibration.empty_scene import (
+    OUTSIDE_GRID,
+    SHARED_CELL,
     EmptyScene,
+    LidarGrid,
     Scenes,
     learn_empty_scenes,
     learn_sample_scenes,
     load_empty_scenes,
     save_empty_scenes,
 )
-from toolkit.datasets.lidar_grid import OUTSIDE_GRID, SHARED_CELL, LidarGrid
 from toolkit.frame import Frame, SensorCloud
 from toolkit.geometry import pose
 from toolkit.objects import Objects

@@ -6,10 +6,9 @@ import h5py
 import numpy as np
 import pytest
 
-from toolkit.datasets.dataset import CoopDataset
+from toolkit.datasets.dataset import CoopDataset, Header, Scene, encode, join
 from toolkit.datasets.doctor import diagnose_file
-from toolkit.datasets.readings import with_errors
-from toolkit.datasets.recording import Header, Scene, encode, join
+from toolkit.datasets.recordings import with_errors
 from toolkit.detection.survey import survey
 from toolkit.frame import Frame
 from toolkit.geometry import look, pose

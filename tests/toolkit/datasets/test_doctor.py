@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from toolkit.datasets import published_layout as published
-from toolkit.datasets.doctor import blind_frames, diagnose_file, failing_sensors, frozen_frames
-from toolkit.datasets.mistakes import SensorImages
+from toolkit.datasets.doctor import SensorImages, blind_frames, diagnose_file, failing_sensors, frozen_frames
 from toolkit.geometry import look, pose
 from toolkit.objects import Objects
 from toolkit.sensors.models import DepthCamera

@@ -8,8 +8,8 @@ import shapely
 
 from toolkit.bodies.fleet import HELD_OUT, catalogue, fleet_named
 from toolkit.boxes import footprints
-from toolkit.datasets import random_recordings as module
-from toolkit.datasets.random_recordings import random_recording, random_recordings_file
+from toolkit.datasets import simulation as module
+from toolkit.datasets.simulation import random_recording, random_recordings_file
 from toolkit.objects import VEHICLE
 from toolkit.runtime.run import Run
 

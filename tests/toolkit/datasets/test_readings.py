@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from toolkit.datasets.readings import read_frame, with_errors
+from toolkit.datasets.recordings import read_frame, with_errors
 from toolkit.frame import Frame
 from toolkit.geometry import look, pose
 from toolkit.objects import Objects

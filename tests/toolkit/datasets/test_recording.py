@@ -4,7 +4,7 @@ import h5py
 import numpy as np
 import pytest
 
-from toolkit.datasets.recording import OWN_IMAGES, RECORDING_SCHEMA, Header, Scene, encode, join
+from toolkit.datasets.dataset import OWN_IMAGES, RECORDING_SCHEMA, Header, Scene, encode, join
 from toolkit.frame import Frame
 from toolkit.geometry import look, pose
 from toolkit.objects import Objects

@@ -10,7 +10,7 @@ from toolkit.bodies.body import include_mirrors
 from toolkit.bodies.fleet import catalogue
 from toolkit.boxes import count_points
 from toolkit.calibration.empty_scene import Scenes, learn_empty_scenes
-from toolkit.datasets.readings import ReadRecording, Reads, read_frame
+from toolkit.datasets.recordings import ReadRecording, Reads, read_frame
 from toolkit.detection.cluster import ClusterDetector
 from toolkit.detection.evaluation import Comparison, evaluate_recording, format_table, save_evaluation
 from toolkit.detection.link.differences import ForegroundDifferences

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from toolkit.datasets.readings import Reads
+from toolkit.datasets.recordings import Reads
 from toolkit.detection.evaluation import Comparison, evaluate_recording
 from toolkit.detection.survey import survey
 from toolkit.frame import Frame, OtherObjects, SensorCloud

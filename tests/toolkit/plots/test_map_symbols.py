@@ -7,8 +7,17 @@ import shapely
 from toolkit.geometry import look, pose
 from toolkit.objects import LABELS, Objects
 from toolkit.plots import plan_view
-from toolkit.plots.canvas import blank_figure, house_style, render_pixels
-from toolkit.plots.palette import CLASS, GROUND, INK, OUTCOME, PAPER_WHITE, SOLID
+from toolkit.plots.canvas import (
+    CLASS,
+    GROUND,
+    INK,
+    OUTCOME,
+    PAPER_WHITE,
+    SOLID,
+    blank_figure,
+    house_style,
+    render_pixels,
+)
 from toolkit.plots.plan_view import ground_entries
 from toolkit.sensors.models import DepthCamera, SpinningLidar
 from toolkit.sensors.sensor import Sensor

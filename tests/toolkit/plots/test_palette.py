@@ -5,7 +5,7 @@ import pytest
 from matplotlib.colors import to_rgb
 
 from toolkit.objects import LABELS
-from toolkit.plots import palette
+from toolkit.plots import canvas as palette
 
 # Machado, Oliveira and Fernandes 2009, severity 1.0, on linear RGB.
 VISION = {

@@ -8,7 +8,7 @@ from matplotlib.image import imread
 
 from toolkit.geometry import look
 from toolkit.objects import CYCLIST, VEHICLE, Detections, Objects
-from toolkit.plots.palette import OUTCOME
+from toolkit.plots.canvas import OUTCOME
 from toolkit.plots.plan_view import FrameOutcome, draw_frame, draw_site, pole_entries, sensor_entries
 from toolkit.sensors.models import DepthCamera
 from toolkit.sensors.sensor import Sensor

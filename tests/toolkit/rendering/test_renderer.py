@@ -6,6 +6,7 @@ import numpy as np
 import open3d as o3d
 import pytest
 
+from placement_env.fidelity.occlusion import SensorRays
 from toolkit.bodies.body import Body, make_body, make_boxed_body
 from toolkit.bodies.fleet import catalogue, fleet_named
 from toolkit.boxes import corners
@@ -14,7 +15,6 @@ from toolkit.mesh import box, merge, place
 from toolkit.objects import VEHICLE, Objects
 from toolkit.rendering import renderer as module
 from toolkit.rendering.renderer import GRAZE, Moment, Renderer, SightLines
-from toolkit.rendering.silhouettes import SensorRays
 from toolkit.rendering.static_scene import build_scenery
 from toolkit.sensors.models import DepthCamera, SpinningLidar
 from toolkit.sensors.sensor import NEAR, Sensor

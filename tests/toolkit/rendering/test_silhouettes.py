@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
+from placement_env.fidelity import occlusion
+from placement_env.fidelity.occlusion import SensorRays
 from toolkit.bodies.body import make_body
 from toolkit.boxes import count_points
 from toolkit.geometry import level_rows, look, pose
 from toolkit.mesh import box
 from toolkit.objects import VEHICLE, Objects
-from toolkit.rendering import silhouettes
 from toolkit.rendering.renderer import Renderer
-from toolkit.rendering.silhouettes import SensorRays
 from toolkit.sensors.models import DepthCamera, SolidStateLidar, SpinningLidar
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Relief, Site, Solid
@@ -100,6 +100,6 @@ def test_windows_of_many_boxes_are_those_of_each(rays):
 def test_more_boxes_than_are_looked_at_at_once(rays, monkeypatch):
     boxes = np.array([upright(*place) for place in PLACES])
     whole = rays.windows(np.zeros(3, np.int64), boxes)
-    monkeypatch.setattr(silhouettes, "BOXES_TOGETHER", 2)
+    monkeypatch.setattr(occlusion, "BOXES_TOGETHER", 2)
     for one, other in zip(whole, rays.windows(np.zeros(3, np.int64), boxes), strict=True):
         np.testing.assert_array_equal(one.rows, other.rows)

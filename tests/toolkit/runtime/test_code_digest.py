@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from toolkit.runtime.code_digest import PACKAGES, TOP, code_digest, digest_of_source, import_closure
+from toolkit.runtime.cache import PACKAGES, TOP, code_digest, digest_of_source, import_closure
 
 JOBS = {
     "rendering": "placement_env.fidelity.renders",
@@ -44,7 +44,7 @@ def test_every_module_that_the_job_runs_counts_and_no_other(tree, job):
     ("job", "module"),
     [
         *(("rendering", "toolkit.rendering.static_scene"), ("rendering", "models.training.packing")),
-        *(("rendering", "toolkit.sites.site"), ("visibility", "toolkit.rendering.silhouettes")),
+        *(("rendering", "toolkit.sites.site"), ("visibility", "placement_env.fidelity.occlusion")),
         *(("visibility", "placement_env.fidelity.traffic"), ("visibility", "toolkit.sites.site")),
         *(("detection", "toolkit.detection.view"), ("detection", "toolkit.detection.metrics")),
         *(("detection", "placement_env.fidelity.traffic"), ("networks", "models.network.voxelnet")),

@@ -5,8 +5,8 @@ import pytest
 
 from toolkit.geometry import look, pose
 from toolkit.objects import CYCLIST, HEAVY, VEHICLE, Objects
+from toolkit.sensors.error_terms import Draws, Reading, TrueImage
 from toolkit.sensors.models import DepthCamera, SpinningLidar
-from toolkit.sensors.readings import Draws, Reading, TrueImage
 from toolkit.sensors.sensor import Sensor
 
 CAMERA = Sensor("camera", DepthCamera(width=320, height=240, stride=1), look((0.0, 0.0, 5.0), 0.0, 0.25))

@@ -10,6 +10,7 @@ from toolkit.sensors.error_terms import (
     Calibration,
     ClockOffset,
     DeadRows,
+    Draws,
     DropOut,
     Glass,
     MixedPixels,
@@ -17,6 +18,7 @@ from toolkit.sensors.error_terms import (
     Paint,
     PoleSway,
     RangeNoise,
+    Reading,
     Weather,
     chance_of_return,
     fog,
@@ -28,7 +30,6 @@ from toolkit.sensors.error_terms import (
     time_of_flight_noise,
     velocities,
 )
-from toolkit.sensors.readings import Draws, Reading
 
 
 def moved(objects, by):

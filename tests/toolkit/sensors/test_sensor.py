@@ -12,9 +12,9 @@ from hypothesis import given, strategies as st
 import placement_env.envs.registration
 from models.training.packed import PackedFrames
 from models.training.packing import pack, recording
-from placement_env.candidates.candidates import aim_sensor, aims
-from placement_env.candidates.pool import paper_candidates, pool
+from placement_env.candidates.candidates import aim_sensor, aims, paper_candidates, pool
 from placement_env.envs.scenario import poses
+from placement_env.fidelity.occlusion import SensorRays
 from placement_env.fidelity.renders import Renders
 from placement_env.fidelity.seeing import see
 from placement_env.fidelity.traffic import Traffic
@@ -32,7 +32,6 @@ from toolkit.objects import Objects
 from toolkit.plots.plan_view import draw_frame, draw_site
 from toolkit.points import frame_points, is_beyond, is_inside
 from toolkit.rendering.renderer import Renderer
-from toolkit.rendering.silhouettes import SensorRays
 from toolkit.rendering.static_scene import build_scenery
 from toolkit.runtime.run import Run
 from toolkit.sensors.models import (

@@ -14,8 +14,8 @@ from toolkit.objects import VEHICLE
 from toolkit.points import has_centre_inside
 from toolkit.sites import furniture, georeference, maps
 from toolkit.sites.files import document, parse
-from toolkit.sites.origins import count_things
 from toolkit.sites.site import Mount, Solid
+from toolkit.sites.surroundings import count_things
 from toolkit.traffic.snapshots import simulate
 
 CENTRE = (13.4, 52.505)

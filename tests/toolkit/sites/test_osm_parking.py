@@ -7,7 +7,7 @@ import shapely
 from toolkit.bodies.fleet import catalogue
 from toolkit.objects import VEHICLE
 from toolkit.sites.maps import MAP_BAY, find_tracks
-from toolkit.sites.osm_parking import Parking
+from toolkit.sites.osm import Parking
 from toolkit.sites.surroundings import outline
 from toolkit.traffic.snapshots import simulate
 

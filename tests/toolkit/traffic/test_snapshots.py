@@ -12,8 +12,18 @@ from toolkit.boxes import footprints, iou_bev
 from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE
 from toolkit.sites.network import build_network, street
 from toolkit.sites.site import Site, Solid
-from toolkit.traffic.obstacles import GAP, Obstacles, overlaps, separate
-from toolkit.traffic.snapshots import MARGIN, MOST_OBJECTS, STAY, Mix, Parked, simulate
+from toolkit.traffic.snapshots import (
+    GAP,
+    MARGIN,
+    MOST_OBJECTS,
+    STAY,
+    Mix,
+    Obstacles,
+    Parked,
+    overlaps,
+    separate,
+    simulate,
+)
 from toolkit.traffic.spawner import LIFE, Supply
 
 pytestmark = pytest.mark.skipif(find_spec("libsumo") is None, reason="traffic needs SUMO")

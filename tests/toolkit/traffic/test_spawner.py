@@ -8,8 +8,18 @@ import pytest
 from toolkit.bodies.fleet import catalogue
 from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE
 from toolkit.traffic.snapshots import MARGIN
-from toolkit.traffic.spawner import LIFE, POSITIONS, SHARES, SPAWN_REACH, Lane, Roads, Spawner, Supply, distance_to_area
-from toolkit.traffic.sumo import running
+from toolkit.traffic.spawner import (
+    LIFE,
+    POSITIONS,
+    SHARES,
+    SPAWN_REACH,
+    Lane,
+    Roads,
+    Spawner,
+    Supply,
+    distance_to_area,
+    running,
+)
 
 pytestmark = pytest.mark.skipif(find_spec("libsumo") is None, reason="traffic needs SUMO")
 

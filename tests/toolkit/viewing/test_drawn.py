@@ -7,7 +7,7 @@ from toolkit.detection.detect import detect_frames
 from toolkit.detection.place import Place
 from toolkit.frame import Frame, Rectangle, SensorCloud
 from toolkit.objects import Detections, Objects
-from toolkit.plots.palette import sensor_colour
+from toolkit.plots.canvas import sensor_colour
 from toolkit.viewing.drawn import (
     MARKED,
     UNKNOWN_SHADE,

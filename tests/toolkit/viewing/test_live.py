@@ -9,8 +9,8 @@ from websockets.sync.client import connect
 
 from toolkit.datasets.recordings import Part
 from toolkit.datasets.records import Listing
-from toolkit.viewing import drawn, live, scene
-from toolkit.viewing.live import LiveView, view_live
+from toolkit.viewing import drawn, recording_scene, scene
+from toolkit.viewing.recording_scene import LiveView, view_live
 
 
 @pytest.fixture
@@ -111,7 +111,7 @@ def test_a_first_sample_that_is_damaged_is_an_error(recording):
 
 
 def test_large_clouds_are_said_to_be_thinned(view, monkeypatch):
-    monkeypatch.setattr(live, "LIVE_POINTS", 300)
+    monkeypatch.setattr(recording_scene, "LIVE_POINTS", 300)
     view.show(0)
     assert view.said.endswith("of larger clouds 300 points are drawn")
 

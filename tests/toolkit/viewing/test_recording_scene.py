@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from toolkit.plots.palette import OUTCOME
+from toolkit.plots.canvas import OUTCOME
 from toolkit.viewing import recording_scene, scene
 from toolkit.viewing.drawn import COLOURINGS, Drawing, DrawnSample, Scales
 

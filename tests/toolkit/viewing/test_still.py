@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from matplotlib import image
 
-from toolkit.plots import canvas, palette
+from toolkit.plots import canvas
 from toolkit.viewing.drawn import COLOURINGS, Drawing, DrawnSample
 from toolkit.viewing.still import write_still
 
@@ -34,7 +34,7 @@ def test_a_picture_has_sensors_points_and_outcomes(judged, tmp_path):
     picture = image.imread(tmp_path / "a.png")
     assert min(picture.shape[:2]) > 300
     for outcome in ("hit", "missed"):
-        assert has(picture, palette.OUTCOME[outcome].colour)
+        assert has(picture, canvas.OUTCOME[outcome].colour)
     write_still(judged, tmp_path / "b.png", title="lidars")
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
 
@@ -42,8 +42,8 @@ def test_a_picture_has_sensors_points_and_outcomes(judged, tmp_path):
 def test_colourings_and_outcomes_that_nobody_judges_are_drawn(drawn, tmp_path):
     write_still(replace(drawn, outcomes={}, truth={}, tags=()), tmp_path / "a.png")
     picture = image.imread(tmp_path / "a.png")
-    assert [has(picture, palette.sensor_colour(k)) for k in (0, 1, 2)] == [True, True, False]
-    assert not any(has(picture, palette.OUTCOME[outcome].colour) for outcome in ("hit", "false alarm"))
+    assert [has(picture, canvas.sensor_colour(k)) for k in (0, 1, 2)] == [True, True, False]
+    assert not any(has(picture, canvas.OUTCOME[outcome].colour) for outcome in ("hit", "false alarm"))
     pictures = set()
     for colouring in COLOURINGS:
         write_still(drawn, tmp_path / "a.png", colouring=colouring)

@@ -72,8 +72,11 @@ def _sample(name: str, files: list[Path], mirror: np.ndarray) -> Frame:
     contents, poses = [], []
     for file in files:
         with named_damage(file, "YAML file of an agent"):
-            contents.append(_yaml(file))
-            poses.append(_pose(entry(contents[-1], "lidar_pose"), mirror))
+            content = parse_yaml(read_text(file))
+            if not isinstance(content, dict):
+                raise ValueError(f"it must hold names and values, got {str(content)[:40]!r}")
+            contents.append(content)
+            poses.append(_pose(entry(content, "lidar_pose"), mirror))
     map_SE3_world = pose(*poses[0][:3, 3], yaw=float(records.heading(poses[0], 0.0)))
     clouds: list[SensorCloud] = []
     rows: dict[object, np.ndarray] = {}
@@ -90,13 +93,6 @@ def _sample(name: str, files: list[Path], mirror: np.ndarray) -> Frame:
     boxes = records.move_boxes(invert(map_SE3_world), boxes)
     found = records.labelled(boxes, list(kinds.values()), list(rows), problems)
     return Frame.of_clouds(name, tuple(clouds), *found, map_SE3_world=map_SE3_world, problems=problems)
-
-
-def _yaml(file: Path) -> records.Unchecked:
-    content = parse_yaml(read_text(file))
-    if not isinstance(content, dict):
-        raise ValueError(f"it must hold names and values, got {str(content)[:40]!r}")
-    return content
 
 
 def _pose(value: records.Unchecked, mirror: np.ndarray) -> np.ndarray:

@@ -27,7 +27,7 @@ import numpy as np
 
 from toolkit.arrays import Float64
 from toolkit.boxes import check_boxes
-from toolkit.datasets.readings import read_frame
+from toolkit.datasets.recordings import read_frame
 from toolkit.frame import Frame, Frames
 from toolkit.objects import Detections
 from toolkit.sensors.error_profiles import PAPER_ERRORS, ErrorProfile
@@ -119,7 +119,7 @@ def delay_frames(
     """Yield the centre's frame at the time of each frame.
 
     channels: one for each sensor, or one for all, drawn apart from `seed`; frames: only the first ones; errors,
-    noise_seed: see `toolkit.datasets.readings.read_frame`; frozen: sensors (indices) that keep sending, with current
+    noise_seed: see `toolkit.datasets.recordings.read_frame`; frozen: sensors (indices) that keep sending, with current
     times, their first measurement since traffic started; needed: numbers of a sensor's messages that must have arrived
     to read one, None for itself alone. Raises ValueError for channels with any effect if frames are more than
     `MOST_APART` from each other.

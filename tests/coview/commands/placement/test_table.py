@@ -23,7 +23,7 @@ def test_errors_by_name(recording, tmp_path, run, refused, monkeypatch):
         asked.append(renders.errors.name)
         raise ValueError("far enough")
 
-    monkeypatch.setattr("placement_env.fidelity.table.make_table", stopped)
+    monkeypatch.setattr("coview.commands.placement.table.make_table", stopped)
     arguments = ("--out", tmp_path / "rough.npz", "--frames", 1, "--detector", "cluster")
     assert "far enough" in refused("table", recording, *arguments, "--errors", "poor")
     assert asked == ["poor"]

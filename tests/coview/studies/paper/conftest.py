@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from coview.studies.paper.detections import FrameRun, FrameTruth, StoredDetections
-from coview.studies.paper.experiments import all_runs
+from coview.studies.paper.reproduction import all_runs
 from placement_env.fidelity.detector import FALSE_ALARM, IGNORED, IOUS
 from placement_env.fidelity.table import Origin, Table, hash_site
 from placement_env.subsets import all_subsets

@@ -8,8 +8,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from coview.studies.paper.comparison import Compared, Experiment
-from coview.studies.paper.page import draw_agreement, draw_log_fit, draw_pairs, paper_page
+from coview.studies.paper.comparison import Compared, Experiment, draw_agreement, draw_log_fit, draw_pairs, paper_page
 from placement_env.analysis.intervals import Interval
 
 INTERVAL = Interval(0.85, 0.95)

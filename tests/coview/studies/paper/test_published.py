@@ -2,7 +2,7 @@
 
 import pytest
 
-from coview.studies.paper.published import (
+from coview.studies.paper.comparison import (
     BENCHMARK_TABLE,
     CURVE_STATEMENTS,
     DENSITY_STATEMENTS,

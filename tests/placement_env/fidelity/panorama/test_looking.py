@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from placement_env.fidelity.occlusion import look_at
-from placement_env.fidelity.panorama.ray_table import Lookup
-from placement_env.fidelity.panorama.surround import ScoredItems, Still, Surround
+from placement_env.fidelity.panorama import Lookup, ScoredItems, Still, Surround
 from placement_env.fidelity.seeing import look_round
 from placement_env.fidelity.traffic import build_renderer
 from toolkit.geometry import pose

@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from placement_env.fidelity.panorama import ray_table as module
-from placement_env.fidelity.panorama.ray_table import (
+from placement_env.fidelity import panorama as module
+from placement_env.fidelity.panorama import (
     AZIMUTHS,
     CELL_COLUMNS,
     CELL_EDGES,

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from placement_env.fidelity.occlusion import look_at
-from placement_env.fidelity.panorama.ray_table import Lookup
-from placement_env.fidelity.panorama.surround import Still
+from placement_env.fidelity.panorama import Lookup, Still
 from placement_env.fidelity.traffic import Traffic, build_renderer
 from toolkit.geometry import look, pose
 from toolkit.objects import Objects

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from placement_env.fidelity.panorama.ray_table import AZIMUTHS, PER_TURN, Lookup, RayTable
-from placement_env.fidelity.panorama.surround import ScoredItems, Still, Surround
+from placement_env.fidelity.panorama import AZIMUTHS, PER_TURN, Lookup, RayTable, ScoredItems, Still, Surround
 from toolkit.rendering.strips import BEYOND, OUTSIDE, WITHIN, Strips
 from toolkit.sensors.models import DepthCamera, SpinningLidar
 

@@ -10,8 +10,8 @@ from placement_env.handover.mounted import MaterialItem
 from placement_env.report.content import ClassAP, DrawingResult, DrawnErrors, Judgement, SchemeFigures, Verdict
 from placement_env.report.pages import document, report
 from placement_env.report.pages.decision import decision_section
+from placement_env.report.pages.document import use_pole_names
 from placement_env.report.pages.report import build_document, value_text
-from placement_env.report.pages.wording import use_pole_names
 
 CHOSEN = ("d0", "d1", "d3", "d5")
 

@@ -4,7 +4,7 @@ import pytest
 
 from placement_env.classes import join_names
 from placement_env.report.content import Judgement, overlap
-from placement_env.report.pages import report, wording
+from placement_env.report.pages import document, report
 from placement_env.report.pages.document import Cell, Column, number, table
 
 JUDGED = Judgement(0.95, 0.91, 0.98, 0.965, None, 1412, 60)
@@ -18,16 +18,16 @@ JUDGED = Judgement(0.95, 0.91, 0.98, 0.965, None, 1412, 60)
     ],
 )
 def test_a_share_is_never_rounded_to_all_or_nothing(share, text):
-    assert wording.percent(share) == text
+    assert document.percent(share) == text
 
 
 def test_figures_prices_and_names_in_words():
     assert number(None) == number(float("nan")) == number(float("inf")) == "–"
     assert Column("AP").cell(None) == Column("AP").cell(float("nan")) == Cell("–", None)
-    assert [wording.price_text(p, "EUR") for p in (6.0, 1250.5)] == ["6 EUR", "1,250.50 EUR"]
-    assert [wording.price_text(p, "") for p in (1.0, 2.5, 4.0)] == ["1 unit", "2.5 units", "4 units"]
-    assert wording.ap_text(JUDGED) == "AP 0.950 (0.910–0.980, 1,412 vehicles)"
-    assert wording.interval_text(JUDGED) == "0.910–0.980"
+    assert [document.price_text(p, "EUR") for p in (6.0, 1250.5)] == ["6 EUR", "1,250.50 EUR"]
+    assert [document.price_text(p, "") for p in (1.0, 2.5, 4.0)] == ["1 unit", "2.5 units", "4 units"]
+    assert document.ap_text(JUDGED) == "AP 0.950 (0.910–0.980, 1,412 vehicles)"
+    assert document.interval_text(JUDGED) == "0.910–0.980"
     (judged,) = table("", report.JUDGED_COLUMNS, [report.judged_cells(JUDGED), report.judged_cells(None)])
     assert [[cell.text for cell in row] for row in judged.rows] == [
         ["0.950", "0.910–0.980", "96.5", "1,412", "60"],

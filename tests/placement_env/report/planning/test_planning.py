@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import shapely
 
-from placement_env.candidates.pool import paper_candidates
+from placement_env.candidates.candidates import paper_candidates
 from placement_env.fidelity.preparation import Preparation
 from placement_env.report.content import Judgement, Plan, Planned, PlanOption, Verdict
 from placement_env.report.pages.decision import decision_section

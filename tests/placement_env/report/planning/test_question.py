@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from placement_env.candidates.pool import with_terms
+from placement_env.candidates.candidates import with_terms
 from placement_env.candidates.sensor_catalogue import PricedModel, SensorCatalogue
 from placement_env.classes import Classes
 from placement_env.report.planning.question import Question, Stock

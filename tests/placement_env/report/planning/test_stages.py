@@ -41,7 +41,7 @@ WHOLE = Plan({}, "s", "Reader", 0.7, "early", "", Verdict(None, "So."), None)
 def staged(ask, street, monkeypatch):
     """Plans on the street: searches answer at once, and what they, the choice and the pictures are asked is noted."""
     site = replace(street.site, network="<net><edge/></net>")
-    monkeypatch.setattr("placement_env.candidates.pool.choose_candidates", lambda *_, **__: street.candidates)
+    monkeypatch.setattr("placement_env.setting.choose_candidates", lambda *_, **__: street.candidates)
     monkeypatch.setattr(questions, "choose_candidates", lambda *_, **__: street.candidates)
     traffic = Traffic(site, (), (Snapshot(Objects.empty(), np.zeros(0, np.int64)),))
     noted = SimpleNamespace(

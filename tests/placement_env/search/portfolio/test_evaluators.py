@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from placement_env.analysis.intervals import draws_of_blocks, figure_interval
-from placement_env.candidates.pool import paper_candidates
+from placement_env.candidates.candidates import paper_candidates
 from placement_env.cases import Cases
 from placement_env.classes import Classes
 from placement_env.fidelity.coverage import Coverage

@@ -1,0 +1,530 @@
+"""`Surround`: the view from one place in some frames, its strips in order of azimuth, for one sensor after another.
+
+`RayTable`: number of rays in rectangles of azimuth and elevation, for a sensor model at a tilt.
+
+Counts of rays up to a place of a fine grid are summed over both angles once (Crow 1984, a summed-area table). A
+rectangle then costs four of these sums, however many rays it holds. Azimuth is measured from the sensor's heading. A
+sensor tilted slightly more than a table is looked up in that table, with the rectangles turned by the difference.
+
+`LiveView`: immediate views of moving sensors.
+
+Sensors may be turned, tilted, raised and lowered on their mounts. Panoramas of all frames are made at every half metre
+of a mount's height when one of its sensors is first requested. Between two of these heights the view is interpolated;
+heading and tilt are looked up.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+from itertools import pairwise
+from threading import Lock
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from placement_env.candidates.candidates import Candidates
+from placement_env.fidelity.occlusion import worth
+from placement_env.fidelity.traffic import Traffic, build_renderer, scored
+from placement_env.fidelity.visibility import Visibility, distances
+from toolkit.arrays import Float, Float32, Float64, Int32, Int64, Shaped, UInt8
+from toolkit.geometry import pose
+from toolkit.objects import VEHICLE
+from toolkit.points import Crop, has_centre_inside
+from toolkit.rendering.renderer import Moment, Renderer
+from toolkit.rendering.strips import BEYOND, WITHIN, Counted, Strips, SuccessiveStrips, concatenate_strips
+from toolkit.runtime.cache import Cache, code_digest, make_key, recall
+from toolkit.sensors.sensor import NEAR, Sensor, SensorModel
+from toolkit.sites.site import Mount, Site
+from toolkit.traffic.snapshots import Snapshot
+
+AZIMUTHS = 3600  # places of azimuth in a turn
+ELEVATIONS = 3600  # places of elevation from straight down to straight up
+TABLE_TILTS = float(np.deg2rad(1.0))  # rad between the tilts of tables
+MOST_TABLE_BYTES = 400_000_000  # of the tables kept at a time, 3 to 12 MB each
+CELL_COLUMNS = 240  # columns of cells over all directions, for the standing scene
+CELL_EDGES = np.deg2rad(np.r_[-90.0:-30.0:0.5, -30.0:5.0:0.1, 5.0:90.5:0.5])  # finest towards the horizon
+CELL_ROWS = len(CELL_EDGES) - 1
+
+PI, PER_TURN, PER_STEEP = (np.float32(each) for each in (np.pi, AZIMUTHS / (2 * np.pi), ELEVATIONS / np.pi))
+
+Angles = Float[np.ndarray, " n"]
+Counts = Shaped[np.ndarray, " m"]  # of rays
+
+
+class Aim(NamedTuple):
+    """Heading, tilt below the horizon and roll about the viewing direction (rad)."""
+
+    heading: float
+    tilt: float
+    roll: float
+
+
+def compute_aim(sensor: Sensor) -> Aim:
+    """Aim of a sensor; one that looks straight down or up takes its heading from the top of its image.
+
+    >>> from toolkit.geometry import look
+    >>> from toolkit.sensors.models import DepthCamera
+    >>> np.round(compute_aim(Sensor("c", DepthCamera(), look((0.0, 0.0, 5.0), 1.0, 0.25))), 6).tolist()
+    [1.0, 0.25, 0.0]
+    """
+    turn = sensor.world_SE3_body[:3, :3]
+    tilt = float(np.arctan2(-turn[2, 0], np.hypot(turn[0, 0], turn[1, 0])))
+    if np.hypot(turn[0, 0], turn[1, 0]) < 1e-6:
+        return Aim(float(np.arctan2(-turn[0, 1], turn[1, 1])), tilt, 0.0)
+    return Aim(float(np.arctan2(turn[1, 0], turn[0, 0])), tilt, float(np.arctan2(turn[2, 1], turn[2, 2])))
+
+
+class Lookup(NamedTuple):
+    """Table of a sensor, and its aim there.
+
+    tilt, roll: of the table (rad); heading: places of azimuth; more: places of elevation by which the sensor is tilted
+    more than the table.
+    """
+
+    model: SensorModel
+    tilt: float
+    roll: float
+    heading: np.float32
+    more: np.float32
+
+    @staticmethod
+    def of(sensor: Sensor) -> Lookup:
+        """Lookup in the table of nearest tilt."""
+        aim = compute_aim(sensor)
+        tilt = round(aim.tilt / TABLE_TILTS) * TABLE_TILTS
+        more = aim.tilt - tilt if abs(aim.tilt - tilt) >= 1e-6 else 0.0
+        turned, further = np.float32(aim.heading) * PER_TURN, np.float32(more) * PER_STEEP
+        return Lookup(sensor.model, tilt, round(aim.roll, 4) + 0.0, turned, further)
+
+    @property
+    def table(self) -> RayTable:
+        """The table, made once."""
+        return ray_table(self.model, self.tilt, self.roll)
+
+
+class RayTable:
+    """Rays of a model, tilted and rolled (rad).
+
+    first_column, columns: places of azimuth with rays; first_row: the lowest of elevation; cells, cell_rays: cells with
+    rays (column after column, azimuth from the heading), for uses that need no fine grid, and number of rays in each;
+    bytes: of memory.
+    """
+
+    def __init__(self, model: SensorModel, tilt: float, roll: float) -> None:
+        turn = pose(pitch=tilt, roll=roll)[:3, :3] @ model.body_SE3_sensor[:3, :3]
+        x, y, z = (model.rays().reshape(-1, 3) @ turn.T).T
+        azimuth, elevation = np.arctan2(y, x), np.arctan2(z, np.hypot(x, y))
+        column = np.floor((azimuth + np.pi) * (AZIMUTHS / (2 * np.pi))).astype(np.int64) % AZIMUTHS
+        row = np.clip(np.floor((elevation + np.pi / 2) * (ELEVATIONS / np.pi)), 0, ELEVATIONS - 1).astype(np.int64)
+        self.first_column, self.first_row = int(column.min()), int(row.min())
+        shape = int(column.max()) - self.first_column + 1, int(row.max()) - self.first_row + 1
+        self.columns = shape[0]
+        place = (column - self.first_column) * shape[1] + row - self.first_row
+        kind = np.uint32 if len(column) >> 16 else np.uint16
+        counts = np.bincount(place, minlength=shape[0] * shape[1]).astype(kind).reshape(shape)
+        for before, after in pairwise(counts):  # row by row, as accumulate along this axis is five times slower
+            np.add(before, after, out=after)
+        self._sums = np.zeros((shape[0] + 1, shape[1] + 1), kind)
+        np.add.accumulate(counts, axis=1, out=self._sums[1:, 1:])
+        column, row = find_cells(azimuth, elevation)
+        rays = np.bincount(column * CELL_ROWS + row)
+        self.cells = np.flatnonzero(rays)
+        self.cell_rays = rays[self.cells].astype(np.float32)
+        self.bytes = self._sums.nbytes + self.cells.nbytes + self.cell_rays.nbytes
+
+    def counts(
+        self, rectangles: Rectangles, heading: np.float32, more: np.float32
+    ) -> tuple[Int64[np.ndarray, " m"], Counts]:
+        """Rectangles that hold rays, and their number. heading, more: of the sensor, as of `Lookup`."""
+        left, right, low, high = rectangles.list_places(heading, more)
+        begin = np.rint(left).astype(np.int32)
+        width = np.rint(right).astype(np.int32) - begin
+        begin %= AZIMUTHS
+        begin -= self.first_column
+        low, up = (np.rint(each).astype(np.int32) - self.first_row for each in (low, high))
+        most, upmost = self._sums.shape[0] - 1, self._sums.shape[1] - 1
+        reached = (begin < most) & (begin + width > 0) | (begin + width > AZIMUTHS)
+        some = np.flatnonzero(reached & (up > 0) & (low < upmost))
+        begin, low, up = begin.take(some), np.maximum(low.take(some), 0), np.minimum(up.take(some), upmost)
+        end = begin + width.take(some)
+        counts = self._within(np.maximum(begin, 0), np.minimum(end, most), low, up)
+        beyond = np.flatnonzero(end > AZIMUTHS)  # across the seam behind the sensor
+        if len(beyond):
+            over = np.minimum(end[beyond] - AZIMUTHS, most)
+            counts[beyond] += self._within(np.zeros_like(over), over, low[beyond], up[beyond])
+        held = np.flatnonzero(counts)
+        return some[held], counts[held]
+
+    def _within(self, begin: np.ndarray, end: np.ndarray, low: np.ndarray, up: np.ndarray) -> Counts:
+        flat, across = self._sums.ravel(), self._sums.shape[1]
+        begin, end = np.minimum(begin, end) * across, end * across
+        counts: Counts = flat.take(end + up) - flat.take(end + low)
+        counts -= flat.take(begin + up) - flat.take(begin + low)
+        return counts
+
+
+_TABLES: dict[tuple[SensorModel, float, float], RayTable] = {}  # longest unused first
+_LOCK = Lock()
+
+
+def ray_table(model: SensorModel, tilt: float, roll: float) -> RayTable:
+    """Return the table of a model, tilted and rolled (rad), made once as long as `MOST_TABLE_BYTES` hold it."""
+    key = model, tilt, roll
+    with _LOCK:
+        table = _TABLES.pop(key, None)
+        if table is None:
+            table, room = RayTable(*key), MOST_TABLE_BYTES - sum(each.bytes for each in _TABLES.values())
+            while _TABLES and room < table.bytes:
+                room += _TABLES.pop(next(iter(_TABLES))).bytes
+        _TABLES[key] = table
+        return table
+
+
+class Rectangles(NamedTuple):
+    """Rectangles of azimuth and elevation of the world.
+
+    left, right: in places of azimuth, right up to a turn farther; low, high: in places of elevation; cos, sin: of the
+    azimuth of the middle; tan: of its elevation, but no steeper than 3.
+    """
+
+    left: Float32[np.ndarray, " n"]
+    right: Float32[np.ndarray, " n"]
+    low: Float32[np.ndarray, " n"]
+    high: Float32[np.ndarray, " n"]
+    cos: Float32[np.ndarray, " n"]
+    sin: Float32[np.ndarray, " n"]
+    tan: Float32[np.ndarray, " n"]
+
+    @staticmethod
+    def of(left: np.ndarray, right: np.ndarray, bottom: np.ndarray, top: np.ndarray) -> Rectangles:
+        """Build from angles (n,) (rad, float32)."""
+        middle, tan = (left + right) / 2, np.clip(np.tan((bottom + top) / 2), -3, 3)
+        azimuths = (left + PI) * PER_TURN, (right + PI) * PER_TURN
+        elevations = (bottom + PI / 2) * PER_STEEP, (top + PI / 2) * PER_STEEP
+        return Rectangles(*azimuths, *elevations, np.cos(middle), np.sin(middle), tan)
+
+    def list_places(self, heading: np.float32, more: np.float32) -> tuple[np.ndarray, ...]:
+        """Left, right, low and high from the heading on, to first order in the extra tilt of the middle."""
+        left, right = self.left - heading, self.right - heading
+        if not more:
+            return left, right, self.low, self.high
+        angle = heading / PER_TURN
+        cos, sin = np.cos(angle), np.sin(angle)
+        up = more * (self.cos * cos + self.sin * sin)
+        aside = (more * PER_TURN / PER_STEEP) * self.tan * (self.sin * cos - self.cos * sin)
+        return left + aside, right + aside, self.low + up, self.high + up
+
+
+def find_cells(azimuth: Angles, elevation: Angles) -> tuple[Int64[np.ndarray, " n"], Int64[np.ndarray, " n"]]:
+    """Column and row of the cells of directions."""
+    column = np.floor((azimuth + np.pi) * (CELL_COLUMNS / (2 * np.pi))).astype(np.int64) % CELL_COLUMNS
+    return column, np.clip(np.searchsorted(CELL_EDGES, elevation, side="right") - 1, 0, CELL_ROWS - 1)
+
+
+def cell_elevations() -> Float64[np.ndarray, " rows"]:
+    """Elevations of the middle of each row of cells."""
+    return (CELL_EDGES[1:] + CELL_EDGES[:-1]) / 2
+
+
+ASIDE = 16  # places of azimuth by which slightly more tilt may move a strip
+MOST_MOMENTS = 64  # frames whose scenes are kept
+CHANCE_STEPS = np.float32(250.0)  # steps of chances, so that one half is exact
+
+
+class ScoredItems(NamedTuple):
+    """Scored objects among all of some frames.
+
+    place: of each object its index among the scored ones, or their number if not scored; frame: of each object; items,
+    frames: numbers of scored objects and frames.
+    """
+
+    place: Int64[np.ndarray, " n"]
+    frame: Int64[np.ndarray, " n"]
+    items: int
+    frames: int
+
+    @staticmethod
+    def of(traffic: Traffic, snapshots: Sequence[Snapshot], labels: Sequence[int]) -> ScoredItems:
+        """Scored objects of some classes (numbers) in some frames."""
+        masks = [scored(each.objects, traffic.site, labels) for each in snapshots]
+        counts = np.concatenate([np.zeros(0, np.bool_), *masks])
+        frame = np.repeat(np.arange(len(masks)), list(map(len, masks)))
+        return ScoredItems(np.where(counts, np.cumsum(counts) - 1, counts.sum()), frame, int(counts.sum()), len(masks))
+
+
+@dataclass(frozen=True, eq=False)
+class Surround:
+    """Strips of one place, ready for lookup.
+
+    item: of each strip among the scored ones, or the number of these; frame: of each; widest: of all strips (places);
+    gains: by model, of a ray in each strip over the background: points sent, and far ones; stills: background by model.
+    """
+
+    scored: ScoredItems
+    rectangles: Rectangles
+    item: Int32[np.ndarray, " n"]
+    frame: Int32[np.ndarray, " n"]
+    widest: float
+    gains: dict[SensorModel, tuple[np.ndarray, np.ndarray]]
+    stills: dict[SensorModel, Still]
+
+    @staticmethod
+    def of(strips: Strips, scored: ScoredItems, stills: dict[SensorModel, Still]) -> Surround:
+        """Surround of the strips of one place. stills: standing scene seen from there, by sensor model."""
+        rectangles = Rectangles.of(strips.left, strips.right, strips.bottom, strips.top)
+        turns = np.floor(rectangles.left / AZIMUTHS) * AZIMUTHS
+        rectangles = rectangles._replace(left=rectangles.left - turns, right=rectangles.right - turns)
+        order = np.argsort(rectangles.left, kind="stable")
+        rectangles = Rectangles(*(each[order] for each in rectangles))
+        strips = Strips(*(each[order] for each in strips))
+        counts, far = strips.shows >= WITHIN, strips.shows == BEYOND
+        gains = {}
+        for model, still in stills.items():
+            behind = still.behind((strips.left + strips.right) / 2, (strips.bottom + strips.top) / 2)
+            gains[model] = (counts - behind[0], far - behind[1])
+        most = float((rectangles.right - rectangles.left).max(initial=0))
+        item, frame = np.where(counts, scored.place[strips.item], scored.items), scored.frame[strips.item]
+        return Surround(scored, rectangles, item.astype(np.int32), frame.astype(np.int32), most, gains, stills)
+
+    @cached_property
+    def bytes(self) -> int:
+        """Memory of the arrays."""
+        pairs = [*self.gains.values(), *((still.sent, still.far) for still in self.stills.values())]
+        return sum(each.nbytes for each in (*self.rectangles, self.item, self.frame, *sum(pairs, ())))
+
+    def seen(
+        self, lookup: Lookup
+    ) -> tuple[Float64[np.ndarray, " items"], Float64[np.ndarray, " frames"], Float64[np.ndarray, " frames"]]:
+        """Points of a sensor on each scored object, points sent in each frame, and the far ones among them."""
+        table, items, frames = lookup.table, self.scored.items + 1, self.scored.frames
+        points, more_sent, more_far = np.zeros(items), *self.gains[lookup.model]
+        sent, far = (np.full(frames, each) for each in self.stills[lookup.model].alone(lookup))
+        for part in self._ahead(table, float(lookup.heading)):
+            some = Rectangles(*(each[part] for each in self.rectangles))
+            held, rays = table.counts(some, lookup.heading, lookup.more)
+            points += np.bincount(self.item[part].take(held), rays, items)
+            frame = self.frame[part].take(held)
+            sent += np.bincount(frame, rays * more_sent[part].take(held), frames)
+            far += np.bincount(frame, rays * more_far[part].take(held), frames)
+        return points[:-1], np.maximum(sent, 0), np.maximum(far, 0)
+
+    def _ahead(self, table: RayTable, heading: float) -> list[slice]:
+        """Strips that rays of a table may fall on."""
+        before = self.widest + ASIDE
+        length = table.columns + before + ASIDE
+        if length >= AZIMUTHS:
+            return [slice(0, len(self.item))]
+        first = (table.first_column + heading - before) % AZIMUTHS
+        ends = [(first, first + length), (0.0, first + length - AZIMUTHS)]
+        return [slice(*np.searchsorted(self.rectangles.left, end).tolist()) for end in ends if end[1] > end[0]]
+
+
+def successive_strips(traffic: Traffic, places: Float64[np.ndarray, "V 3"]) -> SuccessiveStrips:
+    """Finder of strips seen from places."""
+    return SuccessiveStrips(build_renderer(traffic), places, Counted(Crop.of(traffic.site), traffic.site.hybrid_radius))
+
+
+def find_place_strips(
+    successive: SuccessiveStrips, traffic: Traffic, frames: Iterable[int], places: int
+) -> list[Strips]:
+    """Strips of each place in some frames."""
+    parts, first = [], 0
+    for k in frames:
+        fine = has_centre_inside(traffic.snapshots[k].objects.boxes, traffic.site.area)
+        strips = successive.of(build_moment(traffic, k), fine)
+        parts.append(strips._replace(item=strips.item + np.int32(first)))
+        first += len(fine)
+    whole = concatenate_strips(parts)
+    order = np.argsort(whole.viewpoint, kind="stable")
+    ends = np.searchsorted(whole.viewpoint[order], np.arange(places + 1))
+    return [Strips(*(each[order[begin:end]] for each in whole)) for begin, end in pairwise(ends)]
+
+
+@lru_cache(maxsize=MOST_MOMENTS)
+def build_moment(traffic: Traffic, k: int) -> Moment:
+    """Scene of what moves in a frame, made once for the latest ones."""
+    return build_renderer(traffic).moment(traffic.snapshots[k])
+
+
+@dataclass(frozen=True, eq=False)
+class Still:
+    """Chances of a point to be sent, and to be sent and far, in 250ths, for each cell."""
+
+    sent: UInt8[np.ndarray, " cells"]
+    far: UInt8[np.ndarray, " cells"]
+
+    @staticmethod
+    def of(renderer: Renderer, site: Site, viewpoint: Float64[np.ndarray, "3"], model: SensorModel) -> Still:
+        """Chances seen from a viewpoint, with a model's noise. The noise is the same everywhere in its image."""
+        rays, mean = _directions(), _mean_length(model)
+        images, place = np.zeros((2, len(rays)), np.uint8), viewpoint.astype(np.float32)
+        lines = np.concatenate([place + np.float32(NEAR) * rays, rays], axis=1)
+        length = renderer.cast_still(lines) + np.float32(NEAR)
+        some = np.flatnonzero(length < model.max_range)
+        length, toward = length[some], rays[some]
+        spread = (mean * np.abs(toward[:, 2]) * model.deviation(length / mean)).astype(np.float32)
+        points = toward * length[:, None] + place
+        chances = worth(points, spread, np.broadcast_to(place[:2], (len(some), 2)), site)
+        images[:, some] = np.rint(CHANCE_STEPS * np.array(chances))
+        return Still(*images)
+
+    def alone(self, lookup: Lookup) -> tuple[float, float]:
+        """Points that a sensor sends in a still scene, and the far ones."""
+        table = lookup.table
+        columns = round(float(lookup.heading) * CELL_COLUMNS / AZIMUTHS) % CELL_COLUMNS
+        cell = table.cells + columns * CELL_ROWS
+        each = (float(table.cell_rays @ image.take(cell, mode="wrap")) for image in (self.sent, self.far))
+        sent, far = (rays / float(CHANCE_STEPS) for rays in each)
+        return sent, far
+
+    def behind(
+        self, azimuth: Float32[np.ndarray, " n"], elevation: Float32[np.ndarray, " n"]
+    ) -> tuple[Float32[np.ndarray, " n"], Float32[np.ndarray, " n"]]:
+        """Chances of the scene in some directions (rad)."""
+        column, row = find_cells(azimuth, elevation)
+        cell = column * CELL_ROWS + row
+        return self.sent.take(cell) / CHANCE_STEPS, self.far.take(cell) / CHANCE_STEPS
+
+
+@lru_cache(maxsize=8)
+def _mean_length(model: SensorModel) -> np.floating:
+    """Metres along a ray per unit of measurement, on average."""
+    return np.linalg.norm(model.rays(), axis=-1).mean()
+
+
+@lru_cache(maxsize=1)
+def _directions() -> Float32[np.ndarray, "cells 3"]:
+    """Directions through the middle of each cell."""
+    azimuth = (np.arange(CELL_COLUMNS) + 0.5)[:, None] * (2 * np.pi / CELL_COLUMNS) - np.pi
+    elevation = cell_elevations()
+    flat = np.cos(elevation)
+    axes = (flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation) + 0 * azimuth)
+    return np.stack(axes, axis=-1).reshape(-1, 3).astype(np.float32)
+
+
+HEIGHT_STEP = 0.5  # m between the panoramas of a mount
+MOST_BYTES = 600_000_000  # of the panoramas kept in memory
+
+Place = tuple[float, float, float]
+Reach = Literal["mount", "own", "nearest"]
+
+
+class LiveView:
+    """Look at traffic from mounts, with sensors that measure all of the detection area (`seeing.choose_quick`).
+
+    labels: classes (numbers) of the objects that count; cache: where panoramas are kept and shared with other
+    processes, None for this object's memory.
+    """
+
+    def __init__(self, traffic: Traffic, labels: Sequence[int] = (VEHICLE,), cache: Cache | None = None) -> None:
+        self.traffic, self._cache = traffic, cache
+        self._unseen = Visibility.unseen(traffic, (), labels)
+        self._scored = ScoredItems.of(traffic, traffic.snapshots, labels)
+        self._kept: OrderedDict[Place, Surround] = OrderedDict()  # longest made or renewed first
+        self.casting = Lock()  # held while rays are cast: others may look at what is there
+
+    def see(self, candidates: Candidates, *, reach: Reach = "mount") -> Visibility:
+        """View of candidates. The first from a mount makes panoramas of all its heights.
+
+        reach: "own" makes one at each sensor's own height alone, "nearest" one at the nearest half metre, for a sensor
+        whose own height has none and that none below and above are known of.
+        """
+        sensors = candidates.sensors
+        mounts = [candidates.mounts[index] for index in candidates.mount.tolist()]
+        shares = [_between(sensor.position, mount) for sensor, mount in zip(sensors, mounts, strict=True)]
+        if reach != "mount":
+            own = [[(_place(*sensor.position.tolist()), 1.0)] for sensor in sensors]
+            for s, sensor in enumerate(sensors):
+                if reach == "own" or self.knows(sensor):
+                    shares[s] = own[s]
+                elif not self._knows(shares[s], sensor.model):
+                    shares[s] = [(max(shares[s], key=lambda each: each[1])[0], 1.0)]
+        wanted = [(place, mount) for each, mount in zip(shares, mounts, strict=True) for place, _ in each]
+        surrounds = self._prepare(wanted, {sensor.model for sensor in sensors}, whole=reach == "mount")
+        points = np.zeros((len(sensors), self._scored.items))
+        sent, far = np.zeros((2, len(sensors), self._scored.frames))
+        for s, sensor in enumerate(sensors):
+            lookup = Lookup.of(sensor)
+            for place, share in shares[s]:
+                for total, figures in zip((points, sent, far), surrounds[place].seen(lookup), strict=True):
+                    total[s] += share * figures
+        seen = {"points": points.astype(np.float32), "sent": sent.astype(np.float32), "far": far.astype(np.float32)}
+        return replace(self._unseen, distance=distances(sensors, self._unseen.boxes), **seen)
+
+    def knows(self, sensor: Sensor) -> bool:
+        """True where the view from a sensor's own height needs no panorama."""
+        return self._knows([(_place(*sensor.position.tolist()), 1.0)], sensor.model)
+
+    @property
+    def bytes(self) -> int:
+        """Memory of the panoramas."""
+        return sum(each.bytes for each in list(self._kept.values()))
+
+    def _knows(self, shares: list[tuple[Place, float]], model: SensorModel) -> bool:
+        return all(place in self._kept and model in self._kept[place].stills for place, _ in shares)
+
+    def _prepare(
+        self, wanted: list[tuple[Place, Mount]], models: set[SensorModel], *, whole: bool
+    ) -> dict[Place, Surround]:
+        """Views from places, made where they lack."""
+        asked = dict.fromkeys(place for place, _ in wanted)
+        found = {place: self._kept[place] for place in asked if place in self._kept}  # held, whatever is dropped
+        if len(found) == len(asked) and all(models <= each.stills.keys() for each in found.values()):
+            return found
+        with self.casting:
+            return found | self._make(wanted, models, whole=whole)
+
+    def _make(
+        self, wanted: list[tuple[Place, Mount]], models: set[SensorModel], *, whole: bool
+    ) -> dict[Place, Surround]:
+
+        def lacks(place: Place) -> bool:
+            return place not in self._kept or not models <= self._kept[place].stills.keys()
+
+        asked, renderer = dict.fromkeys(place for place, _ in wanted), build_renderer(self.traffic)
+        more = {each for place, mount in wanted if whole and lacks(place) for each in _places(place, mount)}
+        places = sorted(filter(lacks, {*asked, *more}))
+        for place, strips in zip(places, self._panoramas(places), strict=True):
+            stills = dict(self._kept[place].stills) if place in self._kept else {}
+            for model in models - stills.keys():
+                stills[model] = Still.of(renderer, self.traffic.site, np.array(place), model)
+            self._kept[place] = Surround.of(strips, self._scored, stills)
+        for place in asked:
+            self._kept.move_to_end(place)
+        while len(self._kept) > len(asked) and self.bytes > MOST_BYTES:
+            self._kept.popitem(last=False)
+        return {place: self._kept[place] for place in asked}
+
+    def _panoramas(self, places: list[Place]) -> list[Strips]:
+
+        def make(missing: list[int]) -> list[Strips]:
+            successive = successive_strips(self.traffic, np.array(places)[missing])
+            return find_place_strips(successive, self.traffic, range(len(self.traffic)), len(missing))
+
+        keys = [make_key("panorama", code_digest(__name__), self.traffic.digest(), place) for place in places]
+        return [Strips(*arrays) for arrays in recall(self._cache, keys, make)]
+
+
+def _between(position: Float64[np.ndarray, "3"], mount: Mount) -> list[tuple[Place, float]]:
+    """Panorama places below and above a position on a mount."""
+    x, y, z = position.tolist()
+    foot = float(mount.position[2])
+    steps = round((z - foot) / HEIGHT_STEP, 6)
+    below = int(np.floor(steps))
+    share = steps - below
+    each = [(below, 1 - share), (below + 1, share)]
+    return [(_place(x, y, foot + step * HEIGHT_STEP), part) for step, part in each if part > 0]
+
+
+def _places(place: Place, mount: Mount) -> list[Place]:
+    """Panorama places for all heights of a sensor on a mount."""
+    low, high = (h / HEIGHT_STEP for h in (mount.min_height, mount.max_height))
+    steps = range(int(np.floor(low + 1e-6)), int(np.ceil(high - 1e-6)) + 1)
+    return [_place(*place[:2], float(mount.position[2]) + step * HEIGHT_STEP) for step in steps]
+
+
+def _place(x: float, y: float, z: float) -> Place:
+    return round(x, 6), round(y, 6), round(z, 6)
