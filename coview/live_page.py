@@ -394,6 +394,7 @@ class LivePage:
         if answer is None:
             return
         self._figures.content, self._details.content = figures_html(answer), details_html(answer)
+        self.server.flush()  # figures do not wait for the scene
         with self.server.atomic():
             self._draw_sensors()
             self._draw_ghosts()

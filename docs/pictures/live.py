@@ -41,8 +41,6 @@ def main(folder: Path, width: int = 1280) -> None:
                 tab.wait_for_timeout(5000)
                 if "none among" not in tab.locator(".live-note").inner_text():
                     break
-            for close in tab.locator(".mantine-Notification-closeButton").all():  # of software rendering
-                close.click()
             tab.wait_for_timeout(1000)
             shot = Image.open(BytesIO(tab.screenshot())).convert("RGB")
             shot.quantize(COLOURS, dither=Image.Dither.NONE).save(folder / "live.png", optimize=True)

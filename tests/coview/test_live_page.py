@@ -42,8 +42,6 @@ class Page:
         self.tab.goto(self.url)
         self.tab.wait_for_selector(".live-ap")
         self.tab.wait_for_timeout(1500)
-        for close in self.tab.locator(".mantine-Notification-closeButton").all():  # of software rendering
-            close.click()
         canvas = self.tab.locator("canvas").first.bounding_box()
         self.size = canvas["width"], canvas["height"]
 

@@ -27,7 +27,7 @@ REST = 0.35  # s without news after which the figures have settled
 RECORD = """
 window.live = []
 const now = () => performance.timeOrigin + performance.now()
-addEventListener('pointermove', e => live.push(['pointer', performance.timeOrigin + e.timeStamp, now()]), true)
+addEventListener('pointerrawupdate', e => live.push(['pointer', performance.timeOrigin + e.timeStamp, now()]), true)
 const Plain = Worker
 window.Worker = class extends Plain {
     constructor(...given) {
@@ -82,8 +82,6 @@ class Bench:
         self.tab.goto(self.session.url)
         self.tab.wait_for_selector(".live-ap")
         self.tab.wait_for_timeout(3000)
-        for close in self.tab.locator(".mantine-Notification-closeButton").all():  # of software rendering
-            close.click()
         box = self.tab.locator("canvas").first.bounding_box()
         assert box is not None
         self.size = box["width"], box["height"]
