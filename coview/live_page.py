@@ -45,7 +45,7 @@ LIVE_PORT = 8090  # unless it is taken
 FOUND = 0.5  # hit probability from which a road user is drawn as found
 REACH = 20.0  # m: a handle is where the sensor looks at the ground, but no farther
 PATIENCE = 1.0  # s that a suggestion waits for more poles to be looked at
-QUIET = 0.4  # s without a change after which views are refined
+QUIET, CALM = 0.4, 2.0  # s without a change after which views that are shown are refined, and all others
 CATCH = 3.0  # m from the pointer within which a pole catches a sensor that is carried
 AWAY = 1.25  # times as far from the area as the report's view, since the panel narrows the scene
 GHOST, KEPT_OUT = "#4463f6", "#b3261e"
@@ -131,13 +131,14 @@ class LivePage:
     def _refine(self) -> None:
         more = True
         while not self._closed:
-            if time.monotonic() - self._touched < QUIET or not more:
+            answer = self._answer
+            wait = QUIET if answer is not None and answer.coarse else CALM
+            if time.monotonic() - self._touched < wait or not more:
                 time.sleep(0.1)
                 more = more or self._touched > time.monotonic() - 1
                 continue
             more = self.planner.refine()
             time.sleep(0.01)  # for those who wait to cast rays
-            answer = self._answer
             if answer is not None and answer.coarse and not self.planner.look(self.planner.variant)[1]:
                 self.do(self._show_refined)
 

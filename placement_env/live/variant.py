@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any
 
@@ -68,8 +68,8 @@ class Variant:
 
     def as_dict(self) -> dict[str, object]:
         """Return what JSON keeps."""
-        poles = [{**asdict(pole), "position": pole.position.tolist()} for pole in self.poles]
-        return {"sensors": [asdict(sensor) for sensor in self.sensors], "poles": poles, "keep_out": self.keep_out}
+        poles = [{**vars(pole), "position": pole.position.tolist()} for pole in self.poles]
+        return {"sensors": [{**vars(sensor)} for sensor in self.sensors], "poles": poles, "keep_out": self.keep_out}
 
     @staticmethod
     def of_dict(found: object) -> Variant:
