@@ -3,8 +3,10 @@
 python tests/benchmarks/placement_env/bench_live_page.py [DRAGS [WIDTH [HEIGHT]]]   (200 1280 720)
     The T-junction: six sensors, 60 frames, the pool of 2,363 poses. Each drag presses a sensor's handle, moves it in
     steps of a screen's frame and rests; timed is the last step, from the pointer's event until the figures that answer
-    it stand in the page, and until they are painted. How it divides: until the page's script gets the event, until
-    the server gets it, until the server starts on it, its answer, the way back, and until the figures change.
+    it stand in the page, and until the scene is painted. How it divides: until the page's script gets the event, until
+    the server gets it, until the server starts on it, its answer with all that is drawn, the way back from the end of
+    that (negative, as figures go first), and until the figures change. Then a tenth as many drags to poles that were
+    never used, a fifth as many lifts, after a rest of 20 s, and turns while the map of what is seen is shown.
 """
 
 import shutil
@@ -33,8 +35,10 @@ window.Worker = class extends Plain {
     constructor(...given) {
         super(...given)
         this.addEventListener('message', e => {
-            if ((e.data.messages ?? []).some(m => JSON.stringify(m.updates ?? '').includes('live-ap')))
-                live.push(['message', now()])
+            for (const m of e.data.messages ?? []) {
+                if (String(m.updates?.content ?? '').includes('live-ap')) live.push(['message', now()])
+                if (m.type.includes('Image') && m.name === '/seen') live.push(['map', now()])
+            }
         })
     }
 }
@@ -101,11 +105,13 @@ class Bench:
         sensor = self.planner.yard.build_sensor(self.planner.variant, self.planner.variant.find(name))
         return self.pixel(sensor.position if housing else self.session.page._find_target(sensor))
 
-    def drag(self, name: str, end, *, housing: bool = False) -> dict[str, float] | None:
+    def drag(self, name: str, end, *, housing: bool = False, shift: bool = False) -> dict[str, float] | None:
         """Drag a sensor; return the parts of the time of its last step."""
         start, mouse = self.place(name, housing), self.tab.mouse
         mouse.move(*start)
         self.tab.wait_for_timeout(60)
+        if shift:
+            self.tab.keyboard.down("Shift")
         mouse.down()
         for k in range(1, STEPS + 1):
             if k == STEPS:
@@ -119,25 +125,28 @@ class Bench:
             self.tab.wait_for_timeout(1000 * REST)
         found, served, heard = self.tab.evaluate("live"), list(self.served), list(self.heard)
         mouse.up()
+        self.tab.keyboard.up("Shift")
         self.tab.wait_for_timeout(1000 * REST)
         pointer = [row for row in found if row[0] == "pointer"]
         figures = [row for row in found if row[0] == "figures"]
         messages = [row for row in found if row[0] == "message"]
+        maps = [row[1] - pointer[-1][1] for row in found if row[0] == "map" and pointer]
         if not (pointer and figures and messages and served and heard):
             return None
         at = pointer[-1][1]
         shown, painted = figures[-1][1], figures[-1][2] or figures[-1][1]
         times = [at, pointer[-1][2], heard[-1], *served[-1], messages[-1][1], shown]
         parts = ("page gets it", "server gets it", "waits", "answers", "way back", "figures change")
-        return {"whole": shown - at, "painted": painted - at, **dict(zip(parts, np.diff(times).tolist(), strict=True))}
+        whole = {"whole": shown - at, "painted": painted - at, **({"map": maps[-1]} if maps else {})}
+        return whole | dict(zip(parts, np.diff(times).tolist(), strict=True))
 
 
 def say(what: str, rows: list[dict[str, float] | None]) -> None:
     """Print percentiles of a kind of drag."""
     kept = [row for row in rows if row is not None]
     print(f"{what}: {len(kept)} of {len(rows)} drags changed the figures", flush=True)
-    for name in kept[0]:
-        p50, p95, worst = np.percentile([row[name] for row in kept], [50, 95, 100])
+    for name in dict.fromkeys(name for row in kept for name in row):
+        p50, p95, worst = np.percentile([row[name] for row in kept if name in row], [50, 95, 100])
         print(f"  {name:>15}: p50 {p50:5.0f}, p95 {p95:5.0f}, worst {worst:5.0f} ms", flush=True)
 
 
@@ -154,14 +163,27 @@ def main(drags: int = 200, width: int = 1280, height: int = 720) -> None:
         tab.set_default_timeout(120_000)
         bench = Bench(tab, session)
         bench.open()
-        names, turns = [sensor.name for sensor in planner.sensors], []
-        for k in range(drags):
-            name = names[k % len(names)]
-            start = bench.place(name, False)
-            middle = np.array(bench.size) / 2
+        names = [sensor.name for sensor in planner.sensors]
+
+        def turn(k: int) -> dict[str, float] | None:
+            start, middle = bench.place(names[k % len(names)], False), np.array(bench.size) / 2
             towards = (middle - start) * rng.uniform(0.05, 0.4) + rng.normal(0, 25, 2)
-            turns.append(bench.drag(name, start + towards))
-        say("turns and tilts", turns)
+            return bench.drag(names[k % len(names)], start + towards)
+
+        say("turns and tilts", [turn(k) for k in range(drags)])
+        free = [m for m in planner.yard.stock.mounts if m.name not in {s.mount for s in planner.sensors}]
+        level = float(planner.yard.build_sensor(planner.variant, planner.variant.find("d0")).position[2])
+        ends = [bench.pixel([*mount.position[:2], level]) for mount in free]
+        there = [end for end in ends if (end > 20).all() and (end < np.array(bench.size) - 20).all()]
+        say("a pole never used", [bench.drag("d0", end, housing=True) for end in there[: drags // 10]])
+        tab.wait_for_timeout(20_000)  # views from other heights are made while nobody moves anything
+        lifts = [(names[k % len(names)], rng.uniform(-40, 40)) for k in range(drags // 5)]
+        say("lifts", [bench.drag(n, bench.place(n, True) + (0, by), housing=True, shift=True) for n, by in lifts])
+        tab.get_by_role("tab", name="View").click()
+        tab.get_by_label("Seen how often").click()
+        tab.get_by_role("option", name="a child").click()
+        tab.wait_for_timeout(3000)
+        say("turns with the map", [turn(k) for k in range(drags // 5)])
         chromium.close()
     session.close()
     shutil.rmtree(folder)
