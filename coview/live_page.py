@@ -47,7 +47,8 @@ REACH = 20.0  # m: a handle is where the sensor looks at the ground, but no fart
 PATIENCE = 1.0  # s that a suggestion waits for more poles to be looked at
 QUIET, CALM = 0.4, 2.0  # s without a change after which views that are shown are refined, and all others
 CATCH = 3.0  # m from the pointer within which a pole catches a sensor that is carried
-AWAY = 1.25  # times as far from the area as the report's view, since the panel narrows the scene
+AWAY, WIDE = 1.25, 1.3  # times as far from the area as the report's view, in windows at least so wide for their height
+PHONE, SHEET = 576, 0.6  # px of width below which the panel is a sheet over this share of the scene
 GHOST, KEPT_OUT = "#4463f6", "#b3261e"
 CLASSES = {"vehicle": ("vehicle",), "cyclist and pedestrian": SMALL, "all three": ("vehicle", *SMALL)}
 Spot = Float64[np.ndarray, "3"]
@@ -85,8 +86,12 @@ class LivePage:
         self._filling = False
         site = planner.yard.site
         add_site(server.scene, site, set())
-        eye, middle = (np.array(each) for each in scene.overview(tuple(site.area.tolist())))
-        scene.set_view(server, tuple(middle + AWAY * (eye - middle)), tuple(middle))
+        eye, self._middle = (np.array(each) for each in scene.overview(tuple(site.area.tolist())))
+        self._slant = AWAY * (eye - self._middle)
+        scene.set_view(server, tuple(self._middle + self._slant), tuple(self._middle))
+        self._aimed: dict[int, tuple[Spot, float, bool, Spot]] = {}  # view, aspect and place of each browser's camera
+        server.on_client_connect(self._greet)
+        server.on_client_disconnect(lambda client: self._aimed.pop(client.client_id, None))
         server.scene.on_click()(self._click)
         self._add_panel()
         self._threads = [threading.Thread(target=t, daemon=True) for t in (self._work, self._refine, self._work_long)]
@@ -614,10 +619,31 @@ class LivePage:
 
     def _look_down(self, client: Handle) -> None:
         if client is not None:
-            xmin, ymin, xmax, ymax = self.planner.yard.site.area.tolist()
-            x, y = (xmin + xmax) / 2, (ymin + ymax) / 2
-            client.camera.position = (x, y - 1.0, 1.15 * max(xmax - xmin, ymax - ymin))
-            client.camera.look_at = (x, y, 0.0)
+            self._aim(client, np.array([0.0, -0.02, 1.0]) * np.linalg.norm(self._slant))
+
+    def _greet(self, client: Handle) -> None:
+        camera = client.camera
+        self._aim(client, self._slant, phone=camera.image_width < PHONE)
+
+        @camera.on_update
+        def _(_: Handle) -> None:  # the panel docks, or the window changes: fit what nobody has moved
+            away, aspect, phone, place = self._aimed[client.client_id]
+            if abs(camera.aspect - aspect) > 0.01 and np.allclose(camera.position, place, atol=0.1):
+                self._aim(client, away, phone=phone)
+
+    def _aim(self, client: Handle, way: Spot, *, phone: bool | None = None) -> None:
+        """Aim a browser's camera at the area, from farther away where the window is narrow or a sheet covers it."""
+        camera = client.camera
+        if phone is None:
+            phone = self._aimed[client.client_id][2]
+        away = way * max(WIDE / camera.aspect, 1.0)
+        ahead, east = -away / np.linalg.norm(away), np.array([1.0, 0.0, 0.0])
+        east = east - ahead * (east @ ahead)
+        covered = SHEET * np.tan(camera.fov / 2) * np.linalg.norm(away) if phone else 0.0
+        middle = self._middle - covered * np.cross(east / np.linalg.norm(east), ahead)
+        self._aimed[client.client_id] = way, camera.aspect, phone, middle + away
+        with client.atomic():
+            camera.position, camera.look_at = middle + away, middle
 
 
 class LiveSession:
