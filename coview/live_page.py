@@ -12,7 +12,7 @@ import secrets
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import ExitStack, suppress
 from dataclasses import replace
 from html import escape
@@ -31,7 +31,7 @@ from placement_env.live.variant import LiveSensor
 from placement_env.report.pages.scene import add_site
 from toolkit.arrays import Float64
 from toolkit.detection.schemes import PAPER_SCHEMES
-from toolkit.plots.palette import FAINT, OUTCOME, sensor_colour
+from toolkit.plots.palette import FAINT, INK, OUTCOME, sensor_colour
 from toolkit.sensors.error_profiles import PROFILES
 from toolkit.sensors.sensor import Sensor
 from toolkit.viewing import scene
@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from viser import ViserServer
 
     from placement_env.live.figures import LiveAnswer
+    from placement_env.setting import Setting
 LIVE_PORT = 8090  # unless it is taken
 FOUND = 0.5  # hit probability from which a road user is drawn as found
 REACH = 20.0  # m: a handle is where the sensor looks at the ground, but no farther
@@ -232,22 +233,26 @@ class LivePage:
             gui.add_button("Judge and write the report").on_click(lambda _: self._later("judging", self._report))
 
     def _add_score_tab(self) -> None:
-        gui, asked = self.server.gui, self.planner.asked
+        gui, first, now = self.server.gui, self.planner.first, self.planner.asked
         self._details = gui.add_html("")
-        counted = next((k for k, names in CLASSES.items() if names == asked.counted.names), "as given")
-        classes = gui.add_dropdown("Classes", tuple(dict.fromkeys((counted, *CLASSES))), initial_value=counted)
-        iou = gui.add_dropdown("IoU", tuple(dict.fromkeys((f"{asked.cases.iou}", "0.5", "0.7", "0.8", "0.5:0.95"))))
-        scheme = gui.add_dropdown("Scheme", tuple(dict.fromkeys((asked.fusion.name, *PAPER_SCHEMES))))
-        errors = gui.add_dropdown("Errors if measured", tuple(dict.fromkeys((asked.cases.names[0], *PROFILES))))
-        limit = gui.add_number("Budget (0: none)", 0 if np.isinf(asked.most_price) else asked.most_price, min=0)
+
+        def choose(label: str, options: Iterable[str], at_first: str, value: str) -> Handle:
+            return gui.add_dropdown(label, tuple(dict.fromkeys((at_first, *options, value))), initial_value=value)
+
+        def name(setting: Setting) -> str:
+            return next((k for k, names in CLASSES.items() if names == setting.counted.names), "as given")
+
+        classes = choose("Classes", CLASSES, name(first), name(now))
+        iou = choose("IoU", ("0.5", "0.7", "0.8"), f"{first.cases.ious[0]:g}", f"{now.cases.ious[0]:g}")
+        scheme = choose("Scheme", PAPER_SCHEMES, first.fusion.name, now.fusion.name)
+        errors = choose("Errors if measured", PROFILES, first.cases.names[0], now.cases.names[0])
+        limit = gui.add_number("Budget (0: none)", 0.0 if np.isinf(now.most_price) else now.most_price, min=0)
 
         def ask() -> LiveAnswer:
-            now = self.planner.asked
-            cases = replace(now.cases, iou=iou.value, errors=(errors.value,))
             return self.planner.ask(
-                classes=CLASSES.get(classes.value, asked.classes),
-                cases=cases,
-                scheme=scheme.value if scheme.value != asked.fusion.name else asked.scheme,
+                classes=CLASSES.get(classes.value, first.classes),
+                cases=replace(self.planner.asked.cases, iou=float(iou.value), errors=(errors.value,)),
+                scheme=scheme.value if scheme.value != first.fusion.name else first.scheme,
                 most_price=limit.value or np.inf,
             )
 
@@ -578,16 +583,19 @@ class LivePage:
         if answer is None:
             return
         here = np.flatnonzero(seen.frame == int(self._frame.value))
-        found = answer.probability[here] >= FOUND
-        if self._drawn.get("/traffic") == (here.tolist(), found.tolist()):
+        found, hidden = answer.probability[here] >= FOUND, answer.hidden[here]
+        if self._drawn.get("/traffic") == (here.tolist(), found.tolist(), hidden.tolist()):
             return
-        self._drawn["/traffic"] = here.tolist(), found.tolist()
+        self._drawn["/traffic"] = here.tolist(), found.tolist(), hidden.tolist()
         for handle in self._traffic:
             handle.remove()
         boxes, missed = seen.boxes[here[found]], seen.boxes[here[~found]]
         crossed = np.concatenate([scene.box_edges(missed), scene.roof_crosses(missed)])
-        colours = OUTCOME["hit"].colour, OUTCOME["missed"].colour
-        drawn = zip(("found", "missed"), (scene.box_edges(boxes), crossed), colours, strict=True)
+        drawn = (
+            ("found", scene.box_edges(boxes), OUTCOME["hit"].colour),
+            ("missed", crossed, OUTCOME["missed"].colour),
+            ("unseen", scene.arrows(seen.boxes[here[hidden]]), INK),
+        )
         made = [
             scene.add_lines(self.server.scene, f"/traffic/{name}", lines, colour, width=2.5, visible=True)
             for name, lines, colour in drawn

@@ -24,7 +24,8 @@ MAP_KEY = (
     f'<div style="{_BOX}"><div style="height:8px;background:linear-gradient(90deg,#fde725,#21918c,#440154)"></div>'
     '<div style="display:flex;justify-content:space-between"><span>never seen</span><span>always</span></div>'
     f'Boxes: <b style="color:{OUTCOME["hit"].colour}">found</b>, '
-    f'<b style="color:{OUTCOME["missed"].colour}">missed, with a cross</b></div>'
+    f'<b style="color:{OUTCOME["missed"].colour}">missed, with a cross</b>, '
+    "<b>under an arrow where no sensor sees them</b></div>"
 )
 
 

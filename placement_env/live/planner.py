@@ -84,6 +84,8 @@ class LivePlanner:
         self.catalogue, self.currency = sold.catalogue, sold.currency
         self.yard = Yard.of(place, _offer(setting), hang, sold.keep_out)
         self._lock = RLock()
+        self.first = setting
+        self.tell: Callable[[bool], None] = lambda dragging: None  # called after every change, before its answer
         self._open(setting, run or Run(frames=frames, seed=seed))
         start = self.yard.place(hang)
         self.variants: dict[str, Variant] = {"A": start}
@@ -92,17 +94,19 @@ class LivePlanner:
         self._future: list[tuple[str, Variant]] = []
         self._before: LiveAnswer | None = None
         self._dragging: str | None = None
-        self.tell: Callable[[bool], None] = lambda dragging: None  # called after every change, before its answer
 
-    def _open(self, asked: Setting, run: Run, **known: object) -> None:
-        """Prepare for a question. known: parts of the preparation before that are the same."""
+    def _open(self, asked: Setting, run: Run, before: Preparation | None = None) -> None:
+        """Prepare for a question, in the traffic of the preparation before."""
+        if len(asked.cases.ious) > 1:
+            raise ValueError(f"live figures are of one IoU, got {asked.cases.iou}: give one")
         setting = replace(asked, candidates=self.yard.stock).with_fidelity("surrogate")
         made = Preparation(setting, run)
         made.check()
         self.asked, self.setting, self.preparation = asked, setting, made.plain
-        vars(self.preparation).update(known)
+        if before is not None:
+            self.preparation.take_traffic(before)
         self._meter, self._answers = Meter(self.preparation, self.currency), dict[Variant, LiveAnswer]()
-        if "live" not in known:
+        if before is None or before.setting.counted.labels != setting.counted.labels:
             self._views, self._stock = dict[object, Row](), StockViews(self.preparation)
 
     def ask(self, **changes: Any) -> LiveAnswer:
@@ -112,13 +116,17 @@ class LivePlanner:
         predicts that, and keeps the question that was.
         """
         with self._lock:
-            asked, made = replace(self.asked, **changes), self.preparation
-            known: dict[str, Any] = {"traffic": made.traffic}
-            if asked.counted.labels == self.asked.counted.labels:
-                known["live"] = made.live
-            self._open(asked, made.run, **known)
+            before = self.preparation
+            self._open(replace(self.asked, **changes), before.run, before)
             self._before = None
+            self.tell(False)
             return self.answer("another question")
+
+    @property
+    def question(self) -> dict[str, object]:
+        """Changes that `ask` has made since the start, for JSON: classes, iou, errors, scheme and most_price."""
+        first, now = _describe_question(self.first), _describe_question(self.asked)
+        return {name: value for name, value in now.items() if value != first[name]}
 
     @property
     def variant(self) -> Variant:
@@ -518,6 +526,12 @@ def _offer(setting: Setting) -> Candidates:
         return pool(setting.place)
     except NoCandidates:
         return paper_candidates(setting.place)
+
+
+def _describe_question(asked: Setting) -> dict[str, object]:
+    cases, most = asked.cases, None if math.isinf(asked.most_price) else asked.most_price
+    said = {"classes": [*asked.counted.names], "iou": [*cases.ious], "errors": [*cases.names]}
+    return {**said, "scheme": asked.fusion.name, "most_price": most}
 
 
 def _finite(name: str, value: float) -> float:

@@ -88,11 +88,9 @@ def _serve_guarded(serve: Handle, token: str, *arguments: object, process_reques
         if "Upgrade" in request.headers and not _LOCAL.fullmatch(request.headers.get("Origin", "")):
             return connection.respond(403, "open the viewer in a browser of this machine\n")
         request.path = f"/{rest}"
-        if rest.partition("?")[0]:
-            return process_request(connection, request)
-        del request.headers["Accept-Encoding"]  # for a page that can be added to
+        request.headers.pop("Accept-Encoding", None)  # a page that comes plain can be added to
         answer = process_request(connection, request)
-        if answer is not None:
+        if answer is not None and answer.headers.get("Content-Type", "").startswith("text/html"):
             answer.body = _with_head(answer.body.decode(), "prompt.js").encode()
             del answer.headers["Content-Length"]
             answer.headers["Content-Length"] = str(len(answer.body))
@@ -203,6 +201,15 @@ def spikes(boxes: BoxRows) -> Segments:
     upright = np.stack([top, tip], 1)
     bars = [np.stack([bar - side, bar + side], 1) for side in (np.array([0.8, 0, 0]), np.array([0, 0.8, 0]))]
     return np.concatenate([upright, *bars]).astype(np.float64)
+
+
+def arrows(boxes: BoxRows) -> Segments:
+    """Arrow down onto each box: an object that nobody sees."""
+    tip = boxes[:, :3] + np.array([0.0, 0, 1]) * (boxes[:, 5:6] / 2 + 0.3)
+    ends = (
+        np.array(end) * SPIKE for end in ((0.0, 0, 1.4), (0.4, 0, 0.5), (-0.4, 0, 0.5), (0, 0.4, 0.5), (0, -0.4, 0.5))
+    )
+    return np.concatenate([np.stack([tip, tip + end], 1) for end in ends]).astype(np.float64)
 
 
 def dashes(segments: Segments, *, dash: float, gap: float) -> Segments:

@@ -178,7 +178,10 @@ def main(drags: int = 200, width: int = 1280, height: int = 720) -> None:
         say("a pole never used", [bench.drag("d0", end, housing=True) for end in there[: drags // 10]])
         tab.wait_for_timeout(20_000)  # views from other heights are made while nobody moves anything
         lifts = [(names[k % len(names)], rng.uniform(-40, 40)) for k in range(drags // 5)]
-        say("lifts", [bench.drag(n, bench.place(n, True) + (0, by), housing=True, shift=True) for n, by in lifts])
+        say(
+            "lifts",
+            [bench.drag(n, bench.place(n, True) + np.array([0, by]), housing=True, shift=True) for n, by in lifts],
+        )
         tab.get_by_role("tab", name="View").click()
         tab.get_by_label("Seen how often").click()
         tab.get_by_role("option", name="a child").click()

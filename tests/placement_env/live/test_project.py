@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from placement_env import LivePlanner
+from placement_env.cases import Cases
 from placement_env.live.project import SAVED_STEPS, ProjectFile, export_variant
 from placement_env.live.variant import Variant
 from placement_env.setting import Setting
@@ -172,3 +173,25 @@ def test_an_export_is_what_search_writes_and_reads_back(planner, tmp_path):
     planner.restore({"A": replace(planner.variant, sensors=())}, "A", [])
     with pytest.raises(ValueError, match="no sensor to export"):
         export_variant(planner, tmp_path / "none")
+
+
+def test_the_question_is_kept(path):
+    planner = LivePlanner("tjunction", frames=8)
+    project = ProjectFile(path, planner)
+    asked = planner.ask(classes=("cyclist", "pedestrian"), cases=Cases(errors="glare"), scheme="late", most_price=4)
+    with pytest.raises(ValueError, match="of one IoU"):
+        planner.ask(cases=Cases(iou="0.5:0.95"))
+    project.close()
+    again = LivePlanner("tjunction", frames=8)
+    ProjectFile(path, again).close()
+    assert again.question == planner.question
+    assert again.question["errors"] == ["glare"]
+    assert again.answer().ap == asked.ap
+    assert again.answer().budget == 4
+    again.tell = lambda dragging: None
+    kept = json.loads(path.read_text())
+    bad = ({"iou": 5}, {"iou": [3]}, {"classes": ["cow"]}, {"scheme": 3}, {"most_price": "x"}, {"errors": [1]}, [1])
+    for question in (*bad, {"colour": 1}):
+        path.write_text(json.dumps(kept | {"question": question}))
+        with pytest.raises(ValueError, match=r"junction\.json: "):
+            ProjectFile(path, again)
