@@ -22,12 +22,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from coview.live_tables import HINT, MAP_KEY, details_html, figures_html, note_html, variants_html
+from coview.live_tables import HINT, MAP_KEY, details_html, figures_html, map_html, note_html, site_html, variants_html
 from placement_env.classes import SMALL
 from placement_env.live.planner import LivePlanner, Suggestion
 from placement_env.live.project import ProjectFile, export_variant, report_variant
 from placement_env.live.seen_map import MAP_HEIGHTS, SeenMaps
-from placement_env.live.variant import LiveSensor
+from placement_env.live.variant import LiveSensor, Variant
 from placement_env.report.pages.scene import add_site
 from toolkit.arrays import Float64
 from toolkit.detection.schemes import PAPER_SCHEMES
@@ -81,6 +81,7 @@ class LivePage:
         self._image: Handle = None
         self._areas: Handle = None
         self._traffic: list[Handle] = []
+        self._small: dict[Variant, str] = {}  # maps beside the table
         self._drawn: dict[str, object] = {}  # what the scene shows, so that only what has changed is sent again
         self._spots: list[Spot] = []  # clicked on the ground
         self._await_spot: Callable[[Spot], None] | None = None
@@ -212,6 +213,7 @@ class LivePage:
         with tabs.add_tab("Score"):
             self._add_score_tab()
         with tabs.add_tab("Variants"):
+            gui.add_html(site_html(planner.yard.site))
             self._table = gui.add_html("")
             self._wanted = gui.add_dropdown("Shown", ("A",))
             self._wanted.on_update(lambda _: self._typed(lambda: self._change(planner.show, self._wanted.value)))
@@ -413,10 +415,18 @@ class LivePage:
         self._show_note()
         self._draw_traffic()
         self._draw_map()
-        self._table.content = variants_html(
-            {name: self.planner.estimate(each) for name, each in self.planner.variants.items()}, self.planner.current
-        )
+        self._draw_variants()
         self._fill()
+
+    def _draw_variants(self) -> None:
+        yard, variants = self.planner.yard, self.planner.variants
+        for variant in set(variants.values()) - self._small.keys():
+            sensors = [(yard.build_sensor(variant, each), each.failed) for each in variant.sensors]
+            self._small[variant] = map_html(yard.site, sensors)
+        self._small = {variant: self._small[variant] for variant in variants.values()}
+        answers = {name: self.planner.estimate(each) for name, each in variants.items()}
+        maps = {name: self._small[each] for name, each in variants.items()}
+        self._table.content = variants_html(answers, self.planner.current, maps)
 
     def _show_note(self) -> None:
         self._said.content = note_html(self._busy, self._note or self._measured)

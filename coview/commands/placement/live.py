@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -157,13 +158,13 @@ def live(
 def open_planner(where: str, stock: StockOptions, classes: ClassOptions, cases: Cases, run: Run) -> LivePlanner:
     """Open a planner at a site, or with the sensors of a plan's folder.
 
-    That brings classes, poles and frames of its own where the options are left out. Raises ValueError and OSError for
-    what cannot be read.
+    That brings a budget, and classes, poles and frames where the options are left out. Raises ValueError and OSError
+    for what cannot be read.
     """
     from placement_env.handover.exchange import MAP, SITE
     from placement_env.live.planner import LivePlanner
 
-    folder = Path(where)
+    folder, most = Path(where), math.inf
     if folder.is_dir():
         if not (folder / SITE).is_file() or not (folder / "plan.json").is_file():
             raise FileNotFoundError(
@@ -175,12 +176,14 @@ def open_planner(where: str, stock: StockOptions, classes: ClassOptions, cases: 
         if stock == USUAL_STOCK:
             poles = "pool" if named else str(folder / MAP)
             stock = replace(stock, candidates=poles, scheme=asked["scheme"], capacity=asked["capacity_kbit"])
+        if asked["money"] is not None and (asked["catalogue"] is None or stock.sensors is not None):
+            most = asked["money"]  # in the same currency
         if classes == USUAL_CLASSES:
             weights = tuple(asked["class_weights"])
             classes = replace(classes, classes=tuple(asked["classes"]), class_weights=weights, combine=asked["combine"])
         if (run.frames, run.seed) == (LIVE_RUN.frames, LIVE_RUN.seed):
             run = replace(run, frames=asked["frames"][0], seed=asked["seed"])
-    return LivePlanner(stock.setting(where, classes, cases, run), run=run)
+    return LivePlanner(replace(stock.setting(where, classes, cases, run), most_price=most), run=run)
 
 
 def _describe(before: LiveAnswer, after: LiveAnswer) -> str:
