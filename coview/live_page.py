@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from coview.live_start import StartPage
 from coview.live_tables import HINT, MAP_KEY, details_html, figures_html, map_html, note_html, site_html, variants_html
 from placement_env.classes import SMALL
 from placement_env.live.planner import LivePlanner, Suggestion
@@ -93,7 +94,6 @@ class LivePage:
         scene.set_view(server, tuple(self._middle + self._slant), tuple(self._middle))
         self._aimed: dict[int, tuple[Spot, float, bool, Spot]] = {}  # view, aspect and place of each browser's camera
         server.on_client_connect(self._greet)
-        server.on_client_disconnect(lambda client: self._aimed.pop(client.client_id, None))
         server.scene.on_click()(self._click)
         self._add_panel()
         self._threads = [threading.Thread(target=t, daemon=True) for t in (self._work, self._refine, self._work_long)]
@@ -643,11 +643,12 @@ class LivePage:
         camera = client.camera
         self._aim(client, self._slant, phone=camera.image_width < PHONE)
 
-        @camera.on_update
-        def _(_: Handle) -> None:  # the panel docks, or the window changes: fit what nobody has moved
+        def fit(_: Handle) -> None:  # the panel docks, or the window changes: fit what nobody has moved
             away, aspect, phone, place = self._aimed[client.client_id]
             if abs(camera.aspect - aspect) > 0.01 and np.allclose(camera.position, place, atol=0.1):
                 self._aim(client, away, phone=phone)
+
+        camera.on_update(fit)
 
     def _aim(self, client: Handle, way: Spot, *, phone: bool | None = None) -> None:
         """Aim a browser's camera at the area, from farther away where the window is narrow or a sheet covers it."""
@@ -665,24 +666,38 @@ class LivePage:
 
 
 class LiveSession:
-    """A live planner that is served. In Jupyter it shows itself in the cell. url: for browsers of this machine."""
+    """A live planner that is served. In Jupyter it shows itself in the cell. url: for browsers of this machine.
+
+    planner: or a function that makes one with its project of the name or file of a site, which the page asks for.
+    """
+
+    page: LivePage
 
     def __init__(
         self,
-        planner: LivePlanner,
+        planner: LivePlanner | Callable[[str], tuple[LivePlanner, ProjectFile]],
         *,
         port: int = LIVE_PORT,
         project: ProjectFile | None = None,
-        folder: Path | None = None,
+        folder: Path = Path("out/live"),
     ) -> None:
         if not 1 <= port < 2**16:
             raise ValueError(f"port must lie in 1..65535, got {port}: leave it out for {LIVE_PORT}")
         token = secrets.token_urlsafe(16)
-        self.planner, self._open = planner, ExitStack()
+        self._open, self._folder = ExitStack(), folder
         self._server = self._open.enter_context(viser_server(port, token))
-        self.page = LivePage(self._server, planner, project, folder or Path("out/live"))
-        self._open.callback(self.page.close)
+        if isinstance(planner, LivePlanner):
+            self._show(planner, project)
+        else:
+            StartPage(self._server, folder, lambda site: self._show(*planner(site)))
         self.url = f"http://127.0.0.1:{self._server.get_port()}/{token}/"
+
+    def _show(self, planner: LivePlanner, project: ProjectFile | None) -> None:
+        self._server.gui.reset()
+        if project is not None:
+            self._open.callback(project.close)
+        self.page = LivePage(self._server, planner, project, self._folder)
+        self._open.callback(self.page.close)
 
     def wait(self) -> None:
         """Serve until the process is interrupted."""

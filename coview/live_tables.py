@@ -23,6 +23,10 @@ HINT = (
     "<b>1</b> Drag a ball to turn a sensor, its box to another pole (Shift: up, down). <b>2</b> Read what it does. "
     "<b>3</b> Ask what is best, and accept it.</div>"
 )
+START = (
+    f'<div style="{_BOX}"><b>Open an OpenStreetMap (.osm) or OpenDRIVE (.xodr) extract, or a site</b>, by its path or '
+    "as an upload. The junction around the centre becomes a site, and planning starts.</div>"
+)
 MAP_KEY = (
     f'<div style="{_BOX}"><div style="height:8px;background:linear-gradient(90deg,#fde725,#21918c,#440154)"></div>'
     '<div style="display:flex;justify-content:space-between"><span>never seen</span><span>always</span></div>'

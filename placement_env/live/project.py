@@ -128,7 +128,7 @@ class ProjectFile:
                 raise ValueError(f"a question needs values that fit, got {error}") from None
 
     def _ask(self, iou: Any = None, errors: Any = None, **more: Any) -> None:
-        cases = {
+        cases: dict[str, Any] = {
             name: tuple(map(kind, each)) for name, kind, each in (("iou", float, iou), ("errors", str, errors)) if each
         }
         if "most_price" in more:

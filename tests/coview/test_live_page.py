@@ -5,18 +5,21 @@ import os
 import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from coview.live_page import AWAY
+from coview.live_page import AWAY, LiveSession
 from placement_env import LivePlanner
+from placement_env.live.project import ProjectFile
 from placement_env.live.variant import Variant
 from placement_env.setting import Setting
 from toolkit.sites.files import load_site
 from toolkit.viewing import scene
 
 FRAMES = 16
+ROOT = Path(__file__).parents[2]
 SITE = load_site("tjunction")
 
 
@@ -74,7 +77,7 @@ class Page:
         before = ""
         while (now := figures()) != before or "refining" in now:
             before = now
-            self.tab.wait_for_timeout(1500)
+            self.tab.wait_for_timeout(600)
         return self.variant
 
     def pixel(self, point):
@@ -238,3 +241,28 @@ def test_only_pages_of_this_machine_with_the_token_are_served(page):
     assert tab.goto(f"http://127.0.0.1:{port}/").status == 403
     assert tab.goto(f"http://127.0.0.1:{port}/wrong/").status == 403
     tab.close()
+
+
+def test_a_map_is_opened_from_the_page(browser, tmp_path):
+    def begin(site):
+        planner = LivePlanner(site, frames=8)
+        return planner, ProjectFile(tmp_path / "own.live.json", planner)
+
+    session = LiveSession(begin, port=18790, folder=tmp_path)
+    tab = browser.new_page()
+    tab.set_default_timeout(90_000)
+    try:
+        tab.goto(session.url)
+        for wrong, said in (("cow.osm", "no map"), ("<b>nowhere", "no site")):
+            for label, text in (("Path or site", wrong), ("Centre", "8.0 49.5")):
+                tab.locator(f"xpath=//label[text()='{label}']/following::input[1]").fill(text)
+            tab.get_by_role("button", name="Open").click()
+            tab.wait_for_function(f"document.querySelector('.live-note')?.innerText.includes('{said}')")
+        tab.locator("input[type=file]").set_input_files(ROOT / "docs" / "own-junction.osm")
+        tab.wait_for_selector(".live-ap")
+        assert sorted(path.name for path in tmp_path.glob("own*.json")) == ["own-junction.json", "own.live.json"]
+        tab.get_by_role("button", name="Add a sensor", exact=True).click()
+        tab.wait_for_function("parseFloat(document.querySelector('.live-ap').innerText) > 0")
+    finally:
+        tab.close()
+        session.close()

@@ -108,7 +108,7 @@ def what_if(
 
 
 def live(
-    site: Positional[str],
+    site: Positional[str] = "",
     /,
     *,
     stock: StockOptions = USUAL_STOCK,
@@ -126,10 +126,12 @@ def live(
 
     Example: coview live tjunction
 
+    Example: coview live
+
     Example: coview live out/plan --project out/live/main-street.json
 
     Args:
-        site: A site with or without sensors, or the folder of a plan.
+        site: A site with or without sensors, or the folder of a plan; the page asks for a map or site when left out.
     """
     import webbrowser
 
@@ -138,20 +140,26 @@ def live(
     from toolkit.viewing.scene import check_viser
 
     check_viser()
-    planner = open_planner(site, stock, classes, cases, run)
-    path = keeping.project or keeping.out / f"{Path(site).stem or 'site'}.live.json"
-    kept = ProjectFile(path, planner, last_good=keeping.last_good)
+
+    def find_project(where: str) -> Path:
+        return keeping.project or keeping.out / f"{Path(where).stem or 'site'}.live.json"
+
+    def begin(where: str) -> tuple[LivePlanner, ProjectFile]:
+        planner = open_planner(where, stock, classes, cases, run)
+        return planner, ProjectFile(find_project(where), planner, last_good=keeping.last_good)
+
+    planner, kept = begin(site) if site else (begin, None)
     session = LiveSession(planner, port=serving.port, project=kept, folder=keeping.out)
     try:
-        said = f"{session.url} (this machine alone; Ctrl-C ends it; kept in {path})"
-        print_result({"url": session.url, "project": str(path)}, said, as_json=writing.json)
+        project = str(find_project(site) if site else keeping.out)
+        said = f"{session.url} (this machine alone; Ctrl-C ends it; kept in {project})"
+        print_result({"url": session.url, "project": project}, said, as_json=writing.json)
         sys.stdout.flush()
         if serving.browser:
             webbrowser.open(session.url)
         session.wait()
     finally:
         session.close()
-        kept.close()
     return OK
 
 
