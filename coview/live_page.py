@@ -25,6 +25,7 @@ import numpy as np
 from coview.live_start import StartPage
 from coview.live_tables import HINT, MAP_KEY, details_html, figures_html, map_html, note_html, site_html, variants_html
 from placement_env.classes import SMALL
+from placement_env.live.picture import GroundPicture, keep_picture
 from placement_env.live.planner import LivePlanner, Suggestion
 from placement_env.live.project import ProjectFile, export_variant, report_variant
 from placement_env.live.seen_map import MAP_HEIGHTS, SeenMaps
@@ -81,6 +82,8 @@ class LivePage:
         self._maps: dict[float, SeenMaps] = {}
         self._image: Handle = None
         self._areas: Handle = None
+        self._laid: Handle = None
+        self._beside = folder if project is None else project.path.parent  # where a picture is kept
         self._traffic: list[Handle] = []
         self._small: dict[Variant, str] = {}  # maps beside the table
         self._drawn: dict[str, object] = {}  # what the scene shows, so that only what has changed is sent again
@@ -210,6 +213,13 @@ class LivePage:
             )
             gui.add_button("Close the area").on_click(lambda _: self._change(self._close_area))
             gui.add_button("Remove all areas").on_click(lambda _: self._change(planner.set_keep_out, ()))
+            upload = gui.add_upload_button("Lay a picture under it", mime_type="image/png, image/jpeg")
+            upload.on_upload(lambda _: self.do(lambda: self._take_picture(upload.value.name, upload.value.content)))
+            self._two = gui.add_text("Two points", "", hint="x y x y of where they belong, or their distance (m)")
+            gui.add_button("Place the picture by two points").on_click(
+                lambda _: self._pick("two points of the picture", self._place_picture)
+            )
+            gui.add_button("Take the picture away").on_click(lambda _: self.do(lambda: self._lay(None)))
         with tabs.add_tab("Score"):
             self._add_score_tab()
         with tabs.add_tab("Variants"):
@@ -289,6 +299,46 @@ class LivePage:
         corners = tuple((float(x), float(y)) for x, y, _ in self._spots)
         self._spots, self._await_spot = [], None
         return self.planner.set_keep_out((*self.planner.variant.keep_out, corners))
+
+    def _take_picture(self, name: str, content: bytes) -> None:
+        self._lay(keep_picture(name, content, self._beside, self.planner.yard.site.area))
+        self._note = "type two points of the picture, or their distance, and place it by them"
+        self._show_note()
+
+    def _place_picture(self, spot: Spot) -> None:
+        self._spots.append(spot)
+        if len(self._spots) < 2 or self.planner.picture is None:
+            self._note = "click on the other one" if self.planner.picture else "there is no picture: lay one first"
+            self._show_note()
+            return
+        spots, self._spots, self._await_spot = [each[:2].tolist() for each in self._spots], [], None
+        try:
+            given = [float(each) for each in self._two.value.replace(",", " ").split()]
+        except ValueError:
+            given = []
+        self._lay(self.planner.picture.place(spots, given))
+
+    def _lay(self, picture: GroundPicture | None) -> None:
+        self.planner.lay(picture)
+        self._note = ""
+        self._draw()
+
+    def _draw_picture(self) -> None:
+        picture, site = self.planner.picture, self.planner.yard.site
+        if self._drawn.get("/picture") == picture:
+            return
+        self._drawn["/picture"] = picture
+        if self._laid is not None:
+            self._laid.remove()
+            self._laid = None
+        if picture is not None:
+            pixels = np.dstack(
+                [picture.read(self._beside)[::-1], np.full((picture.height, picture.width), 215, np.uint8)]
+            )
+            wide, long = picture.width * picture.scale, picture.height * picture.scale
+            self._laid = self.server.scene.add_image("/picture", pixels, wide, long, cast_shadow=False)
+            self._laid.position = picture.x, picture.y, float(site.ground(np.array([picture.x, picture.y]))) + 0.06
+            self._laid.wxyz = np.cos(picture.turn / 2), 0.0, 0.0, np.sin(picture.turn / 2)
 
     def _draw_areas(self) -> None:
         """Draw the keep-out areas, and the one that is being drawn."""
@@ -412,6 +462,7 @@ class LivePage:
             self._draw_sensors()
             self._draw_ghosts()
             self._draw_areas()
+            self._draw_picture()
         self._show_note()
         self._draw_traffic()
         self._draw_map()

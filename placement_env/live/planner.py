@@ -23,6 +23,7 @@ from placement_env.fidelity.preparation import Preparation
 from placement_env.fidelity.seeing import see
 from placement_env.fidelity.visibility import Visibility
 from placement_env.live.figures import LiveAnswer, Meter
+from placement_env.live.picture import GroundPicture
 from placement_env.live.stock_views import StockViews, join_views
 from placement_env.live.variant import (
     TILT_SPAN,
@@ -89,6 +90,7 @@ class LivePlanner:
         self._open(setting, run or Run(frames=frames, seed=seed))
         start = self.yard.place(hang)
         self.variants: dict[str, Variant] = {"A": start}
+        self.picture: GroundPicture | None = None  # under the scene
         self.current = "A"
         self._past: list[tuple[str, Variant]] = []
         self._future: list[tuple[str, Variant]] = []
@@ -252,6 +254,11 @@ class LivePlanner:
         """Let no pole be used within areas, each given by its corners. Raises ValueError for what is no area."""
         with self._lock:
             return self._become(replace(self.variant, keep_out=tuple(map(check_area, areas))), "keep-out areas")
+
+    def lay(self, picture: GroundPicture | None) -> None:
+        """Lay a picture under the scene, or take it away."""
+        self.picture = picture
+        self.tell(False)
 
     def undo(self) -> LiveAnswer:
         """Take the last change back. Raises ValueError where there is none."""

@@ -232,6 +232,21 @@ def test_the_map_and_the_traffic_are_drawn(page):
     page.tab.get_by_role("button", name="From above").click()
     page.tab.wait_for_timeout(1500)
     assert page.tab.locator(".live-note").all_inner_texts() == said  # no refusal
+    page.tab.get_by_role("tab", name="Draw").click()
+    upload = page.tab.locator("input[type=file]")
+    upload.set_input_files({"name": "cow.png", "mimeType": "image/png", "buffer": b"moo"})
+    page.tab.wait_for_function("document.querySelector('.live-note')?.innerText.includes('cow.png is no whole')")
+    upload.set_input_files(ROOT / "docs" / "birds_eye.png")
+    page.tab.wait_for_function("document.querySelector('.live-note')?.innerText.includes('two points')")
+    laid = page.project["picture"]
+    page.tab.locator("xpath=//label[text()='Two points']/following::input[1]").fill("30")
+    page.tab.get_by_role("button", name="Place the picture by two points").click()
+    page.tab.wait_for_function("document.querySelector('.live-note')?.innerText.includes('click on the ground')")
+    for spot in ((300, 300), (500, 300)):
+        page.tab.mouse.click(*spot)
+        page.tab.wait_for_timeout(500)
+    assert page.project["picture"]["scale"] != laid["scale"]
+    assert (page.folder / laid["file"]).is_file()
     assert page.server.poll() is None
 
 
