@@ -15,7 +15,7 @@ from placement_env.live.variant import check_name, check_row
 from toolkit.arrays import Float64, UInt8
 from toolkit.runtime.files import write_bytes
 
-MOST_BYTES, MOST_PIXELS = 40_000_000, 60_000_000  # of a picture as it comes
+MOST_PICTURE_BYTES, MOST_PIXELS = 40_000_000, 60_000_000  # of a picture as it comes
 SHOWN_PIXELS = 1600  # along its longer side, as it is kept
 NEAREST = 0.5  # m between the two points
 
@@ -67,11 +67,11 @@ class GroundPicture:
 def keep_picture(name: str, content: bytes, folder: Path, area: Float64[np.ndarray, "4"]) -> GroundPicture:
     """Keep a PNG or JPEG picture in a folder, as wide as an area (m) at first.
 
-    Raises ValueError for a long name, a damaged picture and one of more than `MOST_BYTES` or `MOST_PIXELS`.
+    Raises ValueError for a long name, a damaged picture and one of more than `MOST_PICTURE_BYTES` or `MOST_PIXELS`.
     """
     check_name(name)
-    if len(content) > MOST_BYTES:
-        most = f"{MOST_BYTES // 10**6} MB"
+    if len(content) > MOST_PICTURE_BYTES:
+        most = f"{MOST_PICTURE_BYTES // 10**6} MB"
         raise ValueError(f"a picture must have at most {most}, got {len(content) / 1e6:.0f}: shrink it")
     from PIL import Image
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, strategies as st
 from PIL import Image
 
-from placement_env.live.picture import MOST_BYTES, SHOWN_PIXELS, GroundPicture, keep_picture
+from placement_env.live.picture import MOST_PICTURE_BYTES, SHOWN_PIXELS, GroundPicture, keep_picture
 
 AREA = np.array([-40.0, -30.0, 40.0, 30.0])
 LAID = GroundPicture("plan.png", "picture-0123456789ab.jpg", 800, 600, 0.0, 0.0, 0.1)
@@ -69,7 +69,7 @@ def test_a_picture_is_kept_and_read_back(tmp_path):
         ("plan.png", b"", "no whole"),
         ("x" * 61, encode(), "1 to 60"),
         ("a\nb.png", encode(), "one line"),
-        ("plan.png", bytes(MOST_BYTES + 1), "at most 40 MB"),
+        ("plan.png", bytes(MOST_PICTURE_BYTES + 1), "at most 40 MB"),
     ],
 )
 def test_what_is_no_picture_is_refused_in_one_line(tmp_path, name, content, said):
