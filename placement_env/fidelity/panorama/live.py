@@ -7,7 +7,6 @@ heading and tilt are looked up.
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from collections.abc import Sequence
 from dataclasses import replace
 from threading import Lock
@@ -16,6 +15,7 @@ from typing import Literal
 import numpy as np
 
 from placement_env.candidates.candidates import Candidates
+from placement_env.fidelity.panorama.bounded import Bounded
 from placement_env.fidelity.panorama.ray_table import Lookup
 from placement_env.fidelity.panorama.surround import ScoredItems, Still, Surround, find_place_strips, successive_strips
 from placement_env.fidelity.traffic import Traffic, build_renderer
@@ -46,7 +46,7 @@ class LiveView:
         self.traffic, self._cache = traffic, cache
         self._unseen = Visibility.unseen(traffic, (), labels)
         self._scored = ScoredItems.of(traffic, traffic.snapshots, labels)
-        self._kept: OrderedDict[Place, Surround] = OrderedDict()  # longest made or renewed first
+        self._kept = Bounded()  # surrounds by place
         self.casting = Lock()  # held while rays are cast: others may look at what is there
 
     def see(self, candidates: Candidates, *, reach: Reach = "mount") -> Visibility:
@@ -84,7 +84,7 @@ class LiveView:
     @property
     def bytes(self) -> int:
         """Memory of the panoramas."""
-        return sum(each.bytes for each in list(self._kept.values()))
+        return self._kept.nbytes
 
     def _knows(self, shares: list[tuple[Place, float]], model: SensorModel) -> bool:
         return all(place in self._kept and model in self._kept[place].stills for place, _ in shares)
@@ -115,11 +115,9 @@ class LiveView:
             for model in models - stills.keys():
                 stills[model] = Still.of(renderer, self.traffic.site, np.array(place), model)
             self._kept[place] = Surround.of(strips, self._scored, stills)
-        for place in asked:
-            self._kept.move_to_end(place)
-        while len(self._kept) > len(asked) and self.bytes > MOST_BYTES:
-            self._kept.popitem(last=False)
-        return {place: self._kept[place] for place in asked}
+        found = {place: self._kept[place] for place in asked}
+        self._kept.keep(found, MOST_BYTES)
+        return found
 
     def _panoramas(self, places: list[Place]) -> list[Strips]:
 

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from placement_env.fidelity.panorama.bounded import Bounded
 from toolkit.arrays import Float, Float32, Float64, Int64, Shaped
 from toolkit.geometry import pose
 from toolkit.sensors.sensor import Sensor, SensorModel
@@ -87,7 +88,7 @@ class RayTable:
 
     first_column, columns: places of azimuth with rays; first_row: the lowest of elevation; cells, cell_rays: cells with
     rays (column after column, azimuth from the heading), for uses that need no fine grid, and number of rays in each;
-    bytes: of memory.
+    nbytes: of memory.
     """
 
     def __init__(self, model: SensorModel, tilt: float, roll: float) -> None:
@@ -110,7 +111,7 @@ class RayTable:
         rays = np.bincount(column * CELL_ROWS + row)
         self.cells = np.flatnonzero(rays)
         self.cell_rays = rays[self.cells].astype(np.float32)
-        self.bytes = self._sums.nbytes + self.cells.nbytes + self.cell_rays.nbytes
+        self.nbytes = self._sums.nbytes + self.cells.nbytes + self.cell_rays.nbytes
 
     def counts(
         self, rectangles: Rectangles, heading: np.float32, more: np.float32
@@ -143,7 +144,7 @@ class RayTable:
         return counts
 
 
-_TABLES: dict[tuple[SensorModel, float, float], RayTable] = {}  # longest unused first
+_TABLES = Bounded()  # by model, tilt and roll
 _LOCK = Lock()
 
 
@@ -151,12 +152,8 @@ def ray_table(model: SensorModel, tilt: float, roll: float) -> RayTable:
     """Return the table of a model, tilted and rolled (rad), made once as long as `MOST_TABLE_BYTES` hold it."""
     key = model, tilt, roll
     with _LOCK:
-        table = _TABLES.pop(key, None)
-        if table is None:
-            table, room = RayTable(*key), MOST_TABLE_BYTES - sum(each.bytes for each in _TABLES.values())
-            while _TABLES and room < table.bytes:
-                room += _TABLES.pop(next(iter(_TABLES))).bytes
-        _TABLES[key] = table
+        table: RayTable = _TABLES.get(key) or RayTable(*key)
+        _TABLES.keep({key: table}, MOST_TABLE_BYTES)
         return table
 
 

@@ -82,7 +82,7 @@ class Surround:
         return Surround(scored, rectangles, item.astype(np.int32), frame.astype(np.int32), most, gains, stills)
 
     @cached_property
-    def bytes(self) -> int:
+    def nbytes(self) -> int:
         """Memory of the arrays."""
         pairs = [*self.gains.values(), *((still.sent, still.far) for still in self.stills.values())]
         return sum(each.nbytes for each in (*self.rectangles, self.item, self.frame, *sum(pairs, ())))
