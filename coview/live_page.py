@@ -722,6 +722,7 @@ class LiveSession:
     planner: or a function that makes one with its project of the name or file of a site, which the page asks for.
     """
 
+    planner: LivePlanner
     page: LivePage
 
     def __init__(
@@ -744,6 +745,7 @@ class LiveSession:
         self.url = f"http://127.0.0.1:{self._server.get_port()}/{token}/"
 
     def _show(self, planner: LivePlanner, project: ProjectFile | None) -> None:
+        self.planner = planner
         self._server.gui.reset()
         if project is not None:
             self._open.callback(project.close)

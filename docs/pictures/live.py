@@ -25,10 +25,11 @@ SIZE, FILM, PAUSE = (1280, 720), (896, 504), 250  # px of the page and the film;
 POINTER = """
 addEventListener('DOMContentLoaded', () => {
     const dot = document.createElement('div')
-    dot.style = 'position:fixed;z-index:9999;width:18px;height:18px;margin:-9px;border-radius:50%;pointer-events:none;' +
-        'background:#e2197888;border:2px solid #fff;left:-99px'
+    dot.style = 'position:fixed;z-index:9999;width:18px;height:18px;margin:-9px;border-radius:50%;' +
+        'pointer-events:none;background:#e2197888;border:2px solid #fff;left:-99px'
     document.body.append(dot)
-    addEventListener('pointermove', e => Object.assign(dot.style, {left: e.clientX + 'px', top: e.clientY + 'px'}), true)
+    const follow = e => Object.assign(dot.style, {left: e.clientX + 'px', top: e.clientY + 'px'})
+    addEventListener('pointermove', follow, true)
 })
 """
 
@@ -96,7 +97,6 @@ def main(folder: Path) -> None:
     planner = LivePlanner("tjunction", run=Run(frames=60, seed=3, cache=Path("out/cache")))
     planner.finish()
     session = LiveSession(planner, folder=folder)
-    session.planner = planner
     try:
         with sync_playwright() as playwright:
             path = shutil.which("chromium") or shutil.which("google-chrome")

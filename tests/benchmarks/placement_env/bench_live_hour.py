@@ -1,4 +1,4 @@
-"""An hour on the live planner's page, time compressed, in two browsers: memory, speed at both ends, and that they agree.
+"""An hour on the live planner's page, time compressed, in two browsers: memory, speed at both ends, agreement.
 
 python tests/benchmarks/placement_env/bench_live_hour.py [ACTIONS]   (600: one every six seconds of the hour)
     Drags by mouse in one browser; in between failures, additions, removals, other poles, variants, suggestions, the
@@ -84,15 +84,11 @@ def main(actions: int = 600) -> None:
         tab.wait_for_timeout(6000)
         texts = [each.inner_text(".live-ap >> xpath=..") for each in (tab, other)]
         print(f"both browsers show the same: {texts[0] == texts[1]}", flush=True)
-        tenth = max(len(times) // 5, 1)
-        first, last = (np.percentile(part, [50, 95]) for part in (times[:tenth], times[-tenth:]))
-        print(
-            f"{len(times)} drags; pointer to figures, first fifth: p50 {first[0]:.0f}, p95 {first[1]:.0f} ms; last fifth: "
-        )
-        print(
-            f"p50 {last[0]:.0f}, p95 {last[1]:.0f} ms; server {memory[-1] - memory[0]:+d} MB, {max(memory)} at most",
-            flush=True,
-        )
+        fifth = max(len(times) // 5, 1)
+        print(f"pointer to figures, {len(times)} drags:")
+        for what, part in (("first", times[:fifth]), ("last", times[-fifth:])):
+            print(f"  {what} fifth: p50 {np.median(part):.0f}, p95 {np.percentile(part, 95):.0f} ms")
+        print(f"server {memory[-1] - memory[0]:+d} MB, {max(memory)} MB at most", flush=True)
         chromium.close()
     session.close()
     shutil.rmtree(folder)
