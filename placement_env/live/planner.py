@@ -19,6 +19,7 @@ import numpy as np
 from placement_env.candidates.candidates import Candidates, aim_sensor
 from placement_env.candidates.pool import NoCandidates, paper_candidates, pool
 from placement_env.fidelity.panorama.live import HEIGHT_STEP, MOST_BYTES
+from placement_env.fidelity.panorama.ray_table import make_table_ahead
 from placement_env.fidelity.preparation import Preparation
 from placement_env.fidelity.seeing import see
 from placement_env.fidelity.visibility import Visibility
@@ -360,7 +361,8 @@ class LivePlanner:
             if not live.knows(sensor):
                 live.see(replace(every.select([k]), sensors=(sensor,)), reach="own")
                 return True
-        return self._stock.look_further()
+        models = dict.fromkeys(sensor.model for sensor in every.sensors)
+        return any(make_table_ahead(model, *TILT_SPAN) for model in models) or self._stock.look_further()
 
     def finish(self) -> LiveAnswer:
         """Figures of the variant that is shown, without anything coarse."""

@@ -157,6 +157,15 @@ def ray_table(model: SensorModel, tilt: float, roll: float) -> RayTable:
         return table
 
 
+def make_table_ahead(model: SensorModel, lowest: float, steepest: float) -> bool:
+    """Make one of the tables that lack between two tilts (rad). False where none does, or memory is half full."""
+    for step in range(round(lowest / TABLE_TILTS), round(steepest / TABLE_TILTS) + 1):
+        if (key := (model, step * TABLE_TILTS, 0.0)) not in _TABLES and _TABLES.nbytes < MOST_TABLE_BYTES / 2:
+            ray_table(*key)
+            return True
+    return False
+
+
 class Rectangles(NamedTuple):
     """Rectangles of azimuth and elevation of the world.
 
