@@ -5,12 +5,14 @@ import os
 import signal
 import subprocess
 import sys
+from contextlib import nullcontext
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from coview.live_page import AWAY, LiveSession
+from coview.live_page import AWAY, LivePage, LiveSession
 from placement_env import LivePlanner
 from placement_env.live.project import ProjectFile
 from placement_env.live.variant import Variant
@@ -281,3 +283,29 @@ def test_a_map_is_opened_from_the_page(browser, tmp_path):
     finally:
         tab.close()
         session.close()
+
+
+@pytest.mark.parametrize(
+    ("width", "height", "shown"), [(390, 844, 0.4), (444, 1024, 1.0), (956, 720, 1.0), (1900, 600, 1.0)]
+)
+@pytest.mark.parametrize("above", [False, True])
+def test_all_sensors_are_in_view_in_any_window(width, height, shown, above):
+    camera = SimpleNamespace(image_width=width, aspect=width / height, fov=np.deg2rad(50.0))
+    client = SimpleNamespace(client_id=0, camera=camera, atomic=nullcontext)
+    page, fits = object.__new__(LivePage), []
+    eye, page._middle = (np.array(each) for each in scene.overview(tuple(SITE.area.tolist())))
+    page._slant, page._aimed = AWAY * (eye - page._middle), {}
+    camera.on_update = fits.append
+    page._greet(client)
+    if width == 444:  # a tablet, whose panel docks after the page has opened
+        page._aimed[0] = (page._slant, 768 / height, False, camera.position)
+        fits[0](camera)
+    if above:
+        page._look_down(client)
+    ahead = (camera.look_at - camera.position) / np.linalg.norm(camera.look_at - camera.position)
+    right = np.cross(ahead, [0, 0, 1]) / np.linalg.norm(np.cross(ahead, [0, 0, 1]))
+    for sensor in SITE.sensors:
+        way = sensor.position - camera.position
+        across, up = np.array([way @ right, way @ np.cross(right, ahead)]) / (way @ ahead) / np.tan(camera.fov / 2)
+        assert abs(across) <= camera.aspect
+        assert 1 - 2 * shown <= up <= 1
