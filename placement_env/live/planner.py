@@ -18,7 +18,7 @@ import numpy as np
 
 from placement_env.candidates.candidates import Candidates, aim_sensor
 from placement_env.candidates.pool import NoCandidates, paper_candidates, pool
-from placement_env.fidelity.panorama.live import HEIGHT_STEP, MOST_BYTES
+from placement_env.fidelity.panorama.live import HEIGHT_STEP
 from placement_env.fidelity.panorama.ray_table import make_table_ahead
 from placement_env.fidelity.preparation import Preparation
 from placement_env.fidelity.seeing import see
@@ -45,6 +45,7 @@ from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
 
 LIVE_FRAMES, LIVE_SEED = 60, 3
+LIVE_BYTES = 270_000_000  # of panoramas in memory
 KEPT_STEPS = 2000  # that can be undone
 KEPT_VIEWS, KEPT_ANSWERS = 512, 256  # views of single sensors and figures of variants in memory
 Row = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]  # points, distance, sent, far of one sensor
@@ -111,6 +112,8 @@ class LivePlanner:
         self._meter, self._answers = Meter(self.preparation, self.currency), dict[Variant, LiveAnswer]()
         if before is None or before.setting.counted.labels != setting.counted.labels:
             self._views, self._stock = dict[object, Row](), StockViews(self.preparation)
+            if self.preparation.live is not None:
+                self.preparation.live.limit(LIVE_BYTES)
 
     def ask(self, **changes: Any) -> LiveAnswer:
         """Score by other classes, cases or scheme, or within another price, in the same traffic.
@@ -356,7 +359,7 @@ class LivePlanner:
             for height in np.arange(mount.min_height, mount.max_height + HEIGHT_STEP, HEIGHT_STEP).tolist():
                 up = np.array([0.0, 0.0, mount.position[2] + min(height, mount.max_height) - sensor.position[2]])
                 others.append((k, aim_sensor(sensor, sensor.position + up, 0.0, 0.0)))
-        ahead = others if live.bytes < MOST_BYTES / 2 else []  # else they would push each other out for ever
+        ahead = [] if live.full else others  # else they would push each other out for ever
         for k, sensor in [*enumerate(every.sensors), *ahead]:
             if not live.knows(sensor):
                 live.see(replace(every.select([k]), sensors=(sensor,)), reach="own")

@@ -20,7 +20,7 @@ from toolkit.sensors.sensor import Sensor
 CELL = 0.5  # m
 MAP_FRAMES = 48  # of the traffic, evenly chosen; a bit of 64 each
 MAP_HEIGHTS = {"a child": 1.0, "a car": 1.5}  # m above the ground where a place must be seen
-KEPT_BYTES = 40_000_000  # of places of sensors in memory, 8 a cell
+KEPT_BYTES = 20_000_000  # of places of sensors in memory, 8 a cell
 
 
 @dataclass(frozen=True, eq=False)

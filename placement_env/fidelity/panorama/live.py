@@ -46,7 +46,7 @@ class LiveView:
         self.traffic, self._cache = traffic, cache
         self._unseen = Visibility.unseen(traffic, (), labels)
         self._scored = ScoredItems.of(traffic, traffic.snapshots, labels)
-        self._kept = Bounded()  # surrounds by place
+        self._kept, self._most = Bounded(), MOST_BYTES  # surrounds by place
         self.casting = Lock()  # held while rays are cast: others may look at what is there
 
     def see(self, candidates: Candidates, *, reach: Reach = "mount") -> Visibility:
@@ -81,10 +81,14 @@ class LiveView:
         """True where the view from a sensor's own height needs no panorama."""
         return self._knows([(_place(*sensor.position.tolist()), 1.0)], sensor.model)
 
+    def limit(self, most: int) -> None:
+        """Keep panoramas of at most so many bytes in memory."""
+        self._most = most
+
     @property
-    def bytes(self) -> int:
-        """Memory of the panoramas."""
-        return self._kept.nbytes
+    def full(self) -> bool:
+        """True where memory has hardly room for another panorama."""
+        return self._kept.nbytes > 0.9 * self._most
 
     def _knows(self, shares: list[tuple[Place, float]], model: SensorModel) -> bool:
         return all(place in self._kept and model in self._kept[place].stills for place, _ in shares)
@@ -116,7 +120,7 @@ class LiveView:
                 stills[model] = Still.of(renderer, self.traffic.site, np.array(place), model)
             self._kept[place] = Surround.of(strips, self._scored, stills)
         found = {place: self._kept[place] for place in asked}
-        self._kept.keep(found, MOST_BYTES)
+        self._kept.keep(found, self._most)
         return found
 
     def _panoramas(self, places: list[Place]) -> list[Strips]:

@@ -70,7 +70,10 @@ def main(actions: int = 600) -> None:
             if k % 50 == 0 or k == actions - 1:
                 memory.append(resident())
                 heap.append(tab.evaluate("performance.memory.usedJSHeapSize") / 2**20)
-                print(f"after {k} actions: server {memory[-1]} MB, page {heap[-1]:.0f} MB", flush=True)
+                print(
+                    f"{k} actions, {time.monotonic() - begin:.0f} s: {memory[-1]} MB, page {heap[-1]:.0f} MB",
+                    flush=True,
+                )
             if k % 3:
                 act(k)
                 continue
