@@ -45,9 +45,9 @@ from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
 
 LIVE_FRAMES, LIVE_SEED = 60, 3
-LIVE_BYTES = 270_000_000  # of panoramas in memory
+LIVE_BYTES = 220_000_000  # of panoramas in memory
 KEPT_STEPS = 2000  # that can be undone
-KEPT_VIEWS, KEPT_ANSWERS = 512, 256  # views of single sensors and figures of variants in memory
+KEPT_VIEWS, KEPT_ANSWERS = 512, 128  # views of single sensors and figures of variants in memory
 Row = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]  # points, distance, sent, far of one sensor
 TRIED = ((0.2, 0.0), (-0.2, 0.0), (0.0, 0.09), (0.0, -0.09))  # rad of heading and tilt that a suggestion is turned by
 
