@@ -1,0 +1,250 @@
+"""Networks as ONNX files, ours and anybody's, each with a card, NAME.json, beside NAME.onnx.
+
+The card is a JSON object of values of `VoxelNetConfig`, of which `area` and `labels` are required, and of
+
+    decoded         true: the network returns boxes; false: maps, whose anchors, voxels and calibration the card states
+    nms_threshold   footprint IoU above which the worse of two boxes of a class is dropped; 0.1 when left out
+    sha256          of the .onnx file; another file is refused
+
+The network sees one cloud in the frame of the area, ground at z = 0. It takes `points` (n, 3), x y z (m); or what
+`voxelise` and `VoxelFeatures.inputs` make of them by the card's grid: `features` (n, 6), the row in `cells` of each
+one's `voxel` (n,), and `cells` (v, 4). It returns `boxes` (m, 7): x y z of the centre, length, width, height (m) and
+yaw (rad), `scores` (m,) from 0 to 1, and `labels` (m,), places in those of the card; or the maps of
+`models.network.voxelnet.Prediction` by their names. The networks that measure faces lie in a file's metadata.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+import logging
+import warnings
+from collections.abc import Iterable
+from hashlib import sha256
+from pathlib import Path
+from typing import Any, SupportsFloat
+
+import numpy as np
+import torch
+from safetensors.torch import load, save
+from torch import Tensor, nn
+
+from models.config import VoxelNetConfig
+from models.detector import VoxelNetDetector, relocate, weights_file
+from models.network.candidates import candidates
+from models.network.faces import FaceNetworks
+from models.network.grid import Voxels, voxelise
+from models.network.voxelnet import HeightFold, Prediction, VoxelFeatures, VoxelNet
+from models.weight_files import load_weights
+from toolkit.arrays import Points
+from toolkit.objects import Detections
+from toolkit.runtime.files import parse_json, write_bytes, write_text
+
+EQUAL = 1e-4  # greatest difference of exported maps from torch's
+_OWN = ("decoded", "nms_threshold", "sha256")  # entries of a card beside those of the configuration
+_POINTS, _VOXELS, _BOXES = ("points",), ("features", "voxel", "cells"), ("boxes", "scores", "labels")
+_MISSING = "networks in ONNX need {}: pip install coview[onnx]"
+
+
+class _Graph(nn.Module):
+    """Raw maps of one cloud, by operators that ONNX has."""
+
+    def __init__(self, network: VoxelNet) -> None:
+        super().__init__()
+        self.network: Any = network
+
+    def forward(self, features: Tensor, voxel: Tensor, cells: Tensor) -> tuple[Tensor, ...]:
+        network = self.network
+        x = network.features.encode(features, voxel, cells.shape[0])
+        if isinstance(network.middle, HeightFold):
+            (nx, ny, nz), weight = network.middle.shape, network.middle.weight
+            x = torch.stack([((cells[:, 3:] == level) * x) @ weight[level] for level in range(nz)]).sum(0)
+            column = cells[:, 1] * ny + cells[:, 2]
+            occupied = x.new_zeros(nx * ny).index_fill(0, column, 1.0)
+            x = network.middle.norm(x.new_zeros(nx * ny, x.shape[1]).index_add(0, column, x))
+            x = (torch.relu(x) * occupied[:, None]).view(1, nx, ny, -1).permute(0, 3, 1, 2)
+        else:
+            x = network.middle(x, Voxels(features, voxel, cells))
+        return tuple(each for each in network.head(network.rpn(x)) if each is not None)
+
+
+def export_onnx(name: str | Path, out: Path, area: Iterable[SupportsFloat] | None = None) -> float:
+    """Write shipped weights or a weights file as ONNX, its card beside it.
+
+    area: xmin ymin xmax ymax (m), for weights that go anywhere. Returns the greatest difference of the maps from
+    torch's. Raises ImportError without onnxscript or onnxruntime, ValueError for weights of another area, RuntimeError
+    if the maps differ by more than `EQUAL`.
+    """
+    network, header = load_weights(weights_file(name))
+    if area is not None:
+        xmin, ymin, xmax, ymax = (float(side) for side in area)
+        network = relocate(network, (xmin, ymin, xmax, ymax), header.site or "general")
+    network.eval()
+    (xmin, ymin, xmax, ymax), points, voxels = network.config.area, *map(torch.export.Dim, ("points", "voxels"))
+    cloud = np.random.default_rng(0).uniform((xmin, ymin, 0), (xmax, ymax, 3), (9000, 3)).astype(np.float32)
+    seen = voxelise(cloud, network.config)
+    with torch.no_grad():
+        maps = {key: each for key, each in network(seen)._asdict().items() if each is not None}
+    before = logging.root.manager.disable
+    logging.disable(logging.WARNING)  # the exporter's own, like its warnings
+    try:
+        with warnings.catch_warnings(), torch.no_grad():
+            warnings.simplefilter("ignore")
+            program: Any = torch.onnx.export(
+                _Graph(network),
+                (*network.features.inputs(seen), seen.cells),
+                dynamo=True,
+                verbose=False,
+                input_names=_VOXELS,
+                output_names=list(maps),
+                dynamic_shapes=({0: points}, {0: points}, {0: voxels}),
+            )
+    except ImportError as error:
+        raise ImportError(_MISSING.format(error.name or "onnxscript")) from None
+    finally:
+        logging.disable(before)
+    proto = program.model_proto
+    if network.faces is not None:
+        proto.metadata_props.add(key="faces", value=base64.b64encode(save(network.faces.state_dict())).decode())
+    content = proto.SerializeToString()
+    card = {"decoded": False, "sha256": sha256(content).hexdigest(), **network.config.to_dict()}
+    found = OnnxDetector(str(out), content, card).run(cloud)
+    differs = max(float(np.abs(found[key] - each.numpy()).max()) for key, each in maps.items())
+    if not differs <= EQUAL:
+        raise RuntimeError(f"the maps of {out} would differ from torch's by {differs:.2g}, more than {EQUAL:g}")
+    write_bytes(out, content)
+    write_text(card_file(out), json.dumps(card, indent=1) + "\n")
+    return differs
+
+
+def card_file(path: str | Path) -> Path:
+    """Path of the card beside an ONNX file."""
+    return Path(path).with_suffix(".json")
+
+
+def load_onnx(
+    path: str | Path, area: Iterable[SupportsFloat] | None = None, **thresholds: float | None
+) -> OnnxDetector:
+    """Load the detector of an ONNX file and its card.
+
+    area: xmin ymin xmax ymax (m) of detection, None for the card's own. thresholds: those of `OnnxDetector`. Raises
+    FileNotFoundError without file or card; ValueError, in one line, for those that are damaged or do not fit each other
+    or the area; ImportError without onnxruntime.
+    """
+    card = card_file(path)
+    for file, what in ((Path(path), "network"), (card, f"card of {path}")):
+        if not file.is_file():
+            raise FileNotFoundError(f"no {what} at {file}: a network in ONNX needs NAME.onnx and its card NAME.json")
+    try:
+        detector = OnnxDetector(str(path), Path(path).read_bytes(), parse_json(card.read_text()), **thresholds)
+    except ValueError as error:
+        raise ValueError(f"{path} and {card.name} make no detector: {' '.join(str(error).split())[:200]}") from None
+    wanted = detector.area if area is None else tuple(float(side) for side in area)
+    if wanted != detector.area:
+        own, got = (" ".join(f"{side:g}" for side in corners) for corners in (detector.area, wanted))
+        raise ValueError(f"{path} is for the area {own} alone, got {got}: give --area {own}, or export it for yours")
+    return detector
+
+
+class OnnxDetector(VoxelNetDetector):
+    """Detector of the content of an ONNX file and its card, which computes on the CPU.
+
+    Raises ValueError for a card and a file that do not fit, or a network that fails with a cloud.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        content: bytes,
+        card: object,
+        *,
+        score_threshold: float | None = None,
+        nms_threshold: float | None = None,
+    ) -> None:
+        if not isinstance(card, dict) or not {"decoded", "area", "labels"} <= card.keys():
+            raise ValueError(f"the card must be an object with decoded, area and labels, got {str(card)[:60]}")
+        self.decoded, nms = card["decoded"], card.get("nms_threshold", 0.1)
+        if not isinstance(self.decoded, bool) or not isinstance(nms, int | float):
+            raise ValueError(f"decoded must be true or false, nms_threshold a number, got {self.decoded} and {nms}")
+        self._weights, self._content, self._session = sha256(content).hexdigest(), content, None
+        if card.get("sha256", self._weights) != self._weights:
+            raise ValueError("the network is not the one of the card (sha256): fetch both again")
+        config = VoxelNetConfig.from_dict({key: value for key, value in card.items() if key not in _OWN})
+        self._adopt(config, "cpu", score_threshold, nms if nms_threshold is None else nms_threshold)
+        self.name, self._tiled, self.faces = name, None, None
+        self._features = VoxelFeatures(config)
+        session = self._open()
+        takes, gives = ({each.name for each in some} for some in (session.get_inputs(), session.get_outputs()))
+        maps = Prediction._fields if config.head == "quality" else Prediction._fields[:2]
+        wanted = _BOXES if self.decoded else maps
+        if takes not in (set(_POINTS), set(_VOXELS)) or not gives >= set(wanted):
+            must = f"it must take {_POINTS[0]} or {' '.join(_VOXELS)}, and return {' '.join(wanted)}"
+            raise ValueError(f"{must}, but takes {' '.join(sorted(takes))} and returns {' '.join(sorted(gives))}")
+        self._inputs = _POINTS if takes == set(_POINTS) else _VOXELS
+        if config.faces:
+            faces = session.get_modelmeta().custom_metadata_map.get("faces")
+            if faces is None:
+                raise ValueError("its metadata lack the networks of the card's faces")
+            self.faces = FaceNetworks().eval()
+            self.faces.load_state_dict(load(base64.b64decode(faces)))
+        xmin, ymin, xmax, ymax = config.area
+        self(np.float32([[(xmin + xmax) / 2, (ymin + ymax) / 2, np.mean(config.height)]] * 2))
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**vars(self), "_session": None}
+
+    def _open(self) -> Any:
+        """Return the session, opened in this process."""
+        if self._session is None:
+            try:
+                import onnxruntime
+            except ImportError:
+                raise ImportError(_MISSING.format("onnxruntime")) from None
+            options = onnxruntime.SessionOptions()
+            options.intra_op_num_threads = torch.get_num_threads()
+            options.log_severity_level = 4
+            try:
+                self._session = onnxruntime.InferenceSession(self._content, options, ["CPUExecutionProvider"])
+            except Exception as error:  # of ONNX Runtime, which shares no class
+                raise ValueError(f"ONNX Runtime cannot read it ({error})") from None
+        return self._session
+
+    def run(self, cloud: Points) -> dict[str, np.ndarray]:
+        """Return the outputs of the network by name. Raises ValueError if it fails."""
+        if self._inputs == _POINTS:
+            values = [np.ascontiguousarray(self._inside(cloud), np.float32)]
+        else:
+            seen = voxelise(cloud, self.config)
+            values = [each.numpy() for each in (*self._features.inputs(seen), seen.cells)]
+        session = self._open()
+        try:
+            found = session.run(None, dict(zip(self._inputs, values, strict=True)))
+        except Exception as error:  # of ONNX Runtime, which shares no class
+            raise ValueError(f"{self.name} fails with a cloud of {len(cloud)} points ({error})") from None
+        return dict(zip((each.name for each in session.get_outputs()), found, strict=True))
+
+    def batch(self, clouds: Iterable[Points]) -> list[Detections]:
+        """Detect in several clouds, one after another."""
+        return [self._detect(cloud) if len(self._inside(cloud)) else Detections.empty() for cloud in clouds]
+
+    def _inside(self, cloud: Points) -> Points:
+        (xmin, ymin, xmax, ymax), (low, high) = self.area, self.config.height
+        return cloud[((cloud > (xmin, ymin, low)) & (cloud < (xmax, ymax, high))).all(axis=1)]
+
+    def _detect(self, cloud: Points) -> Detections:
+        found = self.run(cloud)
+        if not self.decoded:
+            maps = Prediction(*(torch.from_numpy(found[key]) if key in found else None for key in Prediction._fields))
+            return self._finish(*candidates(maps, self.anchors, self.config, self._looked_at)[0], cloud)
+        boxes, scores, labels = (found[key] for key in _BOXES)
+        known, fits = len(self.labels), labels.ndim == 1 and scores.shape == labels.shape
+        if not fits or boxes.shape != (len(labels), 7) or not np.isin(labels, range(known)).all():
+            shapes = f"{boxes.shape}, {scores.shape} and {labels.shape}"
+            raise ValueError(f"{self.name} must return (m, 7), (m,) and (m,), labels below {known}, got {shapes}")
+        above = (scores > np.array(self.thresholds)[labels.astype(int)]) & (scores <= 1)
+        best = scores[above, None] * np.eye(known)[labels[above].astype(int)]
+        return self._finish(torch.from_numpy(boxes[above].astype(np.float32)), torch.from_numpy(best), cloud)
+
+    def quick(self) -> OnnxDetector:
+        """Itself: its file says how it computes."""
+        return self
