@@ -188,7 +188,7 @@ class OnnxDetector(VoxelNetDetector):
             self.faces = FaceNetworks().eval()
             self.faces.load_state_dict(load(base64.b64decode(faces)))
         xmin, ymin, xmax, ymax = config.area
-        self(np.float32([[(xmin + xmax) / 2, (ymin + ymax) / 2, np.mean(config.height)]] * 2))
+        self(np.array([[(xmin + xmax) / 2, (ymin + ymax) / 2, sum(config.height) / 2]] * 2, np.float32))
 
     def __getstate__(self) -> dict[str, Any]:
         return {**vars(self), "_session": None}
@@ -234,7 +234,7 @@ class OnnxDetector(VoxelNetDetector):
     def _detect(self, cloud: Points) -> Detections:
         found = self.run(cloud)
         if not self.decoded:
-            maps = Prediction(*(torch.from_numpy(found[key]) if key in found else None for key in Prediction._fields))
+            maps = Prediction(**{key: torch.from_numpy(found[key]) for key in Prediction._fields if key in found})
             return self._finish(*candidates(maps, self.anchors, self.config, self._looked_at)[0], cloud)
         boxes, scores, labels = (found[key] for key in _BOXES)
         known, fits = len(self.labels), labels.ndim == 1 and scores.shape == labels.shape
