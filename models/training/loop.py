@@ -195,7 +195,7 @@ def train(
     start: a network of the same shape, on any area, to start from instead of random weights; machine: the CPU by
     default; validate: called with the network after each epoch, and its figures are logged; progress: called with the
     step, the number of steps, and the losses of the step or the figures of `validate`. With `Machine.seconds` the cycle
-    of the learning rate follows the clock, which a resumed run sets back to its last checkpoint, and the number of steps
+    of the learning rate follows the clock, which resuming sets back to the last checkpoint, and the number of steps
     is an estimate. Raises ValueError if preset and network do not fit, or if `out` holds a run with other settings.
     """
     machine = machine or Machine()
