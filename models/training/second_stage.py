@@ -191,14 +191,19 @@ def fit_calibration(network: VoxelNet, frames: PackedFrames, *, count: int | Non
 
     Each threshold is the lowest above which `PRECISION` of the detections are true, over the first `count` frames
     (None: all) of a file that training did not use, some of them seen by some of the sensors or by sensors with errors.
+    A class with fewer than `FEWEST` detections keeps its own where the network has some.
     """
+    known = network.config
     bare = rebuild(network, calibration=(), rivalry=(), thresholds=(), score_threshold=LOWEST)
     labels = bare.config.labels
     judged = _judge(bare, frames, count, seed)
     hits = np.concatenate([np.zeros(0, int), *(hits for _, hits in judged)])
     before = Detections.merge(found for found, _ in judged)
     rows_of = [(hits != UNCOUNTED) & (before.labels == LABELS.index(label)) for label in labels]
-    pairs = [platt(before.scores[own], hits[own] == TRUE) if own.sum() >= FEWEST else (1.0, 0.0) for own in rows_of]
+    pairs: list[tuple[float, ...]] = list(known.calibration or [(1.0, 0.0)] * len(labels))
+    for row, own in enumerate(rows_of):
+        if own.sum() >= FEWEST:
+            pairs[row] = platt(before.scores[own], hits[own] == TRUE)
     by_label = dict(zip(map(LABELS.index, labels), pairs, strict=True))
     sure = []
     for found, _ in judged:
@@ -207,8 +212,12 @@ def fit_calibration(network: VoxelNet, frames: PackedFrames, *, count: int | Non
     rivals = np.concatenate([np.zeros((0, len(labels))), *(strongest_rivals(found, bare.config) for found in sure)])
     scores = Detections.merge(sure).scores
     rows, thresholds = [], []
-    for own in rows_of:
+    for number, own in enumerate(rows_of):
         true = hits[own] == TRUE
+        if own.sum() < FEWEST and known.rivalry and known.thresholds:
+            rows.append(known.rivalry[number])
+            thresholds.append(known.thresholds[number])
+            continue
         enough = len(labels) > 1 and own.sum() >= FEWEST
         row = platt(scores[own], true, rivals[own]) if enough else (1.0, 0.0, *(0.0 for _ in labels))
         left = rescore(scores[own], rivals[own], np.array([row]))

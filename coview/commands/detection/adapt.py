@@ -1,0 +1,111 @@
+"""`coview adapt`: fit a network to a place without labels."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from tyro.conf import Positional
+
+from coview.arguments import check_least
+from coview.detectors import BACKGROUND, GENERAL, check_detector, recording_detector
+from coview.outputs import OK, Writing, check_folder, print_result
+from coview.progress_bar import progress_bar
+from coview.recordings import Opening
+from toolkit.detection.place import Place
+
+UNSURE = 0.1  # least score of the detections that are joined
+BESIDE = 0.3  # m around an object within which points are its own
+FEWEST_FRAMES, HELD_OUT = 40, 4  # frames, and one in so many, the last ones, is not trained on
+
+
+def adapt(
+    recording: Positional[Path],
+    /,
+    *,
+    out: Path,
+    start: str = GENERAL,
+    errors: str = "paper",
+    seed: int = 0,
+    opening: Opening = Opening(),
+    place: Place = Place(),
+    writing: Writing = Writing(),
+) -> int:
+    """Fit a network to the junction of a recording that nobody labelled, in minutes.
+
+    The empty site is learnt. What the network detects is joined over time, and is the truth: an object found before and
+    after was there in between, one that never moves needs higher scores. Points of neither an object nor the empty site
+    are left out. The last layers are trained on the first three quarters; the last quarter decides how far the weights
+    move, if at all, and scores and thresholds are refitted on it. Sensors must stand still, frames lie at most 1.6 s
+    apart and span some minutes.
+
+    Example: coview adapt junction.bag --layout rosbag --area -40 -40 40 40 --out runs/junction
+
+    Args:
+        recording: Recording in any layout; its labels are not read.
+        out: Folder for weights.safetensors, which every command takes for a detector.
+        start: Shipped weights, or a weights file.
+        errors: Error profile of sensors that measured images, as in coview evaluate.
+        seed: Seed of order and augmentation.
+    """
+    from models.detector import VoxelNetDetector, relocate, weights_file
+    from models.train import WEIGHTS, commit
+    from models.training.adaptation import LONGEST, adapt_network, join_detections
+    from models.training.packed import PackedFrames
+    from models.training.packing import LevelSample, pack, sample_recordings
+    from models.weight_files import Header, load_weights, save_weights
+    from toolkit.boxes import points_in_boxes
+    from toolkit.datasets.readings import ReadRecording, Reads
+    from toolkit.detection.background import KnownBackground
+    from toolkit.detection.place import crop_points
+    from toolkit.geometry import level_rows
+    from toolkit.points import frame_points
+    from toolkit.sites.site import Site
+
+    check_least("--seed", seed, 0)
+    check_detector(start, place)
+    check_folder(out, holds=WEIGHTS, inputs=[recording, *opening.files], overwrite=writing.overwrite)
+    network, header = load_weights(weights_file(start))
+    with opening.open(recording) as opened, progress_bar("frame", len(opened), hidden=writing.json) as bar:
+        if len(opened) < FEWEST_FRAMES:
+            raise ValueError(f"there must be {FEWEST_FRAMES} frames at least to adapt to, got {len(opened)}")
+        known = recording_detector(start + BACKGROUND, opened, place)
+        assert isinstance(known, KnownBackground)
+        area = known.detector.area  # type: ignore[attr-defined]
+        local = relocate(network, area, header.site or GENERAL).eval()
+        detect = replace(known, detector=VoxelNetDetector(local, score_threshold=UNSURE))
+        clouds, found, times = [], [], []
+        frames = ReadRecording(opened, Reads(errors, seed)) if opened[0].has_images else opened
+        for done, (frame, stand) in enumerate(place.stands(frames, opened.site), 1):
+            if isinstance(stand.area, Site):
+                slope = stand.area.relief.slope
+                clouds.append([level_rows(each, slope) for each in frame_points(frame, area=stand.area)])
+            else:
+                clouds.append([crop_points(stand.lift(each.in_world()), stand.area) for each in frame.clouds])
+            found.append(detect(np.concatenate([np.zeros((0, 3), np.float32), *clouds[-1]])))
+            times.append(frame.time)
+            bar.to(done)
+        names = tuple(sensor.name for sensor in opened[0].sensors)
+    apart = float(np.median(np.diff(times)))
+    if not 0 < apart <= LONGEST:
+        raise ValueError(f"frames must lie at most {LONGEST:g} s apart in time, got {apart:g} s: record more often")
+    samples = list[LevelSample]()
+    for own, objects in zip(clouds, join_detections(found, times), strict=True):
+        grown = objects.boxes + np.array([0, 0, 0, 2 * BESIDE, 2 * BESIDE, 2 * BESIDE, 0])
+        kept = (each[known.background.holds(each) | points_in_boxes(each, grown).any(axis=1)] for each in own)
+        samples.append((names, tuple(kept), objects, area))
+    first = len(samples) - len(samples) // HELD_OUT
+    out.mkdir(parents=True, exist_ok=True)
+    packed = []
+    for name, some in (("train", samples[:first]), ("held-out", samples[first:])):
+        pack(sample_recordings(some), out / f"{name}.packed")
+        packed.append(PackedFrames(out / f"{name}.packed"))
+    adapted, before, after = adapt_network(local, *packed, seed=seed)
+    figures = {"AP held out before": before, "AP held out": after}
+    saved = relocate(adapted, network.config.area, GENERAL)
+    save_weights(out / WEIGHTS, saved, Header(header.site, seed, commit(), figures))
+    said = "better weights" if after > before else "the old weights, which no others beat"
+    text = f"{out / WEIGHTS}: {said}, by its own labels of the held out part (mean AP {before:.3f}, now {after:.3f})"
+    print_result({"weights": str(out / WEIGHTS), "before": before, "after": after}, text, as_json=writing.json)
+    return OK
