@@ -103,9 +103,11 @@ def load_detector(
     from models import detector
 
     if Path(name).suffix == ".onnx":
-        from models.onnx_files import load_onnx
+        from models.onnx_files import OnnxDetector
 
-        return CloudDetector(load_onnx(name, area, score_threshold=score_threshold), level)
+        return CloudDetector(
+            OnnxDetector(name, area, score_threshold=score_threshold, nms_threshold=nms_threshold), level
+        )
     network = detector.load_detector(
         name, site=site, area=area, device=device, score_threshold=score_threshold, nms_threshold=nms_threshold
     )
@@ -191,9 +193,9 @@ def check_detector(name: str, place: Place | None = None) -> None:
         if not weights_file(bare).is_file():
             raise FileNotFoundError(f"no such file of weights: {bare}")
         if bare.endswith(".onnx"):
-            from models.onnx_files import load_onnx
+            from models.onnx_files import OnnxDetector
 
-            load_onnx(bare)
+            OnnxDetector(bare)
     if ":" in bare:
         from toolkit.detection.detect import resolve_detector
 
@@ -229,9 +231,9 @@ def _bare_detector(asked: NamedDetector, site: Site) -> Detector:
 
         return asked.tune(ImportedDetector(name, site))
     if name.endswith(".onnx"):
-        from models.onnx_files import load_onnx
+        from models.onnx_files import OnnxDetector
 
-        return asked.tune(load_onnx(name, site.area))
+        return asked.tune(OnnxDetector(name, site.area))
     found = load_site_detector(site.name, site.area) if name == "voxelnet" else load_detector(name, area=site.area)
     return asked.tune(found)
 

@@ -114,7 +114,7 @@ class VoxelNetDetector:
 
     def quick(self) -> VoxelNetDetector:
         """Same detector with coarser numbers in about half the time where the processor has them, else itself."""
-        if not is_quick_at_bfloat16(self.device):
+        if not is_quick_at_bfloat16(self.device) or not isinstance(getattr(self, "network", None), SparseVoxelNet):
             return self
         other = copy.copy(self)
         other.network, other._weights = self.network.halve(), f"{self._weights} in bfloat16"

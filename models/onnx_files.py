@@ -1,16 +1,7 @@
-"""Networks as ONNX files, ours and anybody's, each with a card, NAME.json, beside NAME.onnx.
+"""Networks as ONNX files, ours and anybody's, each with a card, NAME.json, beside NAME.onnx: see docs/how-to/onnx.md.
 
-The card is a JSON object of values of `VoxelNetConfig`, of which `area` and `labels` are required, and of
-
-    decoded         true: the network returns boxes; false: maps, whose anchors, voxels and calibration the card states
-    nms_threshold   footprint IoU above which the worse of two boxes of a class is dropped; 0.1 when left out
-    sha256          of the .onnx file; another file is refused
-
-The network sees one cloud in the frame of the area, ground at z = 0. It takes `points` (n, 3), x y z (m); or what
-`voxelise` and `VoxelFeatures.inputs` make of them by the card's grid: `features` (n, 6), the row in `cells` of each
-one's `voxel` (n,), and `cells` (v, 4). It returns `boxes` (m, 7): x y z of the centre, length, width, height (m) and
-yaw (rad), `scores` (m,) from 0 to 1, and `labels` (m,), places in those of the card; or the maps of
-`models.network.voxelnet.Prediction` by their names. The networks that measure faces lie in a file's metadata.
+The card is a JSON object of values of `VoxelNetConfig`, of which `area` and `labels` are required, of `decoded` (does
+the network return boxes, or maps), and if wanted of `nms_threshold` and of the `sha256` of the file.
 """
 
 from __future__ import annotations
@@ -41,8 +32,7 @@ from toolkit.objects import Detections
 from toolkit.runtime.files import parse_json, write_bytes, write_text
 
 EQUAL = 1e-4  # greatest difference of exported maps from torch's
-_OWN = ("decoded", "nms_threshold", "sha256")  # entries of a card beside those of the configuration
-_POINTS, _VOXELS, _BOXES = ("points",), ("features", "voxel", "cells"), ("boxes", "scores", "labels")
+_POINTS, _VOXELS, _BOXES = ["points"], ["features", "voxel", "cells"], ["boxes", "scores", "labels"]
 _MISSING = "networks in ONNX need {}: pip install coview[onnx]"
 
 
@@ -78,42 +68,31 @@ def export_onnx(name: str | Path, out: Path, area: Iterable[SupportsFloat] | Non
     network, header = load_weights(weights_file(name))
     if area is not None:
         xmin, ymin, xmax, ymax = (float(side) for side in area)
-        network = relocate(network, (xmin, ymin, xmax, ymax), header.site or "general")
-    network.eval()
+        network = relocate(network, (xmin, ymin, xmax, ymax), header.site or "general").eval()
     (xmin, ymin, xmax, ymax), points, voxels = network.config.area, *map(torch.export.Dim, ("points", "voxels"))
     cloud = np.random.default_rng(0).uniform((xmin, ymin, 0), (xmax, ymax, 3), (9000, 3)).astype(np.float32)
     seen = voxelise(cloud, network.config)
-    with torch.no_grad():
+    for talkative in ("torch.onnx", "onnx_ir"):
+        logging.getLogger(talkative).setLevel(logging.ERROR)
+    with warnings.catch_warnings(), torch.no_grad():
+        warnings.simplefilter("ignore")  # the exporter's own
         maps = {key: each for key, each in network(seen)._asdict().items() if each is not None}
-    before = logging.root.manager.disable
-    logging.disable(logging.WARNING)  # the exporter's own, like its warnings
-    try:
-        with warnings.catch_warnings(), torch.no_grad():
-            warnings.simplefilter("ignore")
-            program: Any = torch.onnx.export(
-                _Graph(network),
-                (*network.features.inputs(seen), seen.cells),
-                dynamo=True,
-                verbose=False,
-                input_names=_VOXELS,
-                output_names=list(maps),
-                dynamic_shapes=({0: points}, {0: points}, {0: voxels}),
-            )
-    except ImportError as error:
-        raise ImportError(_MISSING.format(error.name or "onnxscript")) from None
-    finally:
-        logging.disable(before)
-    proto = program.model_proto
+        inputs, sizes = (*network.features.inputs(seen), seen.cells), ({0: points}, {0: points}, {0: voxels})
+        named: dict[str, Any] = {"input_names": _VOXELS, "output_names": list(maps), "dynamic_shapes": sizes}
+        try:
+            proto: Any = torch.onnx.export(_Graph(network), inputs, dynamo=True, verbose=False, **named).model_proto
+        except ImportError as error:
+            raise ImportError(_MISSING.format(error.name or "onnxscript")) from None
     if network.faces is not None:
         proto.metadata_props.add(key="faces", value=base64.b64encode(save(network.faces.state_dict())).decode())
     content = proto.SerializeToString()
     card = {"decoded": False, "sha256": sha256(content).hexdigest(), **network.config.to_dict()}
-    found = OnnxDetector(str(out), content, card).run(cloud)
-    differs = max(float(np.abs(found[key] - each.numpy()).max()) for key, each in maps.items())
-    if not differs <= EQUAL:
-        raise RuntimeError(f"the maps of {out} would differ from torch's by {differs:.2g}, more than {EQUAL:g}")
     write_bytes(out, content)
     write_text(card_file(out), json.dumps(card, indent=1) + "\n")
+    found = OnnxDetector(out).run(cloud)
+    differs = max(float(np.abs(found[key] - each.numpy()).max()) for key, each in maps.items())
+    if not differs <= EQUAL:
+        raise RuntimeError(f"the maps of {out} differ from torch's by {differs:.2g}, more than {EQUAL:g}")
     return differs
 
 
@@ -122,68 +101,58 @@ def card_file(path: str | Path) -> Path:
     return Path(path).with_suffix(".json")
 
 
-def load_onnx(
-    path: str | Path, area: Iterable[SupportsFloat] | None = None, **thresholds: float | None
-) -> OnnxDetector:
-    """Load the detector of an ONNX file and its card.
-
-    area: xmin ymin xmax ymax (m) of detection, None for the card's own. thresholds: those of `OnnxDetector`. Raises
-    FileNotFoundError without file or card; ValueError, in one line, for those that are damaged or do not fit each other
-    or the area; ImportError without onnxruntime.
-    """
-    card = card_file(path)
-    for file, what in ((Path(path), "network"), (card, f"card of {path}")):
-        if not file.is_file():
-            raise FileNotFoundError(f"no {what} at {file}: a network in ONNX needs NAME.onnx and its card NAME.json")
-    try:
-        detector = OnnxDetector(str(path), Path(path).read_bytes(), parse_json(card.read_text()), **thresholds)
-    except ValueError as error:
-        raise ValueError(f"{path} and {card.name} make no detector: {' '.join(str(error).split())[:200]}") from None
-    wanted = detector.area if area is None else tuple(float(side) for side in area)
-    if wanted != detector.area:
-        own, got = (" ".join(f"{side:g}" for side in corners) for corners in (detector.area, wanted))
-        raise ValueError(f"{path} is for the area {own} alone, got {got}: give --area {own}, or export it for yours")
-    return detector
-
-
 class OnnxDetector(VoxelNetDetector):
-    """Detector of the content of an ONNX file and its card, which computes on the CPU.
+    """Detector of an ONNX file and its card, which computes on the CPU.
 
-    Raises ValueError for a card and a file that do not fit, or a network that fails with a cloud.
+    area: xmin ymin xmax ymax (m) of detection, None for the card's own. Raises FileNotFoundError without file or card;
+    ValueError, in one line, for those that are damaged or do not fit each other, or the area, and for a network that
+    fails with a cloud; ImportError without onnxruntime.
     """
 
     def __init__(
         self,
-        name: str,
-        content: bytes,
-        card: object,
+        path: str | Path,
+        area: Iterable[SupportsFloat] | None = None,
         *,
         score_threshold: float | None = None,
         nms_threshold: float | None = None,
     ) -> None:
+        card = card_file(path)
+        if missing := [str(each) for each in (Path(path), card) if not each.is_file()]:
+            raise FileNotFoundError(f"no file {missing[0]}: a network in ONNX needs NAME.onnx and its card NAME.json")
+        self._content, self._session = Path(path).read_bytes(), None
+        self._weights = sha256(self._content).hexdigest()
+        try:
+            self._open(parse_json(card.read_text()), score_threshold, nms_threshold)
+            self.name = str(path)
+        except ValueError as error:
+            raise ValueError(f"{path} and {card.name} make no detector: {' '.join(str(error).split())[:200]}") from None
+        if area is not None and (wanted := tuple(float(side) for side in area)) != self.area:
+            own, got = (" ".join(f"{side:g}" for side in corners) for corners in (self.area, wanted))
+            raise ValueError(
+                f"{path} is for the area {own} alone, got {got}: give --area {own}, or export it for yours"
+            )
+
+    def _open(self, card: object, score_threshold: float | None, nms_threshold: float | None) -> None:
+        """Take over the card, and try the network."""
         if not isinstance(card, dict) or not {"decoded", "area", "labels"} <= card.keys():
             raise ValueError(f"the card must be an object with decoded, area and labels, got {str(card)[:60]}")
-        self.decoded, nms = card["decoded"], card.get("nms_threshold", 0.1)
+        card = {"nms_threshold": 0.1, "sha256": self._weights, **card}
+        self.decoded, nms, digest = (card.pop(key) for key in ("decoded", "nms_threshold", "sha256"))
         if not isinstance(self.decoded, bool) or not isinstance(nms, int | float):
             raise ValueError(f"decoded must be true or false, nms_threshold a number, got {self.decoded} and {nms}")
-        self._weights, self._content, self._session = sha256(content).hexdigest(), content, None
-        if card.get("sha256", self._weights) != self._weights:
+        if digest != self._weights:
             raise ValueError("the network is not the one of the card (sha256): fetch both again")
-        config = VoxelNetConfig.from_dict({key: value for key, value in card.items() if key not in _OWN})
+        config = VoxelNetConfig.from_dict(card)
         self._adopt(config, "cpu", score_threshold, nms if nms_threshold is None else nms_threshold)
-        self.name, self._tiled, self.faces = name, None, None
-        self._features = VoxelFeatures(config)
-        session = self._open()
-        takes, gives = ({each.name for each in some} for some in (session.get_inputs(), session.get_outputs()))
-        maps = Prediction._fields if config.head == "quality" else Prediction._fields[:2]
-        wanted = _BOXES if self.decoded else maps
-        if takes not in (set(_POINTS), set(_VOXELS)) or not gives >= set(wanted):
+        self._tiled, self.faces, self._features, session = None, None, VoxelFeatures(config), self.session
+        takes, gives = ([each.name for each in some] for some in (session.get_inputs(), session.get_outputs()))
+        wanted = _BOXES if self.decoded else Prediction._fields[: 4 if config.head == "quality" else 2]
+        if sorted(takes) not in (_POINTS, sorted(_VOXELS)) or not set(gives) >= set(wanted):
             must = f"it must take {_POINTS[0]} or {' '.join(_VOXELS)}, and return {' '.join(wanted)}"
-            raise ValueError(f"{must}, but takes {' '.join(sorted(takes))} and returns {' '.join(sorted(gives))}")
-        self._inputs = _POINTS if takes == set(_POINTS) else _VOXELS
+            raise ValueError(f"{must}, but takes {' '.join(takes)} and returns {' '.join(gives)}")
         if config.faces:
-            faces = session.get_modelmeta().custom_metadata_map.get("faces")
-            if faces is None:
+            if (faces := session.get_modelmeta().custom_metadata_map.get("faces")) is None:
                 raise ValueError("its metadata lack the networks of the card's faces")
             self.faces = FaceNetworks().eval()
             self.faces.load_state_dict(load(base64.b64decode(faces)))
@@ -193,43 +162,43 @@ class OnnxDetector(VoxelNetDetector):
     def __getstate__(self) -> dict[str, Any]:
         return {**vars(self), "_session": None}
 
-    def _open(self) -> Any:
-        """Return the session, opened in this process."""
+    @property
+    def session(self) -> Any:
+        """Session of ONNX Runtime, opened once in each process."""
         if self._session is None:
             try:
                 import onnxruntime
             except ImportError:
                 raise ImportError(_MISSING.format("onnxruntime")) from None
             options = onnxruntime.SessionOptions()
-            options.intra_op_num_threads = torch.get_num_threads()
-            options.log_severity_level = 4
+            options.intra_op_num_threads, options.log_severity_level = torch.get_num_threads(), 4
             try:
                 self._session = onnxruntime.InferenceSession(self._content, options, ["CPUExecutionProvider"])
-            except Exception as error:  # of ONNX Runtime, which shares no class
+            except Exception as error:  # of ONNX Runtime, which share no class
                 raise ValueError(f"ONNX Runtime cannot read it ({error})") from None
         return self._session
 
     def run(self, cloud: Points) -> dict[str, np.ndarray]:
-        """Return the outputs of the network by name. Raises ValueError if it fails."""
-        if self._inputs == _POINTS:
-            values = [np.ascontiguousarray(self._inside(cloud), np.float32)]
+        """Outputs of the network by name. Raises ValueError if it fails."""
+        session = self.session
+        if len(session.get_inputs()) == 1:
+            values = dict(zip(_POINTS, [np.ascontiguousarray(self._inside(cloud), np.float32)], strict=True))
         else:
             seen = voxelise(cloud, self.config)
-            values = [each.numpy() for each in (*self._features.inputs(seen), seen.cells)]
-        session = self._open()
+            tensors = (*self._features.inputs(seen), seen.cells)
+            values = {key: each.numpy() for key, each in zip(_VOXELS, tensors, strict=True)}
         try:
-            found = session.run(None, dict(zip(self._inputs, values, strict=True)))
-        except Exception as error:  # of ONNX Runtime, which shares no class
+            return dict(zip([each.name for each in session.get_outputs()], session.run(None, values), strict=True))
+        except Exception as error:  # of ONNX Runtime, which share no class
             raise ValueError(f"{self.name} fails with a cloud of {len(cloud)} points ({error})") from None
-        return dict(zip((each.name for each in session.get_outputs()), found, strict=True))
-
-    def batch(self, clouds: Iterable[Points]) -> list[Detections]:
-        """Detect in several clouds, one after another."""
-        return [self._detect(cloud) if len(self._inside(cloud)) else Detections.empty() for cloud in clouds]
 
     def _inside(self, cloud: Points) -> Points:
         (xmin, ymin, xmax, ymax), (low, high) = self.area, self.config.height
         return cloud[((cloud > (xmin, ymin, low)) & (cloud < (xmax, ymax, high))).all(axis=1)]
+
+    def batch(self, clouds: Iterable[Points]) -> list[Detections]:
+        """Detect in several clouds, one after another."""
+        return [self._detect(cloud) if len(self._inside(cloud)) else Detections.empty() for cloud in clouds]
 
     def _detect(self, cloud: Points) -> Detections:
         found = self.run(cloud)
@@ -244,7 +213,3 @@ class OnnxDetector(VoxelNetDetector):
         above = (scores > np.array(self.thresholds)[labels.astype(int)]) & (scores <= 1)
         best = scores[above, None] * np.eye(known)[labels[above].astype(int)]
         return self._finish(torch.from_numpy(boxes[above].astype(np.float32)), torch.from_numpy(best), cloud)
-
-    def quick(self) -> OnnxDetector:
-        """Itself: its file says how it computes."""
-        return self

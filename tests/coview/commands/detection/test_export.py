@@ -55,7 +55,7 @@ def test_commands_take_the_file_for_a_detector(recording, tmp_path, run, refused
     card.write_text(card.read_text().replace('"sha256"', '"sha"'))
     assert "has no sha" in refused(*found, "--out", tmp_path / "b.json")
     card.unlink()
-    assert "no card of" in refused(*found, "--out", tmp_path / "b.json")
+    assert "needs NAME.onnx and its card" in refused(*found, "--out", tmp_path / "b.json")
     assert "no such file of weights" in refused("evaluate", recording, "--detector", tmp_path / "none.onnx")
 
 
