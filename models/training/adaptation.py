@@ -8,7 +8,7 @@ scores than one that does. Only the last layers are trained: what joins the thre
 from __future__ import annotations
 
 import copy
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 
@@ -122,25 +122,21 @@ def train_last_layers(network: VoxelNet, frames: PackedFrames, steps: int, *, se
     return relocate(made.requires_grad_(True), network.config.area, "general").eval()
 
 
-STEPS = 300
-SHARES = (0.5, 1.0)  # of the way from the old weights to the trained ones that are tried
+STEPS = 200
 
 
 def adapt_network(
-    network: VoxelNet, frames: PackedFrames, held_out: PackedFrames, *, steps: int = STEPS, seed: int = 0
+    network: VoxelNet, label: Callable[[VoxelNet, bool], PackedFrames], *, steps: int = STEPS, seed: int = 0
 ) -> tuple[VoxelNet, float, float]:
-    """Train the last layers on packed frames, and refit scores and thresholds on those held out.
+    """Train the last layers on what the network itself labels, and refit scores and thresholds on frames held out.
 
-    Returns the network, and the mean AP over classes and IoU thresholds on the frames held out, of the old one and of
-    this one: the old weights unless others are better. The frames of both hold what `join_detections` finds.
+    label: packs frames with the labels that a network gives them, those held out or the others. Old and new network are
+    judged on the labels of both, since each finds its own. Returns the better one, the old one where they are level,
+    and the mean AP over classes and IoU thresholds of the old and of the returned one.
     """
-    old, trained = network.state_dict(), train_last_layers(network, frames, steps, seed=seed).state_dict()
-    choices = [network, *(copy.deepcopy(network) for _ in SHARES)]
-    for share, choice in zip(SHARES, choices[1:], strict=True):
-        layers = {
-            name: torch.lerp(old[name], new, share) for name, new in trained.items() if name.startswith(LAST_LAYERS)
-        }
-        choice.load_state_dict(old | layers)
-    means = [float(np.nanmean(list(average_precision(each, held_out).values()))) for each in choices]
-    best = int(np.argmax(means))
-    return fit_calibration(choices[best], held_out, seed=seed), means[0], means[best]
+    choices = network, train_last_layers(network, label(network, False), steps, seed=seed)
+    held_out = [label(each, True) for each in choices]
+    judged = ([ap for of in held_out for ap in average_precision(each, of).values()] for each in choices)
+    means = [float(np.nanmean(each)) for each in judged]
+    best = int(means[1] > means[0])
+    return fit_calibration(choices[best], held_out[best], seed=seed), means[0], means[best]

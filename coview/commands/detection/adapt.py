@@ -36,8 +36,8 @@ def adapt(
 
     The empty site is learnt. What the network detects is joined over time, and is the truth: an object found before and
     after was there in between, one that never moves needs higher scores. Points of neither an object nor the empty site
-    are left out. The last layers are trained on the first three quarters; the last quarter decides how far the weights
-    move, if at all, and scores and thresholds are refitted on it. Sensors must stand still, frames lie at most 1.6 s
+    are left out. The last layers are trained on the first three quarters; the last quarter decides whether they are
+    better, and scores and thresholds are refitted on it. Sensors must stand still, frames lie at most 1.6 s
     apart and span some minutes.
 
     Example: coview adapt junction.bag --layout rosbag --area -40 -40 40 40 --out runs/junction
@@ -50,6 +50,7 @@ def adapt(
         seed: Seed of order and augmentation.
     """
     from models.detector import VoxelNetDetector, relocate, weights_file
+    from models.network.voxelnet import VoxelNet
     from models.train import WEIGHTS, commit
     from models.training.adaptation import LONGEST, adapt_network, join_detections
     from models.training.packed import PackedFrames
@@ -73,35 +74,38 @@ def adapt(
         known = recording_detector(start + BACKGROUND, opened, place)
         assert isinstance(known, KnownBackground)
         area = known.detector.area  # type: ignore[attr-defined]
-        local = relocate(network, area, header.site or GENERAL).eval()
-        detect = replace(known, detector=VoxelNetDetector(local, score_threshold=UNSURE))
-        clouds, found, times = [], [], []
         frames = ReadRecording(opened, Reads(errors, seed)) if opened[0].has_images else opened
+        clouds, times = list[list[np.ndarray]](), list[float]()
         for done, (frame, stand) in enumerate(place.stands(frames, opened.site), 1):
             if isinstance(stand.area, Site):
                 slope = stand.area.relief.slope
                 clouds.append([level_rows(each, slope) for each in frame_points(frame, area=stand.area)])
             else:
                 clouds.append([crop_points(stand.lift(each.in_world()), stand.area) for each in frame.clouds])
-            found.append(detect(np.concatenate([np.zeros((0, 3), np.float32), *clouds[-1]])))
             times.append(frame.time)
             bar.to(done)
-        names = tuple(sensor.name for sensor in opened[0].sensors)
     apart = float(np.median(np.diff(times)))
     if not 0 < apart <= LONGEST:
         raise ValueError(f"frames must lie at most {LONGEST:g} s apart in time, got {apart:g} s: record more often")
-    samples = list[LevelSample]()
-    for own, objects in zip(clouds, join_detections(found, times), strict=True):
-        grown = objects.boxes + np.array([0, 0, 0, 2 * BESIDE, 2 * BESIDE, 2 * BESIDE, 0])
-        kept = (each[known.background.holds(each) | points_in_boxes(each, grown).any(axis=1)] for each in own)
-        samples.append((names, tuple(kept), objects, area))
-    first = len(samples) - len(samples) // HELD_OUT
     out.mkdir(parents=True, exist_ok=True)
-    packed = []
-    for name, some in (("train", samples[:first]), ("held-out", samples[first:])):
-        pack(sample_recordings(some), out / f"{name}.packed")
-        packed.append(PackedFrames(out / f"{name}.packed"))
-    adapted, before, after = adapt_network(local, *packed, seed=seed)
+    last = len(clouds) // HELD_OUT
+
+    def label(network: VoxelNet, held_out: bool) -> PackedFrames:
+        """Pack frames with what a network finds in them over time."""
+        some = slice(-last, None) if held_out else slice(-last)
+        detect = replace(known, detector=VoxelNetDetector(network, score_threshold=UNSURE))
+        found = [detect(np.concatenate([np.zeros((0, 3), np.float32), *each])) for each in clouds[some]]
+        samples = list[LevelSample]()
+        for own, objects in zip(clouds[some], join_detections(found, times[some]), strict=True):
+            grown = objects.boxes + np.array([0, 0, 0, 2 * BESIDE, 2 * BESIDE, 2 * BESIDE, 0])
+            kept = (each[known.background.holds(each) | points_in_boxes(each, grown).any(axis=1)] for each in own)
+            samples.append((tuple(map(str, range(len(own)))), tuple(kept), objects, area))
+        pack(sample_recordings(samples), out / "labelled.packed")
+        return PackedFrames(out / "labelled.packed")
+
+    local = relocate(network, area, header.site or GENERAL).eval()
+    adapted, before, after = adapt_network(local, label, seed=seed)
+    (out / "labelled.packed").unlink()
     figures = {"AP held out before": before, "AP held out": after}
     saved = relocate(adapted, network.config.area, GENERAL)
     save_weights(out / WEIGHTS, saved, Header(header.site, seed, commit(), figures))

@@ -75,14 +75,18 @@ def test_only_the_last_layers_move_the_same_way_every_time(packed, same_weights)
     assert one.config.area == before.config.area
 
 
-def test_the_old_weights_stay_where_no_others_are_better(packed, monkeypatch, same_weights):
-    before = network(packed)
-    figures = iter([0.5, 0.4, 0.5])
-    monkeypatch.setattr(adaptation, "average_precision", lambda *_: {"AP@0.7": next(figures), "x": float("nan")})
-    after, old, new = adapt_network(before, packed, packed, steps=2)
-    assert (old, new) == (0.5, 0.5)
-    assert same_weights(after, before)
-    figures = iter([0.5, 0.6, 0.5])
-    after, old, new = adapt_network(before, packed, packed, steps=2)
-    assert (old, new) == (0.5, 0.6)
-    assert not same_weights(after, before)
+def test_the_old_weights_stay_where_the_new_are_not_better(packed, monkeypatch, same_weights):
+    before, asked = network(packed), []
+
+    def label(of, held_out):
+        asked.append((of is before, held_out))
+        return packed
+
+    figures = []
+    monkeypatch.setattr(adaptation, "average_precision", lambda *_: {"a": figures.pop(0), "b": float("nan")})
+    for trained in (0.5, 0.6):
+        figures[:] = [0.5, 0.5, trained, 0.5]
+        after, old, new = adapt_network(before, label, steps=2)
+        assert (old, new) == (0.5, max(0.5, (trained + 0.5) / 2))
+        assert same_weights(after, before) == (trained == 0.5)
+    assert asked[:3] == [(True, False), (True, True), (False, True)]
