@@ -37,7 +37,7 @@ def test_maps_equal_torch_for_any_network(config, tmp_path):
     network = VoxelNet(config).eval()
     torch.nn.init.normal_(network.head.classes.bias, -1.0, 0.1)
     save_weights(tmp_path / "w.safetensors", network, Header("here"))
-    assert export_onnx(tmp_path / "w.safetensors", tmp_path / "w.onnx") <= 1e-4
+    export_onnx(tmp_path / "w.safetensors", tmp_path / "w.onnx")
     exported, torches = OnnxDetector(tmp_path / "w.onnx"), load_detector(tmp_path / "w.safetensors")
     for points in (cloud(), cloud(40, seed=1)):
         maps, expected = exported.run(points), network(voxelise(points, config))
@@ -122,7 +122,7 @@ def test_a_network_of_others_follows_its_card(tmp_path):
         ({**CARD, "labels": ["lorry"]}, {}, "labels must be different ones"),
         ({**CARD, "decoded": 1}, {}, "decoded must be true or false"),
         ({**CARD, "colour": 1}, {}, "has no colour"),
-        ({**CARD, "sha256": "0"}, {}, "not the one of the card"),
+        ({**CARD, "sha256": "0"}, {}, "sha256 that of the file"),
         ({**CARD, "faces": ["vehicle"]}, {}, "lack the networks of the card's faces"),
         ({**CARD, "decoded": False}, {}, "and return class_logits residuals"),
         (CARD, {"outputs": ("boxes", "scores")}, "returns boxes scores"),

@@ -102,7 +102,7 @@ def main() -> None:
 
     import torch
 
-    from coview.commands.detection.adapt import adapt
+    from coview.commands.detection.train import adapt
     from coview.recordings import Opening
     from models.detector import relocate, weights_file
     from models.training.adaptation import STEPS, train_last_layers
