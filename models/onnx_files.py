@@ -78,6 +78,8 @@ def export_onnx(name: str | Path, out: Path, area: Iterable[SupportsFloat] | Non
         named: dict[str, Any] = {"input_names": _VOXELS, "output_names": maps, "dynamic_shapes": sizes}
         inputs = (*network.features.inputs(seen), seen.cells)
         try:
+            import onnxscript  # noqa: F401  # by which torch exports
+
             proto: Any = torch.onnx.export(_Graph(network), inputs, dynamo=True, verbose=False, **named).model_proto
         except ImportError as error:
             raise ImportError(_MISSING.format(error.name or "onnxscript")) from None

@@ -29,7 +29,7 @@ def test_shipped_networks_detect_the_same(name, recording, tmp_path, run):
         for some in (points, points[::7], points[:50]):
             maps = torches.network.network(voxelise(some, torches.network.config))._asdict()
             for key, each in exported.network.run(some).items():
-                np.testing.assert_allclose(each, maps[key], atol=1e-4)
+                np.testing.assert_allclose(each, maps[key], atol=1e-4, rtol=1e-5)
             one, other = exported.network(some), torches.network(some)
             np.testing.assert_allclose(one.boxes, other.boxes, atol=2e-3)
             np.testing.assert_allclose(one.scores, other.scores, atol=1e-4)
