@@ -1,8 +1,8 @@
 """Adaptation of a network to a place without labels: its own detections, joined over time, are the labels.
 
 Detections of one object in successive frames are joined into a track. An object that was found before and after was
-there in between, and it has one class, that of the greatest sum of scores. An object that never moves needs higher
-scores than one that does. Only the last layers are trained: what joins the three blocks' maps, and the head.
+there in between, and it has one class, that of the greatest sum of scores, but no pedestrian is fast. An object that
+never moves needs higher scores than one that does. Only the last layer, the head, is trained.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from models.training.loop import TrainingState, train_step, window
 from models.training.losses import quality_loss
 from models.training.packed import PackedFrames
 from models.training.samples import SampleRecipe, Samples, stack
-from models.training.second_stage import average_precision, fit_calibration
+from models.training.second_stage import average_precision, refit_scores
 from toolkit.arrays import Float
 from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE, Detections, Objects
 
@@ -50,6 +50,12 @@ class _Track:
         """Distance (m) from the first to the farthest place."""
         places = np.stack(self.boxes)[:, :2]
         return float(np.linalg.norm(places - places[0], axis=1).max())
+
+    @property
+    def speed(self) -> float:
+        """Speed (m/s) of its faster quarter."""
+        steps = np.linalg.norm(np.diff(np.stack(self.boxes)[:, :2], axis=0), axis=1)
+        return float(np.quantile(steps / np.diff(self.times), 0.75))
 
     @property
     def sure(self) -> bool:
@@ -91,6 +97,7 @@ def join_detections(found: Sequence[Detections], times: Sequence[float]) -> list
     rows: list[list[tuple[np.ndarray, int, int]]] = [[] for _ in frames]
     for number, track in enumerate(each for each in tracks if each.sure):
         label = int(np.bincount(track.labels, track.scores).argmax())
+        label = CYCLIST if label == PEDESTRIAN and track.speed > FASTEST[PEDESTRIAN] else label
         when, boxes = np.array([times[k] for k in range(track.frames[0], track.frames[-1] + 1)]), np.stack(track.boxes)
         nearest = np.abs(when[:, None] - track.times).argmin(axis=1)
         there = boxes[nearest]
@@ -100,13 +107,13 @@ def join_detections(found: Sequence[Detections], times: Sequence[float]) -> list
     return [Objects(*map(np.array, zip(*each, strict=True))) if each else Objects.empty() for each in rows]
 
 
-LAST_LAYERS = ("rpn.upsample", "head")
+LAST_LAYERS = "head"
 BATCH, LEARNING_RATE = 4, 1e-3
 RECIPE = SampleRecipe(subsets=0.3, augmentation="scene", elsewhere=0.3)
 
 
 def train_last_layers(network: VoxelNet, frames: PackedFrames, steps: int, *, seed: int = 0) -> VoxelNet:
-    """Return the network with its last layers trained on packed frames, its norms as they are."""
+    """Return the network with its last layers trained on packed frames."""
     made = relocate(copy.deepcopy(network), window(network.config.area), "general").eval()
     made.requires_grad_(False)
     trained = [each.requires_grad_(True) for name, each in made.named_parameters() if name.startswith(LAST_LAYERS)]
@@ -139,4 +146,4 @@ def adapt_network(
     judged = ([ap for of in held_out for ap in average_precision(each, of).values()] for each in choices)
     means = [float(np.nanmean(each)) for each in judged]
     best = int(means[1] > means[0])
-    return fit_calibration(choices[best], held_out[best], seed=seed), means[0], means[best]
+    return refit_scores(choices[best], held_out[best], seed=seed), means[0], means[best]

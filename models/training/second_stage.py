@@ -191,19 +191,14 @@ def fit_calibration(network: VoxelNet, frames: PackedFrames, *, count: int | Non
 
     Each threshold is the lowest above which `PRECISION` of the detections are true, over the first `count` frames
     (None: all) of a file that training did not use, some of them seen by some of the sensors or by sensors with errors.
-    A class with fewer than `FEWEST` detections keeps its own where the network has some.
     """
-    known = network.config
     bare = rebuild(network, calibration=(), rivalry=(), thresholds=(), score_threshold=LOWEST)
     labels = bare.config.labels
     judged = _judge(bare, frames, count, seed)
     hits = np.concatenate([np.zeros(0, int), *(hits for _, hits in judged)])
     before = Detections.merge(found for found, _ in judged)
     rows_of = [(hits != UNCOUNTED) & (before.labels == LABELS.index(label)) for label in labels]
-    pairs: list[tuple[float, ...]] = list(known.calibration or [(1.0, 0.0)] * len(labels))
-    for row, own in enumerate(rows_of):
-        if own.sum() >= FEWEST:
-            pairs[row] = platt(before.scores[own], hits[own] == TRUE)
+    pairs = [platt(before.scores[own], hits[own] == TRUE) if own.sum() >= FEWEST else (1.0, 0.0) for own in rows_of]
     by_label = dict(zip(map(LABELS.index, labels), pairs, strict=True))
     sure = []
     for found, _ in judged:
@@ -212,12 +207,8 @@ def fit_calibration(network: VoxelNet, frames: PackedFrames, *, count: int | Non
     rivals = np.concatenate([np.zeros((0, len(labels))), *(strongest_rivals(found, bare.config) for found in sure)])
     scores = Detections.merge(sure).scores
     rows, thresholds = [], []
-    for number, own in enumerate(rows_of):
+    for own in rows_of:
         true = hits[own] == TRUE
-        if own.sum() < FEWEST and known.rivalry and known.thresholds:
-            rows.append(known.rivalry[number])
-            thresholds.append(known.thresholds[number])
-            continue
         enough = len(labels) > 1 and own.sum() >= FEWEST
         row = platt(scores[own], true, rivals[own]) if enough else (1.0, 0.0, *(0.0 for _ in labels))
         left = rescore(scores[own], rivals[own], np.array([row]))
@@ -225,6 +216,26 @@ def fit_calibration(network: VoxelNet, frames: PackedFrames, *, count: int | Non
         thresholds.append(round(max(LEAST_SURE, lowest_threshold(left, true, PRECISION)), 3))
     rivalry = tuple(rows) if len(labels) > 1 else ()
     return rebuild(bare, calibration=tuple(pairs), rivalry=rivalry, thresholds=tuple(thresholds))
+
+
+def refit_scores(network: VoxelNet, frames: PackedFrames, *, seed: int = 0) -> VoxelNet:
+    """Return the network with its final scores, as they are ranked, fitted anew to packed frames, and its thresholds.
+
+    A class with fewer than `FEWEST` detections keeps its own.
+    """
+    known, judged = network.config, _judge(network, frames, None, seed)
+    found, hits = Detections.merge(each for each, _ in judged), np.concatenate([each for _, each in judged])
+    rows = list(known.rivalry or ((1.0, 0.0, *(0.0 for _ in known.labels)),) * len(known.labels))
+    thresholds = list(known.thresholds or (known.score_threshold,) * len(known.labels))
+    for row, label in enumerate(known.labels):
+        own = (hits != UNCOUNTED) & (found.labels == LABELS.index(label))
+        if own.sum() >= FEWEST:
+            scores, true = found.scores[own], hits[own] == TRUE
+            slope, shift = platt(scores, true)
+            rows[row] = (slope * rows[row][0], slope * rows[row][1] + shift, *(slope * each for each in rows[row][2:]))
+            least = lowest_threshold(sigmoid(slope * logit(scores) + shift), true, PRECISION)
+            thresholds[row] = round(max(LEAST_SURE, least), 3)
+    return rebuild(network, rivalry=tuple(rows), thresholds=tuple(thresholds))
 
 
 def _judge(network: VoxelNet, frames: PackedFrames, count: int | None, seed: int) -> list[tuple[Detections, _Hits]]:

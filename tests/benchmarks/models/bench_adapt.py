@@ -108,7 +108,7 @@ def main() -> None:
     from models.training.adaptation import STEPS, train_last_layers
     from models.training.packed import PackedFrames
     from models.training.packing import pack, sample_recordings
-    from models.training.second_stage import fit_calibration
+    from models.training.second_stage import refit_scores
     from models.weight_files import load_weights
     from toolkit.sites.files import load_site
 
@@ -134,7 +134,7 @@ def main() -> None:
                 pack(sample_recordings(some), folder / f"{part}.packed")
             start = relocate(load_weights(weights_file(asked.start))[0], area, "general").eval()
             best = train_last_layers(start, PackedFrames(folder / "a.packed"), STEPS)
-            best = fit_calibration(best, PackedFrames(folder / "b.packed"))
+            best = refit_scores(best, PackedFrames(folder / "b.packed"))
             own = relocate(load_weights(folder / "adapted" / "weights.safetensors")[0], area, "general").eval()
             frames = list(level(test, site, errors, 6))
             figures = [judge(network, frames, area) for network in (start, own, best)]
