@@ -107,16 +107,15 @@ def join_detections(found: Sequence[Detections], times: Sequence[float]) -> list
     return [Objects(*map(np.array, zip(*each, strict=True))) if each else Objects.empty() for each in rows]
 
 
-LAST_LAYERS = "head"
 BATCH, LEARNING_RATE = 4, 1e-3
 RECIPE = SampleRecipe(subsets=0.3, augmentation="scene", elsewhere=0.3)
 
 
-def train_last_layers(network: VoxelNet, frames: PackedFrames, steps: int, *, seed: int = 0) -> VoxelNet:
-    """Return the network with its last layers trained on packed frames."""
+def train_head(network: VoxelNet, frames: PackedFrames, steps: int, *, seed: int = 0) -> VoxelNet:
+    """Return the network with its head trained on packed frames."""
     made = relocate(copy.deepcopy(network), window(network.config.area), "general").eval()
     made.requires_grad_(False)
-    trained = [each.requires_grad_(True) for name, each in made.named_parameters() if name.startswith(LAST_LAYERS)]
+    trained = [each.requires_grad_(True) for name, each in made.named_parameters() if name.startswith("head.")]
     optimiser = torch.optim.AdamW(trained, LEARNING_RATE, weight_decay=0.0)
     schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, LEARNING_RATE, total_steps=max(steps, 10), pct_start=0.2)
     run, samples = TrainingState(made, optimiser, schedule), Samples(frames, made.config, RECIPE, seed)
@@ -135,13 +134,13 @@ STEPS = 200
 def adapt_network(
     network: VoxelNet, label: Callable[[VoxelNet, bool], PackedFrames], *, steps: int = STEPS, seed: int = 0
 ) -> tuple[VoxelNet, float, float]:
-    """Train the last layers on what the network itself labels, and refit scores and thresholds on frames held out.
+    """Train the head on what the network itself labels, and refit scores and thresholds on frames held out.
 
     label: packs frames with the labels that a network gives them, those held out or the others. Old and new network are
     judged on the labels of both, since each finds its own. Returns the better one, the old one where they are level,
     and the mean AP over classes and IoU thresholds of the old and of the returned one.
     """
-    choices = network, train_last_layers(network, label(network, False), steps, seed=seed)
+    choices = network, train_head(network, label(network, False), steps, seed=seed)
     held_out = [label(each, True) for each in choices]
     judged = ([ap for of in held_out for ap in average_precision(each, of).values()] for each in choices)
     means = [float(np.nanmean(each)) for each in judged]

@@ -101,9 +101,8 @@ def adapt(
 
     The empty site is learnt. What the network detects is joined over time, and is the truth: an object found before and
     after was there in between, one that never moves needs higher scores. Points of neither an object nor the empty site
-    are left out. The last layers are trained on the first three quarters; the last quarter decides whether they are
-    better, and scores and thresholds are refitted on it. Sensors must stand still, frames lie at most 1.6 s
-    apart and span some minutes.
+    are left out. The head is trained on the first three quarters; the last quarter decides whether it is better, and
+    scores and thresholds are refitted on it. Sensors must stand still, frames lie at most 1.6 s apart.
 
     Example: coview adapt junction.bag --layout rosbag --area -40 -40 40 40 --out runs/junction
 

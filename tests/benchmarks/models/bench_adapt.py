@@ -1,4 +1,4 @@
-"""`coview adapt` in altered worlds, against the same layers trained with the truth.
+"""`coview adapt` in altered worlds, against the same head trained with the truth.
 
     python tests/benchmarks/models/bench_adapt.py [rows16 rows128 foreign poor import] [--frames 400] [--start general]
 
@@ -105,7 +105,7 @@ def main() -> None:
     from coview.commands.detection.train import adapt
     from coview.recordings import Opening
     from models.detector import relocate, weights_file
-    from models.training.adaptation import STEPS, train_last_layers
+    from models.training.adaptation import STEPS, train_head
     from models.training.packed import PackedFrames
     from models.training.packing import pack, sample_recordings
     from models.training.second_stage import refit_scores
@@ -133,7 +133,7 @@ def main() -> None:
             for part, some in (("a", true[:first]), ("b", true[first:])):
                 pack(sample_recordings(some), folder / f"{part}.packed")
             start = relocate(load_weights(weights_file(asked.start))[0], area, "general").eval()
-            best = train_last_layers(start, PackedFrames(folder / "a.packed"), STEPS)
+            best = train_head(start, PackedFrames(folder / "a.packed"), STEPS)
             best = refit_scores(best, PackedFrames(folder / "b.packed"))
             own = relocate(load_weights(folder / "adapted" / "weights.safetensors")[0], area, "general").eval()
             frames = list(level(test, site, errors, 6))

@@ -8,7 +8,7 @@ import torch
 from models.config import VoxelNetConfig, road_users
 from models.network.voxelnet import VoxelNet
 from models.training import adaptation
-from models.training.adaptation import LAST_LAYERS, adapt_network, join_detections, train_last_layers
+from models.training.adaptation import adapt_network, join_detections, train_head
 from toolkit.objects import CYCLIST, PEDESTRIAN, VEHICLE, Detections
 
 TIMES = np.arange(12) * 0.5
@@ -50,10 +50,12 @@ def test_one_that_never_moves_needs_higher_scores_and_chance_finds_none():
 
 def test_a_track_has_one_class_and_neighbours_stay_apart():
     rider = [car(-10 + 2.0 * k, label=CYCLIST if k % 3 else PEDESTRIAN) for k in range(12)]
-    other = [car(-10 + 2.0 * k, 3.0, label=PEDESTRIAN) for k in range(12)]
+    other = [car(-10 + 0.6 * k, 3.0, label=PEDESTRIAN) for k in range(12)]
     joined = join_detections(frames(rider, other), TIMES)
     assert {tuple(each.labels) for each in joined} == {(CYCLIST, PEDESTRIAN)}
     assert {tuple(each.ids) for each in joined} == {(0, 1)}
+    fast = [car(-10 + 2.0 * k, label=PEDESTRIAN) for k in range(12)]
+    assert {tuple(each.labels) for each in join_detections(frames(fast), TIMES)} == {(CYCLIST,)}
     assert join_detections([], []) == []
     assert [len(each) for each in join_detections(frames([None, None]), TIMES[:2])] == [0, 0]
 
@@ -66,12 +68,12 @@ def network(packed):
 def test_only_the_last_layers_move_the_same_way_every_time(packed, same_weights):
     before = network(packed)
     kept = copy.deepcopy(before)
-    one, two = (train_last_layers(before, packed, 3, seed=1) for _ in range(2))
+    one, two = (train_head(before, packed, 3, seed=1) for _ in range(2))
     assert same_weights(before, kept)
     assert same_weights(one, two)
     moved = {name for name, each in one.state_dict().items() if not torch.equal(each, before.state_dict()[name])}
     assert moved
-    assert all(name.startswith(LAST_LAYERS) for name in moved)
+    assert all(name.startswith("head.") for name in moved)
     assert one.config.area == before.config.area
 
 
