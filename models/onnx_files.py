@@ -80,9 +80,10 @@ def export_onnx(name: str | Path, out: Path, area: Iterable[SupportsFloat] | Non
         try:
             import onnxscript  # noqa: F401  # by which torch exports
 
-            proto: Any = torch.onnx.export(_Graph(network), inputs, dynamo=True, verbose=False, **named).model_proto
+            program: Any = torch.onnx.export(_Graph(network), inputs, dynamo=True, verbose=False, **named)
         except ImportError as error:
             raise ImportError(_MISSING.format(error.name or "onnxscript")) from None
+    proto = program.model_proto
     if network.faces is not None:
         proto.metadata_props.add(key="faces", value=base64.b64encode(save(network.faces.state_dict())).decode())
     content = proto.SerializeToString()

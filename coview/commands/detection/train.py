@@ -147,9 +147,10 @@ def adapt(
                 clouds.append([crop_points(stand.lift(each.in_world()), stand.area) for each in frame.clouds])
             times.append(frame.time)
             bar.to(done)
-    apart = float(np.median(np.diff(times)))
-    if not 0 < apart <= LONGEST:
-        raise ValueError(f"frames must lie at most {LONGEST:g} s apart in time, got {apart:g} s: record more often")
+    apart = np.diff(times)
+    if not (apart > 0).all() or np.median(apart) > LONGEST:
+        got = f"got {apart.min():g} to {apart.max():g} s"
+        raise ValueError(f"frames must ascend in time, at most {LONGEST:g} s apart, {got}: record more often")
     out.mkdir(parents=True, exist_ok=True)
     last = len(clouds) // HELD_OUT
 

@@ -7,7 +7,9 @@ import pytest
 
 from coview.detectors import load_detector, site_detector
 from models.network.grid import voxelise
+from models.onnx_files import OnnxDetector
 from toolkit.datasets.dataset import CoopDataset
+from toolkit.detection.background import KnownBackground
 from toolkit.points import frame_points
 
 pytest.importorskip("onnxscript")
@@ -22,6 +24,7 @@ def test_shipped_networks_detect_the_same(name, recording, tmp_path, run):
     assert code == 0, err
     assert json.loads(said)["card"] == str(tmp_path / "a.json")
     exported, torches = load_detector(tmp_path / "a.onnx"), load_detector(name, area=area)
+    assert isinstance(exported.network, OnnxDetector)
     assert (exported.labels, exported.area) == (torches.labels, torches.area)
     found = 0
     for frame in (CoopDataset(recording)[k] for k in range(4)):
@@ -51,6 +54,7 @@ def test_commands_take_the_file_for_a_detector(recording, tmp_path, run, refused
     np.testing.assert_allclose(*rows, atol=1e-3)
     site = CoopDataset(recording).site
     known = site_detector(f"{tmp_path / 't.onnx'}+background", site)
+    assert isinstance(known, KnownBackground)
     assert known.name == f"{tmp_path / 't.onnx'}+background"
     found = ("detect", recording, "--detector", tmp_path / "t.onnx")
     assert run(*found, *area, "--level", "none", "--out", tmp_path / "boxes.json")[0] == 0
