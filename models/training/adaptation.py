@@ -46,7 +46,7 @@ class _Track:
     labels: list[int] = field(default_factory=list)
 
     @property
-    def moved(self) -> float:
+    def reach(self) -> float:
         """Distance (m) from the first to the farthest place."""
         places = np.stack(self.boxes)[:, :2]
         return float(np.linalg.norm(places - places[0], axis=1).max())
@@ -61,22 +61,22 @@ class _Track:
     def sure(self) -> bool:
         """True for an object."""
         confidence = np.mean(sorted(self.scores)[len(self.scores) // 2 :])
-        enough = confidence >= (SURE_MOVING if self.moved >= MOVES else SURE_STILL)
+        enough = confidence >= (SURE_MOVING if self.reach >= MOVES else SURE_STILL)
         return len(self.frames) >= FEWEST_JOINED and bool(enough)
 
     def distances(self, found: Detections, time: float) -> Float[np.ndarray, " n"]:
         """Distances (m) of detections from where the track would be; infinite for those that cannot be its next."""
         last, since = self.boxes[-1][:2], time - self.times[-1]
-        reach = APART + (FASTEST[self.labels[-1]] if len(self.frames) == 1 else TURNED) * since
+        within = APART + (FASTEST[self.labels[-1]] if len(self.frames) == 1 else TURNED) * since
         if since > LONGEST:
-            waits = len(self.frames) >= FEWEST_JOINED and self.moved < APART and since <= LONGEST_STILL
-            reach = APART if waits else -1.0
+            waits = len(self.frames) >= FEWEST_JOINED and self.reach < APART and since <= LONGEST_STILL
+            within = APART if waits else -1.0
         elif len(self.frames) > 1:
             before = max(-3, -len(self.frames))
             last = last + (last - self.boxes[before][:2]) / (self.times[-1] - self.times[before]) * since
         off = np.linalg.norm(found.boxes[:, :2] - last, axis=1)
         alike = np.isin(found.labels, (VEHICLE, HEAVY)) == (self.labels[-1] in (VEHICLE, HEAVY))
-        return np.where(alike & (off <= reach), off, np.inf)
+        return np.where(alike & (off <= within), off, np.inf)
 
 
 def join_detections(found: Sequence[Detections], times: Sequence[float]) -> list[Objects]:
@@ -107,7 +107,7 @@ def join_detections(found: Sequence[Detections], times: Sequence[float]) -> list
     return [Objects(*map(np.array, zip(*each, strict=True))) if each else Objects.empty() for each in rows]
 
 
-BATCH, LEARNING_RATE = 4, 1e-3
+HEAD_BATCH, HEAD_RATE = 4, 1e-3
 RECIPE = SampleRecipe(subsets=0.3, augmentation="scene", elsewhere=0.3)
 
 
@@ -116,33 +116,34 @@ def train_head(network: VoxelNet, frames: PackedFrames, steps: int, *, seed: int
     made = relocate(copy.deepcopy(network), window(network.config.area), "general").eval()
     made.requires_grad_(False)
     trained = [each.requires_grad_(True) for name, each in made.named_parameters() if name.startswith("head.")]
-    optimiser = torch.optim.AdamW(trained, LEARNING_RATE, weight_decay=0.0)
-    schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, LEARNING_RATE, total_steps=max(steps, 10), pct_start=0.2)
+    optimiser = torch.optim.AdamW(trained, HEAD_RATE, weight_decay=0.0)
+    schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, HEAD_RATE, total_steps=max(steps, 10), pct_start=0.2)
     run, samples = TrainingState(made, optimiser, schedule), Samples(frames, made.config, RECIPE, seed)
     loss, anchor = partial(quality_loss, classes=made.config.anchor_labels), anchors(made.config)
     rng = np.random.default_rng(seed)
     for step in range(steps):
-        batch = stack([samples[step, int(k)] for k in rng.integers(len(samples), size=BATCH)])
+        batch = stack([samples[step, int(k)] for k in rng.integers(len(samples), size=HEAD_BATCH)])
         train_step(run, batch, loss, anchor, False)
         schedule.step()
     return relocate(made.requires_grad_(True), network.config.area, "general").eval()
 
 
-STEPS = 200
+HEAD_STEPS = 200
 
 
 def adapt_network(
-    network: VoxelNet, label: Callable[[VoxelNet, bool], PackedFrames], *, steps: int = STEPS, seed: int = 0
+    network: VoxelNet, label: Callable[[VoxelNet, bool], PackedFrames], *, steps: int = HEAD_STEPS, seed: int = 0
 ) -> tuple[VoxelNet, float, float]:
-    """Train the head on what the network itself labels, and refit scores and thresholds on frames held out.
+    """Train the head on what the network itself labels, and refit its scores and thresholds on frames held out.
 
     label: packs frames with the labels that a network gives them, those held out or the others. Old and new network are
-    judged on the labels of both, since each finds its own. Returns the better one, the old one where they are level,
-    and the mean AP over classes and IoU thresholds of the old and of the returned one.
+    judged on the labels of both, since each finds its own. Returns the new one if it is better, else the old one as it
+    was, and the mean AP over classes and IoU thresholds of the old and of the returned one.
     """
     choices = network, train_head(network, label(network, False), steps, seed=seed)
     held_out = [label(each, True) for each in choices]
     judged = ([ap for of in held_out for ap in average_precision(each, of).values()] for each in choices)
-    means = [float(np.nanmean(each)) for each in judged]
-    best = int(means[1] > means[0])
-    return refit_scores(choices[best], held_out[best], seed=seed), means[0], means[best]
+    before, after = (float(np.nanmean(each)) for each in judged)
+    if after <= before:
+        return network, before, before
+    return refit_scores(choices[1], held_out[1], seed=seed), before, after

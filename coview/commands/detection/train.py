@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 UNSURE = 0.1  # least score of the detections that are joined
 BESIDE = 0.3  # m around an object within which points are its own
-FEWEST_FRAMES, HELD_OUT = 40, 4  # frames, and one in so many, the last ones, is not trained on
+FEWEST_TO_ADAPT, HELD_OUT = 40, 4  # frames, and one in so many, the last ones, is not trained on
 
 
 def train(site: Positional[str | None] = None, /, *, training: TrainingOptions, json: bool = False) -> int:
@@ -101,8 +101,9 @@ def adapt(
 
     The empty site is learnt. What the network detects is joined over time, and is the truth: an object found before and
     after was there in between, one that never moves needs higher scores. Points of neither an object nor the empty site
-    are left out. The head is trained on the first three quarters; the last quarter decides whether it is better, and
-    scores and thresholds are refitted on it. Sensors must stand still, frames lie at most 1.6 s apart.
+    are left out. The head is trained on the first three quarters, and its scores and thresholds are refitted on the
+    last quarter; the old network stays unless the new one is better there. Sensors must stand still, frames lie at most
+    1.6 s apart.
 
     Example: coview adapt junction.bag --layout rosbag --area -40 -40 40 40 --out runs/junction
 
@@ -132,8 +133,8 @@ def adapt(
     check_folder(out, holds=WEIGHTS, inputs=[recording, *opening.files], overwrite=writing.overwrite)
     network, header = load_weights(weights_file(start))
     with opening.open(recording) as opened, progress_bar("frame", len(opened), hidden=writing.json) as bar:
-        if len(opened) < FEWEST_FRAMES:
-            raise ValueError(f"there must be {FEWEST_FRAMES} frames at least to adapt to, got {len(opened)}")
+        if len(opened) < FEWEST_TO_ADAPT:
+            raise ValueError(f"there must be {FEWEST_TO_ADAPT} frames at least to adapt to, got {len(opened)}")
         known = recording_detector(start + BACKGROUND, opened, place)
         assert isinstance(known, KnownBackground)
         area = known.detector.area  # type: ignore[attr-defined]
@@ -173,7 +174,7 @@ def adapt(
     figures = {"AP held out before": before, "AP held out": after}
     saved = relocate(adapted, network.config.area, GENERAL)
     save_weights(out / WEIGHTS, saved, Header(header.site, seed, commit(), figures))
-    said = "better weights" if after > before else "the old weights, which no others beat"
+    said = "a better network" if after > before else "the old network, since the new one is not better"
     text = f"{out / WEIGHTS}: {said}, by its own labels of the held out part (mean AP {before:.3f}, now {after:.3f})"
     print_result({"weights": str(out / WEIGHTS), "before": before, "after": after}, text, as_json=writing.json)
     return OK

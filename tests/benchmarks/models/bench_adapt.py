@@ -105,7 +105,7 @@ def main() -> None:
     from coview.commands.detection.train import adapt
     from coview.recordings import Opening
     from models.detector import relocate, weights_file
-    from models.training.adaptation import STEPS, train_head
+    from models.training.adaptation import HEAD_STEPS, train_head
     from models.training.packed import PackedFrames
     from models.training.packing import pack, sample_recordings
     from models.training.second_stage import refit_scores
@@ -133,7 +133,7 @@ def main() -> None:
             for part, some in (("a", true[:first]), ("b", true[first:])):
                 pack(sample_recordings(some), folder / f"{part}.packed")
             start = relocate(load_weights(weights_file(asked.start))[0], area, "general").eval()
-            best = train_head(start, PackedFrames(folder / "a.packed"), STEPS)
+            best = train_head(start, PackedFrames(folder / "a.packed"), HEAD_STEPS)
             best = refit_scores(best, PackedFrames(folder / "b.packed"))
             own = relocate(load_weights(folder / "adapted" / "weights.safetensors")[0], area, "general").eval()
             frames = list(level(test, site, errors, 6))
