@@ -17,7 +17,7 @@ from placement_env.search.result import Result
 from toolkit.arrays import Bool, Float64, Int64, Shaped
 from toolkit.sensors.sensor import Sensor
 
-ENTRANTS = 27  # of a race by some of the frames
+RACING = 27  # sets in a race by some of the frames
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +33,7 @@ def verified(fast: Objective, accurate: Objective, subset: Int64[np.ndarray, " k
     """The `best` of a set and its feasible neighbours, ranked by the accurate reward.
 
     The fast fidelity's error exceeds the effect of one sensor's pose, so a neighbour may be the better set. Where the
-    accurate fidelity can score some of the frames, the `ENTRANTS` best sets by the fast reward race. Sets that tie with
+    accurate fidelity can score some of the frames, the `RACING` best sets by the fast reward race. Sets that tie with
     the last of the best by the fast reward are ranked too. Raises ValueError where the candidates differ, and for
     `best` below 1.
     """
@@ -43,7 +43,7 @@ def verified(fast: Objective, accurate: Objective, subset: Int64[np.ndarray, " k
     sets = neighbours(subset, len(fast.candidates))
     sets = sets[fast.feasible(sets)] if fast.feasible(sets[:1])[0] else sets[:1]
     if isinstance(accurate.scored_by, ByFrames):
-        sets = sets[np.argsort(-fast.scores(sets).reward, kind="stable")[:ENTRANTS]]
+        sets = sets[np.argsort(-fast.scores(sets).reward, kind="stable")[:RACING]]
         sets = sets[accurate.race(sets, keep=best).winners]
     guesses = fast.scores(sets).reward
     few = find_best(guesses, best)
