@@ -132,6 +132,9 @@ class Bench:
         messages = [row for row in found if row[0] == "message"]
         maps = [row[1] - pointer[-1][1] for row in found if row[0] == "map" and pointer]
         if not (pointer and figures and messages and served and heard):
+            for client in self.session._server.get_clients().values():  # a drag beside the handle turns the camera
+                self.session.page._aim(client, self.session.page._slant)
+            self.tab.wait_for_timeout(1000)
             return None
         at = pointer[-1][1]
         shown, painted = figures[-1][1], figures[-1][2] or figures[-1][1]
