@@ -24,7 +24,6 @@ GROUPS: dict[str, dict[str, tuple[str, str]]] = {  # commands, their modules in 
         "pack": ("recordings.files", "pack recordings into one file to train from"),
         "train": ("detection.train", "train a network of your own"),
         "export": ("detection.train", "write a network as ONNX"),
-        "adapt": ("detection.train", "fit a network to a junction without labels"),
     },
     "Placement": {
         "search": ("placement.search", "search for the best set of sensors"),

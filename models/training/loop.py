@@ -230,7 +230,7 @@ def train(
     saved = time.monotonic()
     began = saved - run.spent
     for batch in loader:
-        losses = train_step(run, batch.to(device), loss_of, anchor, bfloat16)
+        losses = _step(run, batch.to(device), loss_of, anchor, bfloat16)
         run.recent.append(losses)
         run.step += 1
         run.spent = time.monotonic() - began
@@ -283,8 +283,7 @@ def _start(config: VoxelNetConfig, preset: Preset, total: int, per_epoch: int, d
     return TrainingState(network, optimiser, OneCycleLR(optimiser, rate, total_steps=max(total, 10), pct_start=0.2))
 
 
-def train_step(run: TrainingState, batch: Batch, loss_of: Loss, anchor: Tensor, bfloat16: bool) -> dict[str, float]:
-    """Take a step of the optimiser, and return the losses."""
+def _step(run: TrainingState, batch: Batch, loss_of: Loss, anchor: Tensor, bfloat16: bool) -> dict[str, float]:
     with torch.autocast(anchor.device.type, torch.bfloat16, enabled=bfloat16):
         prediction = run.network(batch.voxels)
     prediction = Prediction(*(None if m is None else m.float() for m in prediction))  # type: ignore[arg-type]

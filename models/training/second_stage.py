@@ -218,26 +218,6 @@ def fit_calibration(network: VoxelNet, frames: PackedFrames, *, count: int | Non
     return rebuild(bare, calibration=tuple(pairs), rivalry=rivalry, thresholds=tuple(thresholds))
 
 
-def refit_scores(network: VoxelNet, frames: PackedFrames, *, seed: int = 0) -> VoxelNet:
-    """Return the network with its final scores, as they are ranked, fitted anew to packed frames, and its thresholds.
-
-    A class with fewer than `FEWEST` detections keeps its own.
-    """
-    known, judged = network.config, _judge(network, frames, None, seed)
-    found, hits = Detections.merge(each for each, _ in judged), np.concatenate([each for _, each in judged])
-    rows = list(known.rivalry or ((1.0, 0.0, *(0.0 for _ in known.labels)),) * len(known.labels))
-    thresholds = list(known.thresholds or (known.score_threshold,) * len(known.labels))
-    for row, label in enumerate(known.labels):
-        own = (hits != UNCOUNTED) & (found.labels == LABELS.index(label))
-        if own.sum() >= FEWEST:
-            scores, true = found.scores[own], hits[own] == TRUE
-            slope, shift = platt(scores, true)
-            rows[row] = (slope * rows[row][0], slope * rows[row][1] + shift, *(slope * each for each in rows[row][2:]))
-            least = lowest_threshold(sigmoid(slope * logit(scores) + shift), true, PRECISION)
-            thresholds[row] = round(max(LEAST_SURE, least), 3)
-    return rebuild(network, rivalry=tuple(rows), thresholds=tuple(thresholds))
-
-
 def _judge(network: VoxelNet, frames: PackedFrames, count: int | None, seed: int) -> list[tuple[Detections, _Hits]]:
     """Judge detections as TRUE, FALSE (a vehicle on a heavy one too, if the network knows both) or UNCOUNTED."""
     judged, tells_apart = [], {"vehicle", "heavy"} <= set(network.config.labels)

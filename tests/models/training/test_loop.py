@@ -106,9 +106,9 @@ def test_a_training_of_seconds_ends_its_cycle_with_the_clock(packed_file, tmp_pa
     def watch(step, total, figures):
         totals.append((step, total))
 
-    step = loop.train_step
+    step = loop._step
     monkeypatch.setattr(
-        loop, "train_step", lambda run, *more: (rates.append(run.scheduler.get_last_lr()[0]), step(run, *more))[1]
+        loop, "_step", lambda run, *more: (rates.append(run.scheduler.get_last_lr()[0]), step(run, *more))[1]
     )
     clock = Clock(monkeypatch)
     loop.train(packed_file, config, FAST, tmp_path / "whole", machine=machine, progress=watch)

@@ -7,7 +7,6 @@ import pytest
 import torch
 
 from models.config import ROAD_USERS, VoxelNetConfig, road_users, select_anchors
-from models.detector import VoxelNetDetector
 from models.network.candidates import logit, sigmoid
 from models.network.faces import SORTS, FaceNetworks, face_features, face_offsets, measure_faces
 from models.network.grid import per_anchor, voxelise
@@ -28,7 +27,6 @@ from models.training.second_stage import (
     off_at_random,
     platt,
     rebuild,
-    refit_scores,
     train_faces,
     widen,
 )
@@ -314,21 +312,3 @@ def test_examples_are_of_the_objects_asked_for(packed):
     again = face_examples(packed, None, ("vehicle",), count=4)
     np.testing.assert_array_equal(again.features["side"], vehicles.features["side"])
     assert len(face_examples(packed, None, ("vehicle",), count=2).offsets["end"]) < len(vehicles.offsets["end"])
-
-
-def test_refitted_scores_keep_their_order_and_rare_classes_theirs(packed):
-    torch.manual_seed(0)
-    network = VoxelNet(
-        VoxelNetConfig.light(packed.rig(0).area, **road_users(), thresholds=(0.3, 0.31, 0.32, 0.33))
-    ).eval()
-    torch.nn.init.constant_(network.head.classes.bias, -1.0)
-    again = refit_scores(network, packed)
-    assert again.config.calibration == network.config.calibration
-    assert all(slope > 0 and min(weights) >= 0 for slope, _, *weights in again.config.rivalry)
-    before, after = (VoxelNetDetector(each, score_threshold=0.0) for each in (network, again))
-    points = np.concatenate(packed.points(0, None))
-    one, other = before(points), after(points)
-    assert (again.config.thresholds, again.config.rivalry) != (network.config.thresholds, ())
-    for label in range(4):
-        own = one.scores[one.labels == label], other.scores[other.labels == label]
-        assert np.array_equal(np.argsort(-own[0], kind="stable"), np.argsort(-own[1], kind="stable"))
