@@ -2,6 +2,7 @@
 
 import warnings
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import open3d as o3d
@@ -39,13 +40,15 @@ def test_backgrounds_are_known_by_name_and_of_the_scenery():
 
 def test_grids_and_numbers_are_asked_for_behind_the_name(monkeypatch):
     site = load_site("tjunction")
-    bare, phased = (site_detector(name, site) for name in ("voxelnet", "voxelnet+phases3+background"))
+    bare: Any = site_detector("voxelnet", site)
+    phased: Any = site_detector("voxelnet+phases3+background", site)
     assert (phased.name, phased.detector.phases) == ("tjunction+phases3+background", 3)
     monkeypatch.setattr("models.detector.is_quick_at_bfloat16", lambda device: True)
-    quick = site_detector("voxelnet+bfloat16", site)
+    quick: Any = site_detector("voxelnet+bfloat16", site)
     assert (quick.name, quick.digest != bare.digest) == ("tjunction+bfloat16", True)
     monkeypatch.setattr("models.detector.is_quick_at_bfloat16", lambda device: False)
-    assert site_detector("voxelnet+bfloat16", site).digest == bare.digest
+    again: Any = site_detector("voxelnet+bfloat16", site)
+    assert again.digest == bare.digest
     for number in (0, 17):
         with pytest.raises(ValueError, match=f"1 to 16 grids, got {number}"):
             site_detector(f"general+phases{number}", site)

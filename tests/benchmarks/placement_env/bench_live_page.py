@@ -70,7 +70,7 @@ class Bench:
             self.heard.append(1000 * time.time())
             return follow(*given, **more)
 
-        page._drag_now = heard
+        page._drag_now = heard  # type: ignore[method-assign]
         self.size = (0.0, 0.0)
 
     def _timed(self, job):

@@ -107,9 +107,12 @@ def test_a_training_of_seconds_ends_its_cycle_with_the_clock(packed_file, tmp_pa
         totals.append((step, total))
 
     step = loop._step
-    monkeypatch.setattr(
-        loop, "_step", lambda run, *more: (rates.append(run.scheduler.get_last_lr()[0]), step(run, *more))[1]
-    )
+
+    def recorded(run, *more):
+        rates.append(run.scheduler.get_last_lr()[0])
+        return step(run, *more)
+
+    monkeypatch.setattr(loop, "_step", recorded)
     clock = Clock(monkeypatch)
     loop.train(packed_file, config, FAST, tmp_path / "whole", machine=machine, progress=watch)
     assert clock.now == pytest.approx(60, abs=4)

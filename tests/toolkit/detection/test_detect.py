@@ -13,6 +13,7 @@ from toolkit.frame import Frame, Rectangle, SensorCloud
 from toolkit.geometry import pose, tilt_rows, transform
 from toolkit.objects import Detections, Objects
 from toolkit.sites.files import load_site
+from toolkit.sites.site import Site
 
 
 def street(rng, count=6000):
@@ -50,7 +51,7 @@ def samples(world, count=1):
 class Recorded(list):
     """Frames at a known site."""
 
-    site = None
+    site: Site | None = None
 
 
 def test_a_known_site_that_slopes_is_detected_in_on_level_ground():
