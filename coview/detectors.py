@@ -1,16 +1,22 @@
 """Detectors that --detector names.
 
-A name followed by `+background` means a detector that knows the empty site: it leaves out what always stands there.
-`general` at a site whose scenery is known means that too, `general-background` the bare network.
+Behind the name may stand, in any order,
+
+    +background   a detector that knows the empty site: it leaves out what always stands there. `general` at a site
+                  whose scenery is known means that too, `general-background` the bare network
+    +phases4      a network on four shifted grids, whose boxes are averaged
+    +bfloat16     a network in coarser numbers, in half the time, where the processor has instructions for them; `coview
+                  detect` does so by itself, unless +float32 stands there
 """
 
 from __future__ import annotations
 
+import re
 import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, SupportsFloat, cast
+from typing import TYPE_CHECKING, Literal, NamedTuple, SupportsFloat, cast
 
 import numpy as np
 
@@ -26,6 +32,7 @@ from toolkit.points import join_clouds
 from toolkit.sites.site import Site
 
 BACKGROUND, BARE, CLUSTER = "+background", "-background", "cluster"
+QUICK, EXACT = "+bfloat16", "+float32"
 GENERAL = "general"
 FEWEST_FRAMES, SHORTEST = 10, 60.0  # and seconds, of recordings whose background is learnt: else all that waits is part
 
@@ -89,10 +96,35 @@ def load_detector(
     """
     from models import detector
 
+    if Path(name).suffix == ".onnx":
+        from models.onnx_files import OnnxDetector
+
+        return CloudDetector(
+            OnnxDetector(name, area, score_threshold=score_threshold, nms_threshold=nms_threshold), level
+        )
     network = detector.load_detector(
         name, site=site, area=area, device=device, score_threshold=score_threshold, nms_threshold=nms_threshold
     )
     return CloudDetector(network, level)
+
+
+class NamedDetector(NamedTuple):
+    """Detector as its name asks for it: without what stands behind the name, and that."""
+
+    bare: str
+    known: bool = False  # the background of the site
+    phases: int = 1
+    bfloat16: bool = False
+
+    def tune(self, detector: Detector) -> Detector:
+        """Return a detector on the grids and in the numbers asked for. Raises ValueError for one that has no grid."""
+        from toolkit.objects import quick_detector
+
+        if self.phases != 1:
+            if not hasattr(detector, "shift_grids"):
+                raise ValueError(f"+phases shifts the grid of a network, which {self.bare} is not: leave it out")
+            detector = detector.shift_grids(self.phases)
+        return quick_detector(detector) if self.bfloat16 else detector
 
 
 def recording_detector(
@@ -108,24 +140,24 @@ def recording_detector(
 
     place, site = place or Place(), recording.site
     at_site = site is not None and place.at(site)
-    bare, known = split_background(name or (CLUSTER if at_site else GENERAL), site if at_site else None)
+    name = name or (CLUSTER if at_site else GENERAL)
+    asked = parse_detector(name, site if at_site else None)
     if site is not None and at_site:
         dataset = cast("CoopDataset", recording)
-        if bare == CLUSTER:
-            return _on_grids(ClusterDetector.of(dataset), place)
-        detector = _on_grids(site_detector(bare + BARE, site), place)
-        return KnownBackground(detector, recording_background(dataset)) if known else detector
-    known = known and (name or GENERAL).endswith(BACKGROUND)
-    if bare != CLUSTER and not known:
-        return place_detector(bare, place)
+        if asked.bare == CLUSTER:
+            return asked.tune(ClusterDetector.of(dataset))
+        detector = _bare_detector(asked, site)
+        return KnownBackground(detector, recording_background(dataset)) if asked.known else detector
+    if asked.bare != CLUSTER and not asked.known:
+        return place_detector(name, place)
     if not len(recording):
         raise ValueError("there is no frame to evaluate: check the path and the layout")
-    if known:
+    if asked.known:
         _check_long(recording)
     learnt = learn_cluster_detector(scenes or Scenes(recording), recording[0], place)
-    if bare == CLUSTER:
-        return _on_grids(learnt, place)
-    return KnownBackground(place_detector(bare, place), learnt.background)
+    if asked.bare == CLUSTER:
+        return asked.tune(learnt)
+    return KnownBackground(place_detector(name.replace(BACKGROUND, ""), place), learnt.background)
 
 
 def _check_long(recording: Recording) -> None:
@@ -144,12 +176,16 @@ def check_detector(name: str, place: Place | None = None) -> None:
 
     place: where it will detect. Raises ValueError if its area is not that of the weights.
     """
-    bare = split_background(name)[0]
+    bare = parse_detector(name).bare
     if bare not in ("voxelnet", CLUSTER) and ":" not in bare:
         from models.detector import weights_file
 
         if not weights_file(bare).is_file():
             raise FileNotFoundError(f"no such file of weights: {bare}")
+        if bare.endswith(".onnx"):
+            from models.onnx_files import OnnxDetector
+
+            OnnxDetector(bare)
     if ":" in bare:
         resolve_detector(bare)
     if place is not None and place.area is not None and bare not in ("voxelnet", CLUSTER):
@@ -159,50 +195,59 @@ def check_detector(name: str, place: Place | None = None) -> None:
 def site_detector(name: str, site: Site) -> Detector:
     """Return a detector for a site.
 
-    name: voxelnet for the site's own shipped network, a shipped name, a weights file, or package.module:callable;
-    +background: of the site's scenery.
+    name: voxelnet for the site's own shipped network, a shipped name, a file of weights or in ONNX, or
+    package.module:callable, and what may stand behind it; +background: of the site's scenery.
     """
-    name, known = split_background(name, site)
-    if known:
-        return add_background(site_detector(name + BARE, site), site)
+    asked = parse_detector(name, site)
+    detector = _bare_detector(asked, site)
+    if not asked.known:
+        return detector
+    return add_background(detector, site)
+
+
+def _bare_detector(asked: NamedDetector, site: Site) -> Detector:
+    """Detector for a site that knows no background."""
+    from models.detector import load_detector, load_site_detector
+
+    name = asked.bare
     if name == CLUSTER:
         raise ValueError("detector cluster learns from a recording, of which there is none here: take voxelnet")
     if ":" in name:
-        return ImportedDetector(name, site)
-    from models.detector import load_detector, load_site_detector
+        return asked.tune(ImportedDetector(name, site))
+    if name.endswith(".onnx"):
+        from models.onnx_files import OnnxDetector
 
-    return load_site_detector(site.name, site.area) if name == "voxelnet" else load_detector(name, area=site.area)
+        return asked.tune(OnnxDetector(name, site.area))
+    found = load_site_detector(site.name, site.area) if name == "voxelnet" else load_detector(name, area=site.area)
+    return asked.tune(found)
 
 
 def place_detector(name: str, place: Place) -> Detector:
     """Return a detector for frames of any recording, of points counted from the middle of the place."""
-    if name.endswith(BACKGROUND):
+    asked = parse_detector(name)
+    if asked.known:
         raise ValueError(f"{name} must see the site empty first: take coview detect, or leave {BACKGROUND} out")
-    if name in ("voxelnet", CLUSTER):
+    if asked.bare in ("voxelnet", CLUSTER):
         raise ValueError(f"{name} needs a site: take general, another shipped network, a weights file or your own")
     x, y = place.half
-    return _on_grids(site_detector(name, Site("recording", np.array([-x, -y, x, y]))), place)
+    return _bare_detector(asked, Site("recording", np.array([-x, -y, x, y])))
 
 
-def _on_grids(detector: Detector, place: Place) -> Detector:
-    """Detector on as many shifted grids as the place asks for. Raises ValueError for one that has no grid."""
-    if place.phases == 1:
-        return detector
-    if not hasattr(detector, "shift_grids"):
-        raise ValueError("--phases shifts the grid of a network, which this detector is not: leave it out")
-    on_grids: Detector = detector.shift_grids(place.phases)
-    return on_grids
+_BEHIND = re.compile(r"(.+?)((?:\+background|-background|\+phases\d{1,3}|\+bfloat16|\+float32)*)")
 
 
-def split_background(name: str, site: Site | None = None) -> tuple[str, bool]:
-    """Split a detector's name from `BACKGROUND` or `BARE`; tell whether the background of the site is to be known.
+def parse_detector(name: str, site: Site | None = None) -> NamedDetector:
+    """Parse a detector's name.
 
-    >>> split_background("general+background"), split_background("general-background")
-    (('general', True), ('general', False))
+    >>> parse_detector("general+phases4+background"), parse_detector("general-background").known
+    (NamedDetector(bare='general', known=True, phases=4, bfloat16=False), False)
     """
-    bare = name.removesuffix(BACKGROUND).removesuffix(BARE)
-    by_default = name == GENERAL and site is not None and len(site.solids) > 0
-    return bare, name.endswith(BACKGROUND) or by_default
+    found = _BEHIND.fullmatch(name)
+    bare, behind = found.groups() if found else (name, "")
+    by_default = bare == GENERAL and BARE not in behind and site is not None and len(site.solids) > 0
+    phases = re.search(r"phases(\d+)", behind)
+    known, coarse = BACKGROUND in behind or by_default, QUICK in behind and EXACT not in behind
+    return NamedDetector(bare, known, int(phases[1]) if phases else 1, coarse)
 
 
 def check_digest(name: str, detector: Detector, remedy: str) -> None:

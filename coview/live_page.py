@@ -12,7 +12,7 @@ import secrets
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import ExitStack, suppress
 from dataclasses import replace
 from html import escape
@@ -22,16 +22,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from coview.live_tables import HINT, MAP_KEY, details_html, figures_html, note_html, variants_html
+from coview.live_start import StartPage
+from coview.live_tables import HINT, MAP_KEY, details_html, figures_html, map_html, note_html, site_html, variants_html
 from placement_env.classes import SMALL
+from placement_env.live.picture import GroundPicture, keep_picture
 from placement_env.live.planner import LivePlanner, Suggestion
 from placement_env.live.project import ProjectFile, export_variant, report_variant
 from placement_env.live.seen_map import MAP_HEIGHTS, SeenMaps
-from placement_env.live.variant import LiveSensor
+from placement_env.live.variant import LiveSensor, Variant
 from placement_env.report.pages.scene import add_site
 from toolkit.arrays import Float64
 from toolkit.detection.schemes import PAPER_SCHEMES
-from toolkit.plots.canvas import FAINT, OUTCOME, sensor_colour
+from toolkit.plots.canvas import FAINT, INK, OUTCOME, sensor_colour
 from toolkit.sensors.error_profiles import PROFILES
 from toolkit.sensors.sensor import Sensor
 from toolkit.viewing import scene
@@ -41,13 +43,15 @@ if TYPE_CHECKING:
     from viser import ViserServer
 
     from placement_env.live.figures import LiveAnswer
+    from placement_env.setting import Setting
 LIVE_PORT = 8090  # unless it is taken
 FOUND = 0.5  # hit probability from which a road user is drawn as found
 REACH = 20.0  # m: a handle is where the sensor looks at the ground, but no farther
 PATIENCE = 1.0  # s that a suggestion waits for more poles to be looked at
-QUIET = 0.4  # s without a change after which views are refined
+QUIET, CALM = 0.4, 2.0  # s without a change after which views that are shown are refined, and all others
 CATCH = 3.0  # m from the pointer within which a pole catches a sensor that is carried
-AWAY = 1.25  # times as far from the area as the report's view, since the panel narrows the scene
+AWAY, WIDE = 1.25, 1.3  # times as far from the area as the report's view, in windows at least so wide for their height
+PHONE, SHEET = 576, 0.6  # px of width below which the panel is a sheet over this share of the scene
 GHOST, KEPT_OUT = "#4463f6", "#b3261e"
 CLASSES = {"vehicle": ("vehicle",), "cyclist and pedestrian": SMALL, "all three": ("vehicle", *SMALL)}
 Spot = Float64[np.ndarray, "3"]
@@ -78,15 +82,21 @@ class LivePage:
         self._maps: dict[float, SeenMaps] = {}
         self._image: Handle = None
         self._areas: Handle = None
+        self._laid: Handle = None
+        self._beside = folder if project is None else project.path.parent  # where a picture is kept
         self._traffic: list[Handle] = []
+        self._small: dict[Variant, str] = {}  # maps beside the table
         self._drawn: dict[str, object] = {}  # what the scene shows, so that only what has changed is sent again
         self._spots: list[Spot] = []  # clicked on the ground
         self._await_spot: Callable[[Spot], None] | None = None
         self._filling = False
         site = planner.yard.site
         add_site(server.scene, site, set())
-        eye, middle = (np.array(each) for each in scene.overview(tuple(site.area.tolist())))
-        scene.set_view(server, tuple(middle + AWAY * (eye - middle)), tuple(middle))
+        eye, self._middle = (np.array(each) for each in scene.overview(tuple(site.area.tolist())))
+        self._slant = AWAY * (eye - self._middle)
+        scene.set_view(server, tuple(self._middle + self._slant), tuple(self._middle))
+        self._aimed: dict[int, tuple[Spot, float, bool, Spot]] = {}  # view, aspect and place of each browser's camera
+        server.on_client_connect(self._greet)
         server.scene.on_click()(self._click)
         self._add_panel()
         self._threads = [threading.Thread(target=t, daemon=True) for t in (self._work, self._refine, self._work_long)]
@@ -131,13 +141,14 @@ class LivePage:
     def _refine(self) -> None:
         more = True
         while not self._closed:
-            if time.monotonic() - self._touched < QUIET or not more:
+            answer = self._answer
+            wait = QUIET if answer is not None and answer.coarse else CALM
+            if time.monotonic() - self._touched < wait or not more:
                 time.sleep(0.1)
                 more = more or self._touched > time.monotonic() - 1
                 continue
             more = self.planner.refine()
             time.sleep(0.01)  # for those who wait to cast rays
-            answer = self._answer
             if answer is not None and answer.coarse and not self.planner.look(self.planner.variant)[1]:
                 self.do(self._show_refined)
 
@@ -202,9 +213,17 @@ class LivePage:
             )
             gui.add_button("Close the area").on_click(lambda _: self._change(self._close_area))
             gui.add_button("Remove all areas").on_click(lambda _: self._change(planner.set_keep_out, ()))
+            upload = gui.add_upload_button("Lay a picture under it", mime_type="image/png, image/jpeg")
+            upload.on_upload(lambda _: self.do(lambda: self._take_picture(upload.value.name, upload.value.content)))
+            self._two = gui.add_text("Two points", "", hint="x y x y of where they belong, or their distance (m)")
+            gui.add_button("Place the picture by two points").on_click(
+                lambda _: self._pick("two points of the picture", self._place_picture)
+            )
+            gui.add_button("Take the picture away").on_click(lambda _: self.do(lambda: self._lay(None)))
         with tabs.add_tab("Score"):
             self._add_score_tab()
         with tabs.add_tab("Variants"):
+            gui.add_html(site_html(planner.yard.site))
             self._table = gui.add_html("")
             self._wanted = gui.add_dropdown("Shown", ("A",))
             self._wanted.on_update(lambda _: self._typed(lambda: self._change(planner.show, self._wanted.value)))
@@ -226,22 +245,26 @@ class LivePage:
             gui.add_button("Judge and write the report").on_click(lambda _: self._later("judging", self._report))
 
     def _add_score_tab(self) -> None:
-        gui, asked = self.server.gui, self.planner.asked
+        gui, first, now = self.server.gui, self.planner.first, self.planner.asked
         self._details = gui.add_html("")
-        counted = next((k for k, names in CLASSES.items() if names == asked.counted.names), "as given")
-        classes = gui.add_dropdown("Classes", tuple(dict.fromkeys((counted, *CLASSES))), initial_value=counted)
-        iou = gui.add_dropdown("IoU", tuple(dict.fromkeys((f"{asked.cases.iou}", "0.5", "0.7", "0.8", "0.5:0.95"))))
-        scheme = gui.add_dropdown("Scheme", tuple(dict.fromkeys((asked.fusion.name, *PAPER_SCHEMES))))
-        errors = gui.add_dropdown("Errors if measured", tuple(dict.fromkeys((asked.cases.names[0], *PROFILES))))
-        limit = gui.add_number("Budget (0: none)", 0 if np.isinf(asked.most_price) else asked.most_price, min=0)
+
+        def choose(label: str, options: Iterable[str], at_first: str, value: str) -> Handle:
+            return gui.add_dropdown(label, tuple(dict.fromkeys((at_first, *options, value))), initial_value=value)
+
+        def name(setting: Setting) -> str:
+            return next((k for k, names in CLASSES.items() if names == setting.counted.names), "as given")
+
+        classes = choose("Classes", CLASSES, name(first), name(now))
+        iou = choose("IoU", ("0.5", "0.7", "0.8"), f"{first.cases.ious[0]:g}", f"{now.cases.ious[0]:g}")
+        scheme = choose("Scheme", PAPER_SCHEMES, first.fusion.name, now.fusion.name)
+        errors = choose("Errors if measured", PROFILES, first.cases.names[0], now.cases.names[0])
+        limit = gui.add_number("Budget (0: none)", 0.0 if np.isinf(now.most_price) else now.most_price, min=0)
 
         def ask() -> LiveAnswer:
-            now = self.planner.asked
-            cases = replace(now.cases, iou=iou.value, errors=(errors.value,))
             return self.planner.ask(
-                classes=CLASSES.get(classes.value, asked.classes),
-                cases=cases,
-                scheme=scheme.value if scheme.value != asked.fusion.name else asked.scheme,
+                classes=CLASSES.get(classes.value, first.classes),
+                cases=replace(self.planner.asked.cases, iou=float(iou.value), errors=(errors.value,)),
+                scheme=scheme.value if scheme.value != first.fusion.name else first.scheme,
                 most_price=limit.value or np.inf,
             )
 
@@ -276,6 +299,46 @@ class LivePage:
         corners = tuple((float(x), float(y)) for x, y, _ in self._spots)
         self._spots, self._await_spot = [], None
         return self.planner.set_keep_out((*self.planner.variant.keep_out, corners))
+
+    def _take_picture(self, name: str, content: bytes) -> None:
+        self._lay(keep_picture(name, content, self._beside, self.planner.yard.site.area))
+        self._note = "type two points of the picture, or their distance, and place it by them"
+        self._show_note()
+
+    def _place_picture(self, spot: Spot) -> None:
+        self._spots.append(spot)
+        if len(self._spots) < 2 or self.planner.picture is None:
+            self._note = "click on the other one" if self.planner.picture else "there is no picture: lay one first"
+            self._show_note()
+            return
+        spots, self._spots, self._await_spot = [each[:2].tolist() for each in self._spots], [], None
+        try:
+            given = [float(each) for each in self._two.value.replace(",", " ").split()]
+        except ValueError:
+            given = []
+        self._lay(self.planner.picture.place(spots, given))
+
+    def _lay(self, picture: GroundPicture | None) -> None:
+        self.planner.lay(picture)
+        self._note = ""
+        self._draw()
+
+    def _draw_picture(self) -> None:
+        picture, site = self.planner.picture, self.planner.yard.site
+        if self._drawn.get("/picture") == picture:
+            return
+        self._drawn["/picture"] = picture
+        if self._laid is not None:
+            self._laid.remove()
+            self._laid = None
+        if picture is not None:
+            pixels = np.dstack(
+                [picture.read(self._beside)[::-1], np.full((picture.height, picture.width), 215, np.uint8)]
+            )
+            wide, long = picture.width * picture.scale, picture.height * picture.scale
+            self._laid = self.server.scene.add_image("/picture", pixels, wide, long, cast_shadow=False)
+            self._laid.position = picture.x, picture.y, float(site.ground(np.array([picture.x, picture.y]))) + 0.06
+            self._laid.wxyz = np.cos(picture.turn / 2), 0.0, 0.0, np.sin(picture.turn / 2)
 
     def _draw_areas(self) -> None:
         """Draw the keep-out areas, and the one that is being drawn."""
@@ -394,17 +457,27 @@ class LivePage:
         if answer is None:
             return
         self._figures.content, self._details.content = figures_html(answer), details_html(answer)
+        self.server.flush()  # figures do not wait for the scene
         with self.server.atomic():
             self._draw_sensors()
             self._draw_ghosts()
             self._draw_areas()
+            self._draw_picture()
         self._show_note()
         self._draw_traffic()
         self._draw_map()
-        self._table.content = variants_html(
-            {name: self.planner.estimate(each) for name, each in self.planner.variants.items()}, self.planner.current
-        )
+        self._draw_variants()
         self._fill()
+
+    def _draw_variants(self) -> None:
+        yard, variants = self.planner.yard, self.planner.variants
+        for variant in set(variants.values()) - self._small.keys():
+            sensors = [(yard.build_sensor(variant, each), each.failed) for each in variant.sensors]
+            self._small[variant] = map_html(yard.site, sensors)
+        self._small = {variant: self._small[variant] for variant in variants.values()}
+        answers = {name: self.planner.estimate(each) for name, each in variants.items()}
+        maps = {name: self._small[each] for name, each in variants.items()}
+        self._table.content = variants_html(answers, self.planner.current, maps)
 
     def _show_note(self) -> None:
         self._said.content = note_html(self._busy, self._note or self._measured)
@@ -571,16 +644,19 @@ class LivePage:
         if answer is None:
             return
         here = np.flatnonzero(seen.frame == int(self._frame.value))
-        found = answer.probability[here] >= FOUND
-        if self._drawn.get("/traffic") == (here.tolist(), found.tolist()):
+        found, hidden = answer.probability[here] >= FOUND, answer.hidden[here]
+        if self._drawn.get("/traffic") == (here.tolist(), found.tolist(), hidden.tolist()):
             return
-        self._drawn["/traffic"] = here.tolist(), found.tolist()
+        self._drawn["/traffic"] = here.tolist(), found.tolist(), hidden.tolist()
         for handle in self._traffic:
             handle.remove()
         boxes, missed = seen.boxes[here[found]], seen.boxes[here[~found]]
         crossed = np.concatenate([scene.box_edges(missed), scene.roof_crosses(missed)])
-        colours = OUTCOME["hit"].colour, OUTCOME["missed"].colour
-        drawn = zip(("found", "missed"), (scene.box_edges(boxes), crossed), colours, strict=True)
+        drawn = (
+            ("found", scene.box_edges(boxes), OUTCOME["hit"].colour),
+            ("missed", crossed, OUTCOME["missed"].colour),
+            ("unseen", scene.arrows(seen.boxes[here[hidden]]), INK),
+        )
         made = [
             scene.add_lines(self.server.scene, f"/traffic/{name}", lines, colour, width=2.5, visible=True)
             for name, lines, colour in drawn
@@ -612,31 +688,69 @@ class LivePage:
 
     def _look_down(self, client: Handle) -> None:
         if client is not None:
-            xmin, ymin, xmax, ymax = self.planner.yard.site.area.tolist()
-            x, y = (xmin + xmax) / 2, (ymin + ymax) / 2
-            client.camera.position = (x, y - 1.0, 1.15 * max(xmax - xmin, ymax - ymin))
-            client.camera.look_at = (x, y, 0.0)
+            self._aim(client, np.array([0.0, -0.02, 1.0]) * np.linalg.norm(self._slant))
+
+    def _greet(self, client: Handle) -> None:
+        camera = client.camera
+        self._aim(client, self._slant, phone=camera.image_width < PHONE)
+
+        def fit(_: Handle) -> None:  # the panel docks, or the window changes: fit what nobody has moved
+            away, aspect, phone, place = self._aimed[client.client_id]
+            if abs(camera.aspect - aspect) > 0.01 and np.allclose(camera.position, place, atol=0.1):
+                self._aim(client, away, phone=phone)
+
+        camera.on_update(fit)
+
+    def _aim(self, client: Handle, way: Spot, *, phone: bool | None = None) -> None:
+        """Aim a browser's camera at the area, from farther away where the window is narrow or a sheet covers it."""
+        camera = client.camera
+        if phone is None:
+            phone = self._aimed[client.client_id][2]
+        away = way * max(WIDE / camera.aspect, 1.0)
+        ahead, east = -away / np.linalg.norm(away), np.array([1.0, 0.0, 0.0])
+        east = east - ahead * (east @ ahead)
+        covered = SHEET * np.tan(camera.fov / 2) * np.linalg.norm(away) if phone else 0.0
+        middle = self._middle - covered * np.cross(east / np.linalg.norm(east), ahead)
+        self._aimed[client.client_id] = way, camera.aspect, phone, middle + away
+        with client.atomic():
+            camera.position, camera.look_at = middle + away, middle
 
 
 class LiveSession:
-    """A live planner that is served. In Jupyter it shows itself in the cell. url: for browsers of this machine."""
+    """A live planner that is served. In Jupyter it shows itself in the cell. url: for browsers of this machine.
+
+    planner: or a function that makes one with its project of the name or file of a site, which the page asks for.
+    """
+
+    planner: LivePlanner
+    page: LivePage
 
     def __init__(
         self,
-        planner: LivePlanner,
+        planner: LivePlanner | Callable[[str], tuple[LivePlanner, ProjectFile]],
         *,
         port: int = LIVE_PORT,
         project: ProjectFile | None = None,
-        folder: Path | None = None,
+        folder: Path = Path("out/live"),
     ) -> None:
         if not 1 <= port < 2**16:
             raise ValueError(f"port must lie in 1..65535, got {port}: leave it out for {LIVE_PORT}")
         token = secrets.token_urlsafe(16)
-        self.planner, self._open = planner, ExitStack()
+        self._open, self._folder = ExitStack(), folder
         self._server = self._open.enter_context(viser_server(port, token))
-        self.page = LivePage(self._server, planner, project, folder or Path("out/live"))
-        self._open.callback(self.page.close)
+        if isinstance(planner, LivePlanner):
+            self._show(planner, project)
+        else:
+            StartPage(self._server, folder, lambda site: self._show(*planner(site)))
         self.url = f"http://127.0.0.1:{self._server.get_port()}/{token}/"
+
+    def _show(self, planner: LivePlanner, project: ProjectFile | None) -> None:
+        self.planner = planner
+        self._server.gui.reset()
+        if project is not None:
+            self._open.callback(project.close)
+        self.page = LivePage(self._server, planner, project, self._folder)
+        self._open.callback(self.page.close)
 
     def wait(self) -> None:
         """Serve until the process is interrupted."""

@@ -8,23 +8,31 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from toolkit.plots.canvas import BAR, FAINT, INK, OUTCOME
+from toolkit.plots.canvas import BAR, FAINT, GROUND, INK, OUTCOME, SOLID, sensor_colour
 
 if TYPE_CHECKING:
     from placement_env.live.figures import FoundShare, LiveAnswer
+    from toolkit.sensors.sensor import Sensor
+    from toolkit.sites.site import Site
 
 _BOX = f"font:12px/1.35 system-ui,sans-serif;color:{INK};padding:.2em .9em"
+MAP_REACH = 25.0  # m of a field of view on a small map
 _SMALL = f"color:{FAINT};font-size:12px"
 HINT = (
     f'<div style="{_BOX};background:#eef2fe;border-radius:6px;margin:.3em .6em">'
     "<b>1</b> Drag a ball to turn a sensor, its box to another pole (Shift: up, down). <b>2</b> Read what it does. "
     "<b>3</b> Ask what is best, and accept it.</div>"
 )
+START = (
+    f'<div style="{_BOX}"><b>Open an OpenStreetMap (.osm) or OpenDRIVE (.xodr) extract, or a site</b>, by its path or '
+    "as an upload. The junction around the centre becomes a site, and planning starts.</div>"
+)
 MAP_KEY = (
     f'<div style="{_BOX}"><div style="height:8px;background:linear-gradient(90deg,#fde725,#21918c,#440154)"></div>'
     '<div style="display:flex;justify-content:space-between"><span>never seen</span><span>always</span></div>'
     f'Boxes: <b style="color:{OUTCOME["hit"].colour}">found</b>, '
-    f'<b style="color:{OUTCOME["missed"].colour}">missed, with a cross</b></div>'
+    f'<b style="color:{OUTCOME["missed"].colour}">missed, with a cross</b>, '
+    "<b>under an arrow where no sensor sees them</b></div>"
 )
 
 
@@ -108,15 +116,47 @@ def note_html(busy: str, note: str) -> str:
     return f'<div style="{_BOX};min-height:1.4em">{"<br>".join(said)}</div>'
 
 
-def variants_html(answers: Mapping[str, LiveAnswer], current: str) -> str:
-    """Table of the variants side by side."""
+def site_html(site: Site) -> str:
+    """Streets and buildings from above, hidden, for `map_html` to draw on."""
+    drawn = [(lane, GROUND["lanes"]) for lane in site.lanes]
+    drawn += [(solid.footprint, SOLID[solid.kind]) for solid in site.solids if solid.kind in ("building", "pond")]
+    shapes = "".join(f'<path d="{_path(corners)}" fill="{colour}"/>' for corners, colour in drawn)
+    return f'<svg width="0" height="0" style="position:absolute"><g id="live-site">{shapes}</g></svg>'
+
+
+def map_html(site: Site, sensors: Iterable[tuple[Sensor, bool]]) -> str:
+    """Small map of sensors, each with its field of view, faint where it has failed, to the north."""
+    xmin, ymin, xmax, ymax = site.area.tolist()
+    shapes = []
+    for index, (sensor, failed) in enumerate(sensors):
+        x, y, _ = sensor.position.tolist()
+        half, ahead = min(sensor.model.horizontal_fov / 2, np.pi), sensor.world_SE3_body[:2, 0]
+        turns = np.arctan2(ahead[1], ahead[0]) + np.linspace(-half, half, 9)
+        view = [(x, y), *np.column_stack([x + MAP_REACH * np.cos(turns), y + MAP_REACH * np.sin(turns)]).tolist()]
+        colour = FAINT if failed else sensor_colour(index)
+        shapes.append(
+            f'<path d="{_path(view)}" fill="{colour}" fill-opacity=".35"/>'
+            f'<circle cx="{x:.1f}" cy="{-y:.1f}" r="2.5" fill="{colour}"/>'
+        )
+    box = f"{xmin:.1f} {-ymax:.1f} {xmax - xmin:.1f} {ymax - ymin:.1f}"
+    return f'<svg viewBox="{box}" style="width:84px;display:block"><use href="#live-site"/>{"".join(shapes)}</svg>'
+
+
+def _path(corners: Iterable[Iterable[float]]) -> str:
+    return f"M{' '.join(f'{x:.1f},{-y:.1f}' for x, y in corners)}Z"
+
+
+def variants_html(answers: Mapping[str, LiveAnswer], current: str, maps: Mapping[str, str]) -> str:
+    """Table of the variants side by side. maps: of each, as `map_html` draws them."""
     rows = []
     for name, each in answers.items():
         weight = "700" if name == current else "400"
         ends = _ends(each.low, each.high, ".3f")
         cells = (f"{each.ap:.3f}<br><span style='{_SMALL}'>{ends}</span>", f"{each.worst:.3f}", f"{each.kbit:,.0f}")
         figures = "".join(f'<td align="right">{cell}</td>' for cell in (*cells, f"{each.price:,.10g}"))
-        rows.append(f'<tr class="live-variant" style="font-weight:{weight}"><td>{escape(name)}</td>{figures}</tr>')
+        rows.append(
+            f'<tr class="live-variant" style="font-weight:{weight}"><td>{escape(name)}{maps[name]}</td>{figures}</tr>'
+        )
     head = "".join(f'<td align="right">{name}</td>' for name in ("AP", "worst", "kbit", "price"))
     table = f'<table style="width:100%"><tr style="{_SMALL}"><td></td>{head}</tr>{"".join(rows)}</table>'
     return f'<div style="{_BOX}">{table}</div>'

@@ -23,6 +23,7 @@ GROUPS: dict[str, dict[str, tuple[str, str]]] = {  # commands, their modules in 
         "evaluate": ("detection.evaluate", "score fusion schemes by AP and kbit"),
         "pack": ("recordings.files", "pack recordings into one file to train from"),
         "train": ("detection.train", "train a network of your own"),
+        "export": ("detection.train", "write a network as ONNX"),
     },
     "Placement": {
         "search": ("placement.search", "search for the best set of sensors"),

@@ -12,6 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from models.config import VoxelNetConfig
 from models.network.candidates import (
     LEAST_RIVAL,
     Candidates,
@@ -35,6 +36,7 @@ from toolkit.runtime.parallel import keep_freed_memory
 
 SHIPPED = Path(__file__).parent / "weights"
 SPREAD = np.array([0.7548776662466927, 0.5698402909980532])  # steps whose multiples fill a square evenly (Roberts 2018)
+MOST_PHASES = 16
 SAME = 0.3  # footprint IoU above which boxes of several grids are averaged
 _Clouds = Sequence[Float[np.ndarray, "_ 3"]]
 
@@ -60,20 +62,26 @@ class VoxelNetDetector:
         score_threshold: float | None = None,
         nms_threshold: float = 0.1,
     ) -> None:
-        self.config, self.device = network.config, torch.device(device)
-        if self.device.type == "cpu":
-            keep_freed_memory()  # its maps come and go with every cloud
-        self.name = type(self).__name__  # or what it was loaded by
-        own = self.config.thresholds or (self.config.score_threshold,) * len(self.config.labels)
-        self.thresholds = own if score_threshold is None else (score_threshold,) * len(own)
-        most = LEAST_RIVAL if self.config.rivalry else 1.0
-        self._looked_at = tuple(min(least, most) for least in self.thresholds)
-        self.nms_threshold, self.phases = nms_threshold, 1
+        self._adopt(network.config, device, score_threshold, nms_threshold)
         self._weights = digest_tensors(network.state_dict())
         self.network = SparseVoxelNet(network).to(self.device)
         self._tiled = TiledVoxelNet(self.network) if tileable(self.network) else None
-        self.anchors = anchors(self.config).to(self.device)
         self.faces = None if network.faces is None else copy.deepcopy(network.faces).cpu().eval()
+
+    def _adopt(
+        self, config: VoxelNetConfig, device: str | torch.device, score_threshold: float | None, nms_threshold: float
+    ) -> None:
+        """Take over all that is known without weights."""
+        self.config, self.device = config, torch.device(device)
+        if self.device.type == "cpu":
+            keep_freed_memory()  # its maps come and go with every cloud
+        self.name = type(self).__name__  # or what it was loaded by
+        own = config.thresholds or (config.score_threshold,) * len(config.labels)
+        self.thresholds = own if score_threshold is None else (score_threshold,) * len(own)
+        most = LEAST_RIVAL if config.rivalry else 1.0
+        self._looked_at = tuple(min(least, most) for least in self.thresholds)
+        self.nms_threshold, self.phases = nms_threshold, 1
+        self.anchors = anchors(config).to(self.device)
 
     @property
     def area(self) -> tuple[float, float, float, float]:
@@ -95,18 +103,22 @@ class VoxelNetDetector:
     def shift_grids(self, phases: int) -> VoxelNetDetector:
         """Same detector on several grids, shifted by parts of a cell: where one grid lies matters less.
 
-        Boxes of one class that overlap are averaged, and have the greatest of their scores.
+        Boxes of one class that overlap are averaged, and have the greatest of their scores. Raises ValueError for fewer
+        than one grid, or more than `MOST_PHASES`.
         """
+        if not 1 <= phases <= MOST_PHASES:
+            raise ValueError(f"phases must be 1 to {MOST_PHASES} grids, got {phases}: 4 is usual for real clouds")
         other = copy.copy(self)
-        other.phases = phases
+        other.phases, other.name = phases, f"{self.name}+phases{phases}"
         return other
 
     def quick(self) -> VoxelNetDetector:
         """Same detector with coarser numbers in about half the time where the processor has them, else itself."""
-        if not is_quick_at_bfloat16(self.device):
+        if not is_quick_at_bfloat16(self.device) or not isinstance(getattr(self, "network", None), SparseVoxelNet):
             return self
         other = copy.copy(self)
         other.network, other._weights = self.network.halve(), f"{self._weights} in bfloat16"
+        other.name = f"{self.name}+bfloat16"
         other._tiled = None if self._tiled is None else TiledVoxelNet(other.network)
         return other
 
@@ -227,7 +239,7 @@ def relocate(network: VoxelNet, area: tuple[float, float, float, float], trained
 def weights_file(name: str | Path) -> Path:
     """Path of shipped weights by name, or the path itself. Raises FileNotFoundError for an unknown name."""
     path = Path(name)
-    if path.suffix == ".safetensors":
+    if path.suffix in (".safetensors", ".onnx"):
         return path
     shipped = SHIPPED / f"{name}.safetensors"
     if not shipped.exists():

@@ -69,7 +69,9 @@ def run(
             measured.update(average_precision(network, judged, count=count, device=device))
             return dict(measured)
 
-        machine = loop.Machine(device, options.bfloat16 or device == "cuda", options.workers, options.checkpoint_s)
+        machine = loop.Machine(
+            device, options.bfloat16 or device == "cuda", options.workers, options.checkpoint_s, options.seconds
+        )
         watch = None if judged is None else measure
         fit = partial(train, options.data, config, settings, options.out, start=start, machine=machine)
         network = fit(validate=watch, progress=progress)

@@ -88,14 +88,15 @@ def test_commands_pictures_and_pages_are_where_readers_find_them():
     assert [refused(words) for words in (["plan", "tjunction", "--bugdet", "4"], ["site", "shwo"])] == ["refused"] * 2
     assert refused(["evalaute"]) == "no such command"
     assert set(COMMANDS) - {words[0] for page in TEXTS for words in command_lines(page)} <= {"demo"}
-    pictures = {path.resolve() for path in (ROOT / "docs").rglob("*.png")}
+    most = {".png": 150_000, ".webp": 3_000_000}  # bytes of a picture, and of a film
+    pictures = {path.resolve() for ending in most for path in (ROOT / "docs").rglob(f"*{ending}")}
     shown = {
         (page.parent / target).resolve()
         for page in TEXTS
         for target in re.findall(r"!\[[^\]]+\]\(([^)]+)\)", page.read_text())
     }
     assert pictures == shown
-    assert [path.name for path in pictures if path.stat().st_size > 150_000] == []
+    assert [path.name for path in pictures if path.stat().st_size > most[path.suffix]] == []
     tables = re.findall(r"```{toctree}(.*?)```", (ROOT / "docs" / "index.md").read_text(), re.DOTALL)
     listed = re.findall(r"^([\w/-]+)$", "\n".join(tables), re.MULTILINE)
     pages = [

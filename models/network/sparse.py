@@ -173,9 +173,11 @@ class LinearHead(nn.Module):
 def cell_by_cell(conv: nn.Module, x: Float32[Tensor, "B C H W"]) -> Float32[Tensor, "B K H W"]:
     """Compute a 1x1 convolution by the convolution library.
 
-    On one CPU thread torch would choose a plain matrix product, which takes about twice as long.
+    On one CPU thread torch would choose a plain matrix product, which takes about twice as long. Compilers and
+    exporters do not know the library's convolution.
     """
-    if x.device.type != "cpu" or not torch.backends.mkldnn.is_available():  # type: ignore[no-untyped-call]
+    plain = torch.compiler.is_compiling() or not torch.backends.mkldnn.is_available()  # type: ignore[no-untyped-call]
+    if plain or x.device.type != "cpu":
         return conv(x)  # type: ignore[no-any-return,unused-ignore]
     return torch.mkldnn_convolution(x, conv.weight, conv.bias, (0, 0), (1, 1), (1, 1), 1)  # type: ignore[arg-type]
 

@@ -81,16 +81,24 @@ class VoxelFeatures(nn.Module):
 
     def forward(self, voxels: Voxels) -> Float[Tensor, "v C"]:
         """Features of the occupied voxels."""
+        return self.encode(*self.inputs(voxels), len(voxels.cells))
+
+    def inputs(self, voxels: Voxels) -> tuple[Float32[Tensor, "n 6"], Int64[Tensor, " n"]]:
+        """Features of the points, those that pad a voxel too, and the row of each one's voxel."""
         x, voxel = point_features(voxels, self.config), voxels.voxel
         if self.config.point_features == "published":  # one zero point stands for all that fill a voxel up to T
             short = torch.nonzero(torch.bincount(voxel, minlength=len(voxels.cells)) < self.config.max_points)[:, 0]
             x, voxel = torch.cat((x, x.new_zeros(len(short), 6))), torch.cat((voxel, short))
+        return x, voxel
+
+    def encode(self, x: Float32[Tensor, "n 6"], voxel: Int64[Tensor, " n"], rows: int) -> Float[Tensor, "v C"]:
+        """Features of `rows` voxels from those of their points."""
         *encoders, last = self.layers
         for layer in encoders:
             x = layer(x)
-            greatest = maximum(x, voxel, len(voxels.cells))
+            greatest = maximum(x, voxel, rows)
             x = torch.cat((x, greatest.index_select(0, voxel)), 1)  # indexing would add gradients in any order
-        return maximum(last(x), voxel, len(voxels.cells))
+        return maximum(last(x), voxel, rows)
 
 
 def maximum(x: Float[Tensor, "n C"], row: Int64[Tensor, " n"], rows: int) -> Float[Tensor, "rows C"]:

@@ -135,6 +135,7 @@ def read_curves(path: Path) -> dict[str, tuple[list[float], list[float]]]:
     return found
 
 
+CYCLE, MOST_STEPS = 10_000, 1 << 40  # parts of a cycle by the clock, and steps
 LOG_STEPS = 50  # steps per logged mean of the losses
 Progress = Callable[[int, int, dict[str, float]], None]  # step, number of steps, losses or figures
 Loss = Callable[[Prediction, Tensor, Tensor, Tensor], dict[str, Tensor]]
@@ -148,6 +149,7 @@ class Machine:
     bfloat16: bool = False  # multiply in that format; losses stay in float32
     workers: int = 0  # processes that prepare examples
     checkpoint_s: float = 300.0  # seconds between checkpoints
+    seconds: float | None = None  # wall time of the whole training, in place of epochs
 
 
 @dataclass
@@ -158,12 +160,13 @@ class TrainingState:
     optimiser: torch.optim.Optimizer
     scheduler: LRScheduler
     step: int = 0
+    spent: float = 0.0  # s
     recent: list[dict[str, float]] = field(default_factory=list)  # losses since the last row of the log
 
     def state(self) -> dict[str, object]:
         """Return plain tensors and numbers."""
         parts = {name: getattr(self, name).state_dict() for name in ("network", "optimiser", "scheduler")}
-        return {**parts, "step": self.step, "rng": torch.get_rng_state(), "recent": self.recent}
+        return {**parts, "step": self.step, "spent": self.spent, "rng": torch.get_rng_state(), "recent": self.recent}
 
     def restore(self, state: dict[str, Any], total: int) -> None:
         """Resume from a state of a run of `total` steps."""
@@ -172,7 +175,7 @@ class TrainingState:
         for name in ("network", "optimiser", "scheduler"):
             getattr(self, name).load_state_dict(state[name])
         torch.set_rng_state(state["rng"].cpu())
-        self.step = state["step"]
+        self.step, self.spent = state["step"], float(state.get("spent", 0.0))
         self.recent = [{name: float(loss) for name, loss in losses.items()} for losses in state.get("recent", [])]
 
 
@@ -191,20 +194,23 @@ def train(
 
     start: a network of the same shape, on any area, to start from instead of random weights; machine: the CPU by
     default; validate: called with the network after each epoch, and its figures are logged; progress: called with the
-    step, the number of steps, and the losses of the step or the figures of `validate`. Raises ValueError if preset and
-    network do not fit, or if `out` holds a run with other settings.
+    step, the number of steps, and the losses of the step or the figures of `validate`. With `Machine.seconds` the cycle
+    of the learning rate follows the clock, which resuming sets back to the last checkpoint, and the number of steps
+    is an estimate. Raises ValueError if preset and network do not fit, or if `out` holds a run with other settings.
     """
     machine = machine or Machine()
-    device, bfloat16 = machine.device, machine.bfloat16
+    device, bfloat16, seconds = machine.device, machine.bfloat16, machine.seconds
+    if seconds is not None and preset.schedule != "one-cycle":
+        raise ValueError(f"seconds need a schedule of one cycle, got {preset.schedule!r}: say epochs")
     check_fit(config, preset)
     out.mkdir(parents=True, exist_ok=True)
     frames = PackedFrames(data)
     samples = Samples(frames, config, preset.examples, preset.seed)
     per_epoch = max(1, len(samples) // preset.batch)
-    total = max(1, round(preset.epochs * per_epoch))
+    total = CYCLE if seconds else max(1, round(preset.epochs * per_epoch))
     run = _start(config, preset, total, per_epoch, device)
     identity = {"config": config.to_dict(), "preset": asdict(preset), "frames": len(frames), "start": ""}
-    identity["bfloat16"] = True if bfloat16 and device == "cpu" else ""
+    identity |= {"bfloat16": True if bfloat16 and device == "cpu" else "", "seconds": seconds or ""}
     if start is not None:
         weight_files.check_tensors(run.network.state_dict(), start.state_dict(), "the network to start from")
         run.network.load_state_dict(start.state_dict())
@@ -212,19 +218,27 @@ def train(
     if (out / CHECKPOINT).exists():
         state = weight_files.read_checkpoint(out / CHECKPOINT, device, identity=identity)
         with weight_files.checkpoint_errors(out / CHECKPOINT):
-            run.restore(state, total)
+            run.restore(state, MOST_STEPS if seconds else total)
     cut_log(out / LOG, run.step)
 
     by_class: Loss = partial(quality_loss, classes=config.anchor_labels)
     loss_of = by_class if preset.loss == "quality" else paper_loss
     anchor = anchors(config).to(device)
-    steps: Any = _steps(preset, len(samples), per_epoch, range(run.step, total))
+    last = total if not seconds else MOST_STEPS if run.spent < seconds else run.step
+    steps: Any = _steps(preset, len(samples), per_epoch, range(run.step, last))
     loader = torch.utils.data.DataLoader(samples, batch_sampler=steps, collate_fn=stack, num_workers=machine.workers)
     saved = time.monotonic()
+    began = saved - run.spent
     for batch in loader:
         losses = _step(run, batch.to(device), loss_of, anchor, bfloat16)
         run.recent.append(losses)
         run.step += 1
+        run.spent = time.monotonic() - began
+        if seconds:
+            share = min(run.spent / seconds, 1.0)
+            run.scheduler.last_epoch = int(share * (CYCLE - 1)) - 1
+            total = run.step + (share < 1) * max(1, round(run.step * (1 / share - 1)))
+        run.scheduler.step()
         if progress:
             progress(run.step, total, losses)
         if run.step % LOG_STEPS == 0 or run.step == total:
@@ -240,6 +254,8 @@ def train(
         if end_of_epoch or time.monotonic() - saved > machine.checkpoint_s:
             weight_files.save_atomically(out / CHECKPOINT, {**identity, **run.state()})
             saved = time.monotonic()
+        if run.step == total:
+            break
     return run.network
 
 
@@ -277,5 +293,4 @@ def _step(run: TrainingState, batch: Batch, loss_of: Loss, anchor: Tensor, bfloa
     loss.backward()  # type: ignore[no-untyped-call]
     torch.nn.utils.clip_grad_norm_(run.network.parameters(), 10.0)
     run.optimiser.step()
-    run.scheduler.step()
     return dict(zip(losses, torch.stack(list(losses.values())).tolist(), strict=True))

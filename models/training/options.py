@@ -34,6 +34,7 @@ class TrainingOptions:
         size: The light network, or one as wide as the published.
         voxel: Length and width of a voxel (m); 0.2 when left out (the paper has 0.4 at the roundabout).
         epochs: Passes over the data; the preset's when left out.
+        seconds: Wall time of the training (s) in place of epochs; one cycle of the learning rate ends with it.
         batch: Frames per step; the preset's when left out.
         learning_rate: Highest learning rate; the preset's when left out.
         seed: Seed of weights, order, noise and augmentation.
@@ -57,6 +58,7 @@ class TrainingOptions:
     size: Literal["light", "published"] = "light"
     voxel: float | None = None
     epochs: float | None = None
+    seconds: float | None = None
     batch: int | None = None
     learning_rate: float | None = None
     seed: int = 0
@@ -70,10 +72,21 @@ class TrainingOptions:
     overwrite: bool = False
 
     def __post_init__(self) -> None:
-        for name in ("voxel", "epochs", "learning_rate", "batch", "validate_frames", "threads", "checkpoint_s"):
+        for name in (
+            "voxel",
+            "epochs",
+            "seconds",
+            "learning_rate",
+            "batch",
+            "validate_frames",
+            "threads",
+            "checkpoint_s",
+        ):
             value = getattr(self, name)
             if value is not None and not 0 < value < float("inf"):
                 raise ValueError(f"{option(name)} must be above 0, got {value}")
+        if self.epochs is not None and self.seconds is not None:
+            raise ValueError("--epochs and --seconds both say when the training ends: leave one of them out")
         if self.seed < 0 or self.workers < 0:
             raise ValueError(f"--seed and --workers must not be negative, got {self.seed} and {self.workers}")
         known = ("vehicle",) if self.classes is None and self.start is None else self.classes

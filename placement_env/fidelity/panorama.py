@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from itertools import pairwise
 from threading import Lock
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -52,6 +52,23 @@ PI, PER_TURN, PER_STEEP = (np.float32(each) for each in (np.pi, AZIMUTHS / (2 * 
 
 Angles = Float[np.ndarray, " n"]
 Counts = Shaped[np.ndarray, " m"]  # of rays
+
+
+class Bounded(OrderedDict[Any, Any]):
+    """Values with `nbytes`, longest unused first. Threads may read while one adds."""
+
+    @property
+    def nbytes(self) -> int:
+        """Memory of all values."""
+        return sum(each.nbytes for each in list(self.values()))
+
+    def keep(self, values: dict[Any, Any], most: int) -> None:
+        """Add or renew values; drop others while all take more than `most` bytes."""
+        for key, value in values.items():
+            self[key] = value
+            self.move_to_end(key)
+        while len(self) > len(values) and self.nbytes > most:
+            self.popitem(last=False)
 
 
 class Aim(NamedTuple):
@@ -110,7 +127,7 @@ class RayTable:
 
     first_column, columns: places of azimuth with rays; first_row: the lowest of elevation; cells, cell_rays: cells with
     rays (column after column, azimuth from the heading), for uses that need no fine grid, and number of rays in each;
-    bytes: of memory.
+    nbytes: of memory.
     """
 
     def __init__(self, model: SensorModel, tilt: float, roll: float) -> None:
@@ -133,7 +150,7 @@ class RayTable:
         rays = np.bincount(column * CELL_ROWS + row)
         self.cells = np.flatnonzero(rays)
         self.cell_rays = rays[self.cells].astype(np.float32)
-        self.bytes = self._sums.nbytes + self.cells.nbytes + self.cell_rays.nbytes
+        self.nbytes = self._sums.nbytes + self.cells.nbytes + self.cell_rays.nbytes
 
     def counts(
         self, rectangles: Rectangles, heading: np.float32, more: np.float32
@@ -166,7 +183,7 @@ class RayTable:
         return counts
 
 
-_TABLES: dict[tuple[SensorModel, float, float], RayTable] = {}  # longest unused first
+_TABLES = Bounded()  # by model, tilt and roll
 _LOCK = Lock()
 
 
@@ -174,13 +191,18 @@ def ray_table(model: SensorModel, tilt: float, roll: float) -> RayTable:
     """Return the table of a model, tilted and rolled (rad), made once as long as `MOST_TABLE_BYTES` hold it."""
     key = model, tilt, roll
     with _LOCK:
-        table = _TABLES.pop(key, None)
-        if table is None:
-            table, room = RayTable(*key), MOST_TABLE_BYTES - sum(each.bytes for each in _TABLES.values())
-            while _TABLES and room < table.bytes:
-                room += _TABLES.pop(next(iter(_TABLES))).bytes
-        _TABLES[key] = table
+        table: RayTable = _TABLES.get(key) or RayTable(*key)
+        _TABLES.keep({key: table}, MOST_TABLE_BYTES)
         return table
+
+
+def make_table_ahead(model: SensorModel, lowest: float, steepest: float) -> bool:
+    """Make one of the tables that lack between two tilts (rad). False where none does, or memory is half full."""
+    for step in range(round(lowest / TABLE_TILTS), round(steepest / TABLE_TILTS) + 1):
+        if (key := (model, step * TABLE_TILTS, 0.0)) not in _TABLES and _TABLES.nbytes < MOST_TABLE_BYTES / 2:
+            ray_table(*key)
+            return True
+    return False
 
 
 class Rectangles(NamedTuple):
@@ -290,7 +312,7 @@ class Surround:
         return Surround(scored, rectangles, item.astype(np.int32), frame.astype(np.int32), most, gains, stills)
 
     @cached_property
-    def bytes(self) -> int:
+    def nbytes(self) -> int:
         """Memory of the arrays."""
         pairs = [*self.gains.values(), *((still.sent, still.far) for still in self.stills.values())]
         return sum(each.nbytes for each in (*self.rectangles, self.item, self.frame, *sum(pairs, ())))
@@ -423,7 +445,7 @@ class LiveView:
         self.traffic, self._cache = traffic, cache
         self._unseen = Visibility.unseen(traffic, (), labels)
         self._scored = ScoredItems.of(traffic, traffic.snapshots, labels)
-        self._kept: OrderedDict[Place, Surround] = OrderedDict()  # longest made or renewed first
+        self._kept, self._most = Bounded(), MOST_BYTES  # surrounds by place
         self.casting = Lock()  # held while rays are cast: others may look at what is there
 
     def see(self, candidates: Candidates, *, reach: Reach = "mount") -> Visibility:
@@ -458,10 +480,14 @@ class LiveView:
         """True where the view from a sensor's own height needs no panorama."""
         return self._knows([(_place(*sensor.position.tolist()), 1.0)], sensor.model)
 
+    def limit(self, most: int) -> None:
+        """Keep panoramas of at most so many bytes in memory."""
+        self._most = most
+
     @property
-    def bytes(self) -> int:
-        """Memory of the panoramas."""
-        return sum(each.bytes for each in list(self._kept.values()))
+    def full(self) -> bool:
+        """True where memory has hardly room for another panorama."""
+        return self._kept.nbytes > 0.9 * self._most
 
     def _knows(self, shares: list[tuple[Place, float]], model: SensorModel) -> bool:
         return all(place in self._kept and model in self._kept[place].stills for place, _ in shares)
@@ -492,11 +518,9 @@ class LiveView:
             for model in models - stills.keys():
                 stills[model] = Still.of(renderer, self.traffic.site, np.array(place), model)
             self._kept[place] = Surround.of(strips, self._scored, stills)
-        for place in asked:
-            self._kept.move_to_end(place)
-        while len(self._kept) > len(asked) and self.bytes > MOST_BYTES:
-            self._kept.popitem(last=False)
-        return {place: self._kept[place] for place in asked}
+        found = {place: self._kept[place] for place in asked}
+        self._kept.keep(found, self._most)
+        return found
 
     def _panoramas(self, places: list[Place]) -> list[Strips]:
 

@@ -232,6 +232,12 @@ class Preparation:
         vars(there).update(shared, visibility=visibility)
         return there
 
+    def take_traffic(self, other: Preparation) -> None:
+        """Use the traffic of another preparation of this site, and its live view where the same classes count."""
+        vars(self)["traffic"] = other.traffic
+        if self.setting.counted.labels == other.setting.counted.labels:
+            vars(self)["live"] = other.live
+
     def check(self) -> None:
         """Raise ValueError unless its fidelity can score this setting. Nothing is rendered."""
         check_scorable(self.setting)

@@ -51,8 +51,9 @@ class LiveAnswer:
     ap, low, high: predicted AP and its 95 % interval over frames; spread: standard deviation of the prediction by the
     surrogate's fit; kbit: of all sensors per frame; price, budget: in `currency`, "" for ordinary poles; worst,
     worst_low, worst_high: AP left after the worst single failure, of `worst_sensor`; levels: of traffic; change,
-    change_low, change_high: AP since the answer before, on the same frames; unseen: road users without a point on them;
-    problems: sentences on what cannot be built so; coarse: a view was taken from half metres of height.
+    change_low, change_high: AP since the answer before, on the same frames; unseen, hidden: road users without a point
+    on them, their number and which; probability: that each is found; problems: sentences on what cannot be built so;
+    coarse: a view was taken from half metres of height.
     """
 
     what: str
@@ -84,11 +85,12 @@ class LiveAnswer:
     coarse: bool = False
     resamples: Float64[np.ndarray, " resamples"] = field(default_factory=lambda: np.zeros(0), repr=False, compare=False)
     probability: Float64[np.ndarray, " O"] = field(default_factory=lambda: np.zeros(0), repr=False, compare=False)
+    hidden: Bool[np.ndarray, " O"] = field(default_factory=lambda: np.zeros(0, np.bool_), repr=False, compare=False)
 
     def as_dict(self) -> dict[str, object]:
         """Return the figures for JSON."""
         unlimited = {"budget"} if math.isinf(self.budget) else set()
-        left_out = {"resamples", "probability"} | unlimited
+        left_out = {"resamples", "probability", "hidden"} | unlimited
         return {name: value for name, value in asdict(self).items() if name not in left_out}
 
     def since(self, before: LiveAnswer | None, what: str) -> LiveAnswer:
@@ -131,6 +133,7 @@ class Meter:
             for figure, draws in ((ap, resamples), (worst, self._resample(surrogate, least)[0]))
         )
         spread = float(surrogate.spread(whole)[0]) if len(members) else 0.0
+        hidden = seen.points[standing].sum(axis=0) == 0
         return LiveAnswer(
             what="",
             sensors=len(standing),
@@ -154,12 +157,13 @@ class Meter:
             links=self._loads(candidates, seen, standing),
             objects=objects,
             frames=seen.frames,
-            unseen=int((seen.points[standing].sum(axis=0) == 0).sum()),
+            unseen=int(hidden.sum()),
             currency=self._currency,
             budget=self.preparation.setting.most_price,
             problems=_list_problems(objective),
             resamples=resamples,
             probability=probability,
+            hidden=hidden,
         )
 
     @cached_property

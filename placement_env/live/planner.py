@@ -17,11 +17,12 @@ from typing import Any
 import numpy as np
 
 from placement_env.candidates.candidates import Candidates, NoCandidates, aim_sensor, paper_candidates, pool
-from placement_env.fidelity.panorama import HEIGHT_STEP, MOST_BYTES
+from placement_env.fidelity.panorama import HEIGHT_STEP, make_table_ahead
 from placement_env.fidelity.preparation import Preparation
 from placement_env.fidelity.seeing import see
 from placement_env.fidelity.visibility import Visibility
 from placement_env.live.figures import LiveAnswer, Meter
+from placement_env.live.picture import GroundPicture
 from placement_env.live.stock_views import StockViews, join_views
 from placement_env.live.variant import (
     TILT_SPAN,
@@ -42,8 +43,9 @@ from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
 
 LIVE_FRAMES, LIVE_SEED = 60, 3
+LIVE_BYTES = 220_000_000  # of panoramas in memory
 KEPT_STEPS = 2000  # that can be undone
-KEPT_VIEWS, KEPT_ANSWERS = 512, 256  # views of single sensors and figures of variants in memory
+KEPT_VIEWS, KEPT_ANSWERS = 512, 128  # views of single sensors and figures of variants in memory
 Row = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]  # points, distance, sent, far of one sensor
 TRIED = ((0.2, 0.0), (-0.2, 0.0), (0.0, 0.09), (0.0, -0.09))  # rad of heading and tilt that a suggestion is turned by
 
@@ -83,26 +85,33 @@ class LivePlanner:
         self.catalogue, self.currency = sold.catalogue, sold.currency
         self.yard = Yard.of(place, _offer(setting), hang, sold.keep_out)
         self._lock = RLock()
+        self.first = setting
+        self.tell: Callable[[bool], None] = lambda dragging: None  # called after every change, before its answer
         self._open(setting, run or Run(frames=frames, seed=seed))
         start = self.yard.place(hang)
         self.variants: dict[str, Variant] = {"A": start}
+        self.picture: GroundPicture | None = None  # under the scene
         self.current = "A"
         self._past: list[tuple[str, Variant]] = []
         self._future: list[tuple[str, Variant]] = []
         self._before: LiveAnswer | None = None
         self._dragging: str | None = None
-        self.tell: Callable[[bool], None] = lambda dragging: None  # called after every change, before its answer
 
-    def _open(self, asked: Setting, run: Run, **known: object) -> None:
-        """Prepare for a question. known: parts of the preparation before that are the same."""
+    def _open(self, asked: Setting, run: Run, before: Preparation | None = None) -> None:
+        """Prepare for a question, in the traffic of the preparation before."""
+        if len(asked.cases.ious) > 1:
+            raise ValueError(f"live figures are of one IoU, got {asked.cases.iou}: give one")
         setting = replace(asked, candidates=self.yard.stock).with_fidelity("surrogate")
         made = Preparation(setting, run)
         made.check()
         self.asked, self.setting, self.preparation = asked, setting, made.plain
-        vars(self.preparation).update(known)
+        if before is not None:
+            self.preparation.take_traffic(before)
         self._meter, self._answers = Meter(self.preparation, self.currency), dict[Variant, LiveAnswer]()
-        if "live" not in known:
+        if before is None or before.setting.counted.labels != setting.counted.labels:
             self._views, self._stock = dict[object, Row](), StockViews(self.preparation)
+            if self.preparation.live is not None:
+                self.preparation.live.limit(LIVE_BYTES)
 
     def ask(self, **changes: Any) -> LiveAnswer:
         """Score by other classes, cases or scheme, or within another price, in the same traffic.
@@ -111,13 +120,17 @@ class LivePlanner:
         predicts that, and keeps the question that was.
         """
         with self._lock:
-            asked, made = replace(self.asked, **changes), self.preparation
-            known: dict[str, Any] = {"traffic": made.traffic}
-            if asked.counted.labels == self.asked.counted.labels:
-                known["live"] = made.live
-            self._open(asked, made.run, **known)
+            before = self.preparation
+            self._open(replace(self.asked, **changes), before.run, before)
             self._before = None
+            self.tell(False)
             return self.answer("another question")
+
+    @property
+    def question(self) -> dict[str, object]:
+        """Changes that `ask` has made since the start, for JSON: classes, iou, errors, scheme and most_price."""
+        first, now = _describe_question(self.first), _describe_question(self.asked)
+        return {name: value for name, value in now.items() if value != first[name]}
 
     @property
     def variant(self) -> Variant:
@@ -244,6 +257,11 @@ class LivePlanner:
         with self._lock:
             return self._become(replace(self.variant, keep_out=tuple(map(check_area, areas))), "keep-out areas")
 
+    def lay(self, picture: GroundPicture | None) -> None:
+        """Lay a picture under the scene, or take it away."""
+        self.picture = picture
+        self.tell(False)
+
     def undo(self) -> LiveAnswer:
         """Take the last change back. Raises ValueError where there is none."""
         return self._step(self._past, self._future, "undo")
@@ -339,12 +357,13 @@ class LivePlanner:
             for height in np.arange(mount.min_height, mount.max_height + HEIGHT_STEP, HEIGHT_STEP).tolist():
                 up = np.array([0.0, 0.0, mount.position[2] + min(height, mount.max_height) - sensor.position[2]])
                 others.append((k, aim_sensor(sensor, sensor.position + up, 0.0, 0.0)))
-        ahead = others if live.bytes < MOST_BYTES / 2 else []  # else they would push each other out for ever
+        ahead = [] if live.full else others  # else they would push each other out for ever
         for k, sensor in [*enumerate(every.sensors), *ahead]:
             if not live.knows(sensor):
                 live.see(replace(every.select([k]), sensors=(sensor,)), reach="own")
                 return True
-        return self._stock.look_further()
+        models = dict.fromkeys(sensor.model for sensor in every.sensors)
+        return any(make_table_ahead(model, *TILT_SPAN) for model in models) or self._stock.look_further()
 
     def finish(self) -> LiveAnswer:
         """Figures of the variant that is shown, without anything coarse."""
@@ -517,6 +536,12 @@ def _offer(setting: Setting) -> Candidates:
         return pool(setting.place)
     except NoCandidates:
         return paper_candidates(setting.place)
+
+
+def _describe_question(asked: Setting) -> dict[str, object]:
+    cases, most = asked.cases, None if math.isinf(asked.most_price) else asked.most_price
+    said = {"classes": [*asked.counted.names], "iou": [*cases.ious], "errors": [*cases.names]}
+    return {**said, "scheme": asked.fusion.name, "most_price": most}
 
 
 def _finite(name: str, value: float) -> float:

@@ -1,22 +1,27 @@
 """Project file of a live planner: variants and steps, saved as they are made, by one writer, whole or not at all.
 
 {"coview_live": 1, "site": NAME, "site_sha256": ..., "current": NAME, "variants": {NAME: VARIANT}, "past": [[NAME,
-VARIANT], ...]}, each variant as `Variant.as_dict` gives it. The state before the last save is kept beside it.
+VARIANT], ...], "question": {...}, "picture": {...}}, each variant as `Variant.as_dict` gives it, the question as
+`LivePlanner.question`, the picture as the fields of `GroundPicture`, or null. The state before the last save is kept
+beside it.
 """
 
 from __future__ import annotations
 
 import json
+import math
 import os
 import time
-from dataclasses import replace
+from dataclasses import asdict, replace
 from hashlib import sha256
 from pathlib import Path
+from typing import Any
 
 from placement_env.fidelity.coverage import sent_per_frame
 from placement_env.handover.exchange import EXCHANGE_FILES, write_exchange
 from placement_env.handover.ground import visible_ground
 from placement_env.handover.mounted import format_sensors, mounted_site, unused_mounts
+from placement_env.live.picture import GroundPicture
 from placement_env.live.planner import LivePlanner
 from placement_env.live.variant import Variant, check_name
 from toolkit.runtime.files import name_errors, read_json, take, write_text, writing_together
@@ -86,7 +91,9 @@ class ProjectFile:
         past = [[name, variant.as_dict()] for name, variant in planner.past[-SAVED_STEPS:]]
         known = {"coview_live": PROJECT_VERSION, "site": planner.yard.site.name, "site_sha256": self._site}
         variants = {name: variant.as_dict() for name, variant in planner.variants.items()}
-        return json.dumps({**known, "current": planner.current, "variants": variants, "past": past}, allow_nan=False)
+        known |= {"current": planner.current, "variants": variants, "past": past, "question": planner.question}
+        known["picture"] = None if planner.picture is None else asdict(planner.picture)
+        return json.dumps(known, allow_nan=False)
 
     def _load(self, path: Path) -> None:
         found = None
@@ -114,6 +121,23 @@ class ProjectFile:
         named = {check_name(name): Variant.of_dict(each) for name, each in variants.items()}
         steps = [(check_name(name), Variant.of_dict(each)) for name, each in past[-SAVED_STEPS:]]
         self.planner.restore(named, str(found.get("current")), steps)
+        asked, laid = found.get("question", {}), found.get("picture")
+        if not isinstance(asked, dict) or not asked.keys() <= {"classes", "iou", "errors", "scheme", "most_price"}:
+            raise ValueError(f"a question has classes, iou, errors, scheme and most_price, got {asked!r:.60}")
+        try:
+            self.planner.picture = None if laid is None else GroundPicture(**laid)
+            if asked:
+                self._ask(**asked)
+        except TypeError as error:
+            raise ValueError(f"a question or picture needs values that fit, got {error}") from None
+
+    def _ask(self, iou: Any = None, errors: Any = None, **more: Any) -> None:
+        cases: dict[str, Any] = {
+            name: tuple(map(kind, each)) for name, kind, each in (("iou", float, iou), ("errors", str, errors)) if each
+        }
+        if "most_price" in more:
+            more["most_price"] = math.inf if more["most_price"] is None else more["most_price"]
+        self.planner.ask(cases=replace(self.planner.asked.cases, **cases), **more)
 
 
 def export_variant(planner: LivePlanner, folder: Path) -> list[Path]:

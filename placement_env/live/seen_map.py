@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from placement_env.fidelity.panorama import build_moment
+from placement_env.fidelity.panorama import Bounded, build_moment
 from placement_env.fidelity.preparation import Preparation
 from placement_env.fidelity.traffic import build_renderer
 from placement_env.handover.ground import lay_grid
@@ -19,7 +19,7 @@ from toolkit.sensors.sensor import Sensor
 CELL = 0.5  # m
 MAP_FRAMES = 48  # of the traffic, evenly chosen; a bit of 64 each
 MAP_HEIGHTS = {"a child": 1.0, "a car": 1.5}  # m above the ground where a place must be seen
-KEPT_BYTES = 40_000_000  # of places of sensors in memory, 8 a cell
+KEPT_BYTES = 20_000_000  # of places of sensors in memory, 8 a cell
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +43,7 @@ class SeenMaps:
         self._targets = targets[self._open]
         count = min(MAP_FRAMES, preparation.frames)
         self._frames = np.linspace(0, preparation.frames - 1, count).round().astype(np.int64)
-        self._kept: dict[bytes, Shaped[np.ndarray, " cells"]] = {}
+        self._kept = Bounded()  # bits by place
 
     def draw(self, sensors: Iterable[Sensor]) -> SeenMap:
         """Map of some sensors."""
@@ -60,7 +60,8 @@ class SeenMaps:
     def _in_sight(self, place: Float64[np.ndarray, "3"]) -> Shaped[np.ndarray, " cells"]:
         """A bit for each frame in which the way from a place to each cell is free."""
         key = place.round(3).tobytes()
-        if key not in self._kept:
+        bits: Shaped[np.ndarray, " cells"] | None = self._kept.get(key)
+        if bits is None:
             live, traffic = self._preparation.live, self._preparation.traffic
             with live.casting if live is not None else nullcontext():
                 ways = np.concatenate([np.broadcast_to(place, self._targets.shape), self._targets - place], axis=1)
@@ -70,7 +71,5 @@ class SeenMaps:
                 for bit, frame in enumerate(self._frames.tolist()):
                     _, length = build_moment(traffic, frame).met(lines[free])
                     bits[free] |= np.where(length >= 1, np.uint64(1 << bit), np.uint64(0))
-            while self._kept and (len(self._kept) + 1) * bits.nbytes > KEPT_BYTES:
-                self._kept.pop(next(iter(self._kept)), None)
-            self._kept[key] = bits
-        return self._kept[key]
+        self._kept.keep({key: bits}, KEPT_BYTES)
+        return bits

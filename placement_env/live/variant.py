@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any
 
@@ -68,8 +68,8 @@ class Variant:
 
     def as_dict(self) -> dict[str, object]:
         """Return what JSON keeps."""
-        poles = [{**asdict(pole), "position": pole.position.tolist()} for pole in self.poles]
-        return {"sensors": [asdict(sensor) for sensor in self.sensors], "poles": poles, "keep_out": self.keep_out}
+        poles = [{**vars(pole), "position": pole.position.tolist()} for pole in self.poles]
+        return {"sensors": [{**vars(sensor)} for sensor in self.sensors], "poles": poles, "keep_out": self.keep_out}
 
     @staticmethod
     def of_dict(found: object) -> Variant:
@@ -77,20 +77,21 @@ class Variant:
         if not isinstance(found, Mapping) or {*found, "keep_out"} != {"sensors", "poles", "keep_out"}:
             raise ValueError(f"a variant has sensors, poles and keep_out, got {found!r:.60}")
         try:
-            sensors = tuple(LiveSensor(**_checked(LiveSensor, each)) for each in found["sensors"])
+            sensors = tuple(LiveSensor(**check_row(LiveSensor, each)) for each in found["sensors"])
             areas = tuple(map(check_area, found.get("keep_out", ())))
             return Variant(sensors, tuple(Mount(**each) for each in found["poles"]), areas)
         except (TypeError, KeyError) as error:
             raise ValueError(f"a variant needs whole sensors and poles, got {error}") from None
 
 
-def _checked(kind: type, row: Mapping[str, Any]) -> dict[str, Any]:
-    """Values of the types that the fields name, finite and of names that fit."""
-    known: dict[str, Any] = {"str": str, "float": (int, float), "bool": bool}
+def check_row(kind: type, row: Mapping[str, Any]) -> dict[str, Any]:
+    """Return values by name. Raises ValueError unless they are finite, and of the types that the fields of a dataclass
+    name."""
+    known: dict[str, Any] = {"str": str, "float": (int, float), "int": int, "bool": bool}
     for field in fields(kind):
         value = row.get(field.name, field.default)
         if not isinstance(value, known[str(field.type)]) or (isinstance(value, float) and not np.isfinite(value)):
-            raise ValueError(f"{field.name} of a sensor must be a {field.type}, got {value!r:.60}")
+            raise ValueError(f"{field.name} must be a {field.type}, got {value!r:.60}")
     check_name(row["name"])
     return dict(row)
 

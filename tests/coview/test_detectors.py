@@ -2,13 +2,14 @@
 
 import warnings
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import open3d as o3d
 import pytest
 
 import models
-from coview.detectors import load_detector, place_detector, recording_detector, site_detector, split_background
+from coview.detectors import load_detector, parse_detector, place_detector, recording_detector, site_detector
 from toolkit.clouds import from_points
 from toolkit.datasets.dataset import CoopDataset
 from toolkit.detection.background import Background, KnownBackground, site_background
@@ -19,10 +20,14 @@ from toolkit.sites.files import load_site
 
 
 def test_backgrounds_are_known_by_name_and_of_the_scenery():
-    assert split_background("general") == ("general", False)
-    assert split_background("my.package:detect+background") == ("my.package:detect", True)
-    assert split_background("background") == ("background", False)
     site = load_site("tjunction")
+    assert parse_detector("general") == ("general", False, 1, False)
+    assert parse_detector("my.package:detect+background") == ("my.package:detect", True, 1, False)
+    assert parse_detector("background") == ("background", False, 1, False)
+    assert parse_detector("a+phases3.safetensors") == ("a+phases3.safetensors", False, 1, False)
+    assert [parse_detector(f"general{rest}", site).known for rest in ("", "+phases2", "-background")] == [1, 1, 0]
+    assert parse_detector("general+bfloat16+background+phases12") == ("general", True, 12, True)
+    assert not parse_detector("general+float32+bfloat16").bfloat16
     bare, known = site_detector("voxelnet", site), site_detector("voxelnet+background", site)
     assert isinstance(known, KnownBackground)
     assert known.detector.digest == bare.digest  # type: ignore[attr-defined]
@@ -31,6 +36,22 @@ def test_backgrounds_are_known_by_name_and_of_the_scenery():
     with pytest.raises(ValueError, match=r"general\+background must see the site empty first"):
         place_detector("general+background", Place())
     assert place_detector("general", Place(area=(-10.0, -10.0, 10.0, 10.0)))
+
+
+def test_grids_and_numbers_are_asked_for_behind_the_name(monkeypatch):
+    site = load_site("tjunction")
+    bare: Any = site_detector("voxelnet", site)
+    phased: Any = site_detector("voxelnet+phases3+background", site)
+    assert (phased.name, phased.detector.phases) == ("tjunction+phases3+background", 3)
+    monkeypatch.setattr("models.detector.is_quick_at_bfloat16", lambda device: True)
+    quick: Any = site_detector("voxelnet+bfloat16", site)
+    assert (quick.name, quick.digest != bare.digest) == ("tjunction+bfloat16", True)
+    monkeypatch.setattr("models.detector.is_quick_at_bfloat16", lambda device: False)
+    again: Any = site_detector("voxelnet+bfloat16", site)
+    assert again.digest == bare.digest
+    for number in (0, 17):
+        with pytest.raises(ValueError, match=f"1 to 16 grids, got {number}"):
+            site_detector(f"general+phases{number}", site)
 
 
 def test_cluster_knows_its_background_anyhow(monkeypatch):

@@ -5,18 +5,23 @@ import os
 import signal
 import subprocess
 import sys
+from contextlib import nullcontext
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from coview.live_page import AWAY
+from coview.live_page import AWAY, LivePage, LiveSession
 from placement_env import LivePlanner
+from placement_env.live.project import ProjectFile
 from placement_env.live.variant import Variant
 from placement_env.setting import Setting
 from toolkit.sites.files import load_site
 from toolkit.viewing import scene
 
 FRAMES = 16
+ROOT = Path(__file__).parents[2]
 SITE = load_site("tjunction")
 
 
@@ -42,8 +47,6 @@ class Page:
         self.tab.goto(self.url)
         self.tab.wait_for_selector(".live-ap")
         self.tab.wait_for_timeout(1500)
-        for close in self.tab.locator(".mantine-Notification-closeButton").all():  # of software rendering
-            close.click()
         canvas = self.tab.locator("canvas").first.bounding_box()
         self.size = canvas["width"], canvas["height"]
 
@@ -76,7 +79,7 @@ class Page:
         before = ""
         while (now := figures()) != before or "refining" in now:
             before = now
-            self.tab.wait_for_timeout(1500)
+            self.tab.wait_for_timeout(600)
         return self.variant
 
     def pixel(self, point):
@@ -231,6 +234,21 @@ def test_the_map_and_the_traffic_are_drawn(page):
     page.tab.get_by_role("button", name="From above").click()
     page.tab.wait_for_timeout(1500)
     assert page.tab.locator(".live-note").all_inner_texts() == said  # no refusal
+    page.tab.get_by_role("tab", name="Draw").click()
+    upload = page.tab.locator("input[type=file]")
+    upload.set_input_files({"name": "cow.png", "mimeType": "image/png", "buffer": b"moo"})
+    page.tab.wait_for_function("document.querySelector('.live-note')?.innerText.includes('cow.png is no whole')")
+    upload.set_input_files(ROOT / "docs" / "birds_eye.png")
+    page.tab.wait_for_function("document.querySelector('.live-note')?.innerText.includes('two points')")
+    laid = page.project["picture"]
+    page.tab.locator("xpath=//label[text()='Two points']/following::input[1]").fill("30")
+    page.tab.get_by_role("button", name="Place the picture by two points").click()
+    page.tab.wait_for_function("document.querySelector('.live-note')?.innerText.includes('click on the ground')")
+    for spot in ((300, 300), (500, 300)):
+        page.tab.mouse.click(*spot)
+        page.tab.wait_for_timeout(500)
+    assert page.project["picture"]["scale"] != laid["scale"]
+    assert (page.folder / laid["file"]).is_file()
     assert page.server.poll() is None
 
 
@@ -240,3 +258,54 @@ def test_only_pages_of_this_machine_with_the_token_are_served(page):
     assert tab.goto(f"http://127.0.0.1:{port}/").status == 403
     assert tab.goto(f"http://127.0.0.1:{port}/wrong/").status == 403
     tab.close()
+
+
+def test_a_map_is_opened_from_the_page(browser, tmp_path):
+    def begin(site):
+        planner = LivePlanner(site, frames=8)
+        return planner, ProjectFile(tmp_path / "own.live.json", planner)
+
+    session = LiveSession(begin, port=18790, folder=tmp_path)
+    tab = browser.new_page()
+    tab.set_default_timeout(90_000)
+    try:
+        tab.goto(session.url)
+        for wrong, said in (("cow.osm", "no map"), ("<b>nowhere", "no site")):
+            for label, text in (("Path or site", wrong), ("Centre", "8.0 49.5")):
+                tab.locator(f"xpath=//label[text()='{label}']/following::input[1]").fill(text)
+            tab.get_by_role("button", name="Open").click()
+            tab.wait_for_function(f"document.querySelector('.live-note')?.innerText.includes('{said}')")
+        tab.locator("input[type=file]").set_input_files(ROOT / "docs" / "own-junction.osm")
+        tab.wait_for_selector(".live-ap")
+        assert sorted(path.name for path in tmp_path.glob("own*.json")) == ["own-junction.json", "own.live.json"]
+        tab.get_by_role("button", name="Add a sensor", exact=True).click()
+        tab.wait_for_function("parseFloat(document.querySelector('.live-ap').innerText) > 0")
+    finally:
+        tab.close()
+        session.close()
+
+
+@pytest.mark.parametrize(
+    ("width", "height", "shown"), [(390, 844, 0.4), (444, 1024, 1.0), (956, 720, 1.0), (1900, 600, 1.0)]
+)
+@pytest.mark.parametrize("above", [False, True])
+def test_all_sensors_are_in_view_in_any_window(width, height, shown, above):
+    camera = SimpleNamespace(image_width=width, aspect=width / height, fov=np.deg2rad(50.0))
+    client = SimpleNamespace(client_id=0, camera=camera, atomic=nullcontext)
+    page, fits = object.__new__(LivePage), []
+    eye, page._middle = (np.array(each) for each in scene.overview(tuple(SITE.area.tolist())))
+    page._slant, page._aimed = AWAY * (eye - page._middle), {}
+    camera.on_update = fits.append
+    page._greet(client)
+    if width == 444:  # a tablet, whose panel docks after the page has opened
+        page._aimed[0] = (page._slant, 768 / height, False, camera.position)
+        fits[0](camera)
+    if above:
+        page._look_down(client)
+    ahead = (camera.look_at - camera.position) / np.linalg.norm(camera.look_at - camera.position)
+    right = np.cross(ahead, [0, 0, 1]) / np.linalg.norm(np.cross(ahead, [0, 0, 1]))
+    for sensor in SITE.sensors:
+        way = sensor.position - camera.position
+        across, up = np.array([way @ right, way @ np.cross(right, ahead)]) / (way @ ahead) / np.tan(camera.fov / 2)
+        assert abs(across) <= camera.aspect
+        assert 1 - 2 * shown <= up <= 1

@@ -9,7 +9,7 @@ import re
 import sys
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from pkgutil import resolve_name
 from time import perf_counter
@@ -23,9 +23,8 @@ from toolkit.datasets.layouts.openlabel import openlabel_content
 from toolkit.datasets.records import boxes_record, write_boxes
 from toolkit.detection.place import Place, Stand
 from toolkit.frame import Frame
-from toolkit.geometry import level_rows
 from toolkit.objects import Detections, Detector
-from toolkit.points import frame_points
+from toolkit.points import detect_on_ground, frame_points
 from toolkit.runtime.files import write_text, writing_folder
 from toolkit.sites.site import Site
 
@@ -48,11 +47,8 @@ def detect_frames(frames: Iterable[Frame], detector: Detector, place: Place = Pl
         site = stand.area if isinstance(stand.area, Site) else None
         points = stand.lift(frame.points()) if site is None else np.concatenate(frame_points(frame, area=site))
         start = perf_counter()
-        found = detector(points) if len(points) else Detections.empty()
+        found = detect_on_ground(detector, points, stand.area) if len(points) else Detections.empty()
         taken = 1e3 * (perf_counter() - start)
-        if site is not None:
-            slope_x, slope_y = site.relief.slope
-            found = replace(found, boxes=level_rows(found.boxes, (-slope_x, -slope_y)))
         yield Detected(frame, stand.put_back(found), stand, taken)
 
 

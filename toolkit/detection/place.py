@@ -27,7 +27,6 @@ Corners = tuple[float, float, float, float]
 LEVELS: tuple[Level, ...] = ("map", "plane", "none")
 DETECTION_REACH = 50.0  # m about the sensors, where no area is given
 CROP_HEIGHT = 4.0  # m, as in the paper's crop
-MOST_PHASES = 16
 MARGIN_AROUND = 5.0  # m around the area in which objects are kept, so that those on its edge are known
 
 
@@ -75,12 +74,8 @@ class Place:
     """Find the ground once, because the sensors do not move."""
     area: Corners | None = None
     """Area xmin ymin xmax ymax (m, world frame); the site's, or 50 m around the sensors, when left out."""
-    phases: int = 1
-    """Number of shifted grids that a network detects on; 4 find more in real clouds, in four times the time."""
 
     def __post_init__(self) -> None:
-        if not 1 <= self.phases <= MOST_PHASES:
-            raise ValueError(f"phases must be 1 to {MOST_PHASES} grids, got {self.phases}: 4 is usual for real clouds")
         if self.level is not None and self.level not in LEVELS:
             raise ValueError(f"level must be one of {', '.join(LEVELS)}, got {self.level!r}")
         if self.area is not None:

@@ -88,7 +88,13 @@ def _serve_guarded(serve: Handle, token: str, *arguments: object, process_reques
         if "Upgrade" in request.headers and not _LOCAL.fullmatch(request.headers.get("Origin", "")):
             return connection.respond(403, "open the viewer in a browser of this machine\n")
         request.path = f"/{rest}"
-        return process_request(connection, request)
+        request.headers.pop("Accept-Encoding", None)  # a page that comes plain can be added to
+        answer = process_request(connection, request)
+        if answer is not None and answer.headers.get("Content-Type", "").startswith("text/html"):
+            answer.body = _with_head(answer.body.decode(), "prompt.js").encode()
+            del answer.headers["Content-Length"]
+            answer.headers["Content-Length"] = str(len(answer.body))
+        return answer
 
     return serve(*arguments, process_request=guard, **options)
 
@@ -116,10 +122,14 @@ def overview(area: tuple[float, float, float, float], height: float = 0.0) -> tu
 def scene_html(server: ViserServer) -> str:
     """Return the scene as a page for an iframe, which tells when it is ready and switches nodes by messages."""
     server.scene.add_frame("/end", show_axes=False)
-    html = server.get_scene_serializer().as_html()
-    head_end, control = html.index("</head>"), (_FOLDER / "control.js").read_text(encoding="utf-8")
+    return _with_head(server.get_scene_serializer().as_html(), "control.js")
+
+
+def _with_head(html: str, script: str) -> str:
+    """Page of the viewer with a script of ours, without its notes on software rendering."""
+    head_end, ours = html.index("</head>"), (_FOLDER / script).read_text(encoding="utf-8")
     style = "<style>.mantine-Notification-root{display:none!important}</style>"
-    return f"{html[:head_end]}{style}<script>\n{control}</script>{html[head_end:]}"
+    return f"{html[:head_end]}{style}<script>\n{ours}</script>{html[head_end:]}"
 
 
 def add_mesh(api: SceneApi, name: str, mesh: Mesh, colour: str, *, opacity: float | None = None) -> None:
@@ -191,6 +201,15 @@ def spikes(boxes: BoxRows) -> Segments:
     upright = np.stack([top, tip], 1)
     bars = [np.stack([bar - side, bar + side], 1) for side in (np.array([0.8, 0, 0]), np.array([0, 0.8, 0]))]
     return np.concatenate([upright, *bars]).astype(np.float64)
+
+
+def arrows(boxes: BoxRows) -> Segments:
+    """Arrow down onto each box: an object that nobody sees."""
+    tip = boxes[:, :3] + np.array([0.0, 0, 1]) * (boxes[:, 5:6] / 2 + 0.3)
+    ends = (
+        np.array(end) * SPIKE for end in ((0.0, 0, 1.4), (0.4, 0, 0.5), (-0.4, 0, 0.5), (0, 0.4, 0.5), (0, -0.4, 0.5))
+    )
+    return np.concatenate([np.stack([tip, tip + end], 1) for end in ends]).astype(np.float64)
 
 
 def dashes(segments: Segments, *, dash: float, gap: float) -> Segments:

@@ -12,7 +12,7 @@ from typing import Literal
 from tyro.conf import Positional
 
 from coview.arguments import check_ending, check_least
-from coview.detectors import check_detector, place_detector, recording_detector, split_background
+from coview.detectors import QUICK, check_detector, parse_detector, place_detector, recording_detector
 from coview.outputs import OK, Writing, check_file, check_new_folder, print_result
 from coview.progress_bar import progress_bar
 from coview.recordings import Opening
@@ -41,9 +41,10 @@ def detect(
     Args:
         clouds: Cloud files, folders, bags or recordings.
         out: File of boxes, or folder of OpenLABEL or KITTI files, one per frame.
-        detector: general, another shipped network, a weights file, or package.module:callable; +background, which
-            plan.json names too, drops what stands at the recording's site or in its empty scene; general has it where
-            the site is known, general-background has not.
+        detector: general, another shipped network, a file of weights or in ONNX, or package.module:callable;
+            +background, which plan.json names too, drops what stands at the recording's site or in its empty scene;
+            general has it where the site is known, general-background has not; +phases4 detects on four shifted grids;
+            +float32 in exact numbers where the processor has quicker ones.
         frames: Number of first frames of each recording; all when left out.
         format: One JSON file (boxes), openlabel or kitti.
     """
@@ -55,7 +56,8 @@ def detect(
         raise ValueError("give clouds to detect in: files, folders or bags")
     check_detector(detector)
     levelled = replace(place, level=place.level or "map")
-    network = None if split_background(detector)[1] else place_detector(detector, levelled)
+    quick = detector + QUICK
+    network = None if parse_detector(quick).known else place_detector(quick, levelled)
     if format == "boxes":
         check_ending(out, (".json",), "a file of boxes")
     check = check_file if format == "boxes" else check_new_folder
@@ -65,8 +67,8 @@ def detect(
         opened = [Part(recording, frames) for recording in recordings]
         looking: list[tuple[Detector, Place]] = []
         for recording in recordings:
-            if network is None or split_background(detector, recording.site if place.at(recording.site) else None)[1]:
-                looking.append((recording_detector(detector, recording, place), place))
+            if network is None or parse_detector(quick, recording.site if place.at(recording.site) else None).known:
+                looking.append((recording_detector(quick, recording, place), place))
             else:
                 looking.append((network, levelled))
         level = looking[0][1].level or "none"

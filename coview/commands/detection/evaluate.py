@@ -80,7 +80,8 @@ class Subject:
     """Detector and sensors to score."""
 
     detector: str | None = None
-    """Detector: cluster, voxelnet, general, a weights file, package.module:callable; +background drops what stands."""
+    """Detector: cluster, voxelnet, general, a file of weights or in ONNX, or package.module:callable; +background drops
+    what stands, +phases4 detects on four shifted grids, +bfloat16 in coarser numbers."""
     calibrate: str | None = None
     """Reference, as in coview calibrate, to find the sensors' poses by first, or together."""
     errors: str = "paper"

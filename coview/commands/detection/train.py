@@ -1,12 +1,16 @@
-"""`coview train`: train VoxelNet and draw its curves."""
+"""`coview train` and `coview export`: networks of your own."""
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from tyro.conf import Positional
 
-from coview.outputs import OK, print_result
+from coview.arguments import check_ending
+from coview.outputs import OK, Writing, check_file, print_result
 from coview.progress_bar import progress_bar
 from models.training.options import TrainingOptions
+from toolkit.detection.place import Corners
 
 
 def train(site: Positional[str | None] = None, /, *, training: TrainingOptions, json: bool = False) -> int:
@@ -39,4 +43,30 @@ def train(site: Positional[str | None] = None, /, *, training: TrainingOptions, 
     pictures = "losses.png, ap.png" if training.validate else "losses.png"
     text = f"{training.out}: {weights.name}, {LOG}, {pictures}"
     print_result({"weights": str(weights), "ap": measured}, text, as_json=json)
+    return OK
+
+
+def export(
+    weights: Positional[str], out: Positional[Path], /, *, area: Corners | None = None, writing: Writing = Writing()
+) -> int:
+    """Write a network as ONNX, with a card of its area, voxels, anchors, classes, thresholds and calibration beside it.
+
+    Every command takes the file in place of a detector's name.
+
+    Example: coview export general junction.onnx --area -40 -20 40 20
+
+    Args:
+        weights: Shipped weights, or a weights file.
+        out: ONNX file to write; the card is NAME.json beside it.
+        area: Area xmin ymin xmax ymax (m), for weights that go anywhere; that of the weights when left out.
+    """
+    from models.detector import weights_file
+    from models.onnx_files import card_file, export_onnx
+
+    check_ending(out, (".onnx",), "a network in ONNX")
+    for path in (out, card_file(out)):
+        check_file(path, inputs=[weights_file(weights)], overwrite=writing.overwrite)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    export_onnx(weights, out, area)
+    print_result({"out": str(out), "card": str(card_file(out))}, f"{out}, card {card_file(out)}", as_json=writing.json)
     return OK

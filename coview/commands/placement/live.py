@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -107,7 +108,7 @@ def what_if(
 
 
 def live(
-    site: Positional[str],
+    site: Positional[str] = "",
     /,
     *,
     stock: StockOptions = USUAL_STOCK,
@@ -125,10 +126,12 @@ def live(
 
     Example: coview live tjunction
 
+    Example: coview live
+
     Example: coview live out/plan --project out/live/main-street.json
 
     Args:
-        site: A site with or without sensors, or the folder of a plan.
+        site: A site with or without sensors, or the folder of a plan; the page asks for a map or site when left out.
     """
     import webbrowser
 
@@ -137,33 +140,39 @@ def live(
     from toolkit.viewing.scene import check_viser
 
     check_viser()
-    planner = open_planner(site, stock, classes, cases, run)
-    path = keeping.project or keeping.out / f"{Path(site).stem or 'site'}.live.json"
-    kept = ProjectFile(path, planner, last_good=keeping.last_good)
+
+    def find_project(where: str) -> Path:
+        return keeping.project or keeping.out / f"{Path(where).stem or 'site'}.live.json"
+
+    def begin(where: str) -> tuple[LivePlanner, ProjectFile]:
+        planner = open_planner(where, stock, classes, cases, run)
+        return planner, ProjectFile(find_project(where), planner, last_good=keeping.last_good)
+
+    planner, kept = begin(site) if site else (begin, None)
     session = LiveSession(planner, port=serving.port, project=kept, folder=keeping.out)
     try:
-        said = f"{session.url} (this machine alone; Ctrl-C ends it; kept in {path})"
-        print_result({"url": session.url, "project": str(path)}, said, as_json=writing.json)
+        project = str(find_project(site) if site else keeping.out)
+        said = f"{session.url} (this machine alone; Ctrl-C ends it; kept in {project})"
+        print_result({"url": session.url, "project": project}, said, as_json=writing.json)
         sys.stdout.flush()
         if serving.browser:
             webbrowser.open(session.url)
         session.wait()
     finally:
         session.close()
-        kept.close()
     return OK
 
 
 def open_planner(where: str, stock: StockOptions, classes: ClassOptions, cases: Cases, run: Run) -> LivePlanner:
     """Open a planner at a site, or with the sensors of a plan's folder.
 
-    That brings classes, poles and frames of its own where the options are left out. Raises ValueError and OSError for
-    what cannot be read.
+    That brings a budget, and classes, poles and frames where the options are left out. Raises ValueError and OSError
+    for what cannot be read.
     """
     from placement_env.handover.exchange import MAP, SITE
     from placement_env.live.planner import LivePlanner
 
-    folder = Path(where)
+    folder, most = Path(where), math.inf
     if folder.is_dir():
         if not (folder / SITE).is_file() or not (folder / "plan.json").is_file():
             raise FileNotFoundError(
@@ -175,12 +184,14 @@ def open_planner(where: str, stock: StockOptions, classes: ClassOptions, cases: 
         if stock == USUAL_STOCK:
             poles = "pool" if named else str(folder / MAP)
             stock = replace(stock, candidates=poles, scheme=asked["scheme"], capacity=asked["capacity_kbit"])
+        if asked["money"] is not None and (asked["catalogue"] is None or stock.sensors is not None):
+            most = asked["money"]  # in the same currency
         if classes == USUAL_CLASSES:
             weights = tuple(asked["class_weights"])
             classes = replace(classes, classes=tuple(asked["classes"]), class_weights=weights, combine=asked["combine"])
         if (run.frames, run.seed) == (LIVE_RUN.frames, LIVE_RUN.seed):
             run = replace(run, frames=asked["frames"][0], seed=asked["seed"])
-    return LivePlanner(stock.setting(where, classes, cases, run), run=run)
+    return LivePlanner(replace(stock.setting(where, classes, cases, run), most_price=most), run=run)
 
 
 def _describe(before: LiveAnswer, after: LiveAnswer) -> str:

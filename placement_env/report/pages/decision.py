@@ -252,7 +252,8 @@ def _describe_next(plan: content.Plan, chosen: content.PlanOption) -> Fact:
     return Fact(
         "Next",
         f"{again}Check the poles, their heights and the view from each on site. Mount {first} first, record a day, and "
-        "hold the detector against it with coview evaluate.",
+        "hold the detector against it with coview evaluate. To move sensors by hand, run: "
+        "coview live FOLDER, with the folder of this report.",
     )
 
 

@@ -30,6 +30,7 @@ from placement_env.classes import Classes, Combine
 from placement_env.fidelity.detector import Detected, Outcome
 from placement_env.fidelity.preparation import Preparation
 from placement_env.objective import Objective
+from placement_env.racing import Contest
 from placement_env.report.content import CONFIDENCE, ClassAP, DrawingResult, Judgement, PlanOption
 from placement_env.search.exact.exhaustive import find_front
 from placement_env.search.portfolio.entrants import Entrants
@@ -272,6 +273,7 @@ def _judgement(figures: _Figures, classes: Classes) -> Judgement:
 RACED = 60  # frames of a race at most
 KEPT = 3  # sets of each number of sensors that are judged on all frames where they come `NEAR` the best
 NEAR = 0.03  # AP below the best of a race that further frames may make up for
+LIKELY_TIE = 2 * NEAR_TIE  # AP below the winner of a race within which other IoU thresholds say who is judged too
 LOOKED_AT = 12  # frames on which all sets are looked at that may reach a requirement
 DOUBT = 0.1  # AP by which a first look may underrate a set
 
@@ -378,9 +380,10 @@ def choose_set(
             winners.append((int(best), winners[-1][1]))
         else:
             ran = contest(objective, found.sets[places], evaluator, confidence=confidence, seed=run.seed, frames=RACED)
-            rows = places[ran.ranking].tolist()
-            close += zip(ran.expected[:KEPT].tolist(), rows[:KEPT], strict=True)
-            winners.append((rows[0], float(ran.expected[0])))
+            rows = places[ran.ranking]
+            kept = _find_rivals(ran, found.sets[rows], evaluator, race_order(judge.frames, seed=run.seed))
+            close += zip(ran.expected[kept].tolist(), rows[kept].tolist(), strict=True)
+            winners.append((int(rows[0]), float(ran.expected[0])))
             sure[int(size)] = ran.confidence
         if report is not None:
             report(done)
@@ -395,6 +398,19 @@ def choose_set(
     return Choice(
         options, found.sets, chosen, best, tuple(i for i in alike if i != chosen), rule, sure.get(int(sizes[chosen]))
     )
+
+
+def _find_rivals(
+    ran: Contest, ranked: Bool[np.ndarray, "n C"], evaluator: CasesEvaluator, order: Int64[np.ndarray, " frames"]
+) -> Int64[np.ndarray, " k"]:
+    """Places of the winner of a race and its `KEPT` - 1 likeliest rivals: by mean AP over IoU, then by rank.
+
+    The mean AP is that on the frames of the first rung, which all sets share.
+    """
+    tied = np.flatnonzero(ran.expected >= ran.expected[0] - LIKELY_TIE)[1:]
+    means = evaluator.mean_ap(ranked[tied], order[: ran.frames.min()]) if len(tied) else np.empty(0)
+    by_mean = tied[np.argsort(-means, kind="stable")]
+    return np.array(list(dict.fromkeys([0, *by_mean.tolist(), *range(len(ranked))]))[:KEPT], np.int64)
 
 
 def _find_cheapest(known: _Options, min_ap: float, run: Run) -> int | None:

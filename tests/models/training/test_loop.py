@@ -87,6 +87,58 @@ def test_the_log_s_means_do_not_depend_on_where_a_training_was_killed(packed_fil
     assert len((tmp_path / "whole" / loop.LOG).read_text().splitlines()) > 4
 
 
+class Clock:
+    """A clock on which every look takes a second."""
+
+    def __init__(self, monkeypatch):
+        self.now = 0.0
+        monkeypatch.setattr("models.training.loop.time.monotonic", self)
+
+    def __call__(self):
+        self.now += 1.0
+        return self.now
+
+
+def test_a_training_of_seconds_ends_its_cycle_with_the_clock(packed_file, tmp_path, monkeypatch):
+    config, machine = loop.make_config(AREA, "fast"), loop.Machine(seconds=60.0, checkpoint_s=0.0)
+    rates, totals = [], []
+
+    def watch(step, total, figures):
+        totals.append((step, total))
+
+    step = loop._step
+
+    def recorded(run, *more):
+        rates.append(run.scheduler.get_last_lr()[0])
+        return step(run, *more)
+
+    monkeypatch.setattr(loop, "_step", recorded)
+    clock = Clock(monkeypatch)
+    loop.train(packed_file, config, FAST, tmp_path / "whole", machine=machine, progress=watch)
+    assert clock.now == pytest.approx(60, abs=4)
+    assert totals[-1][0] == totals[-1][1] == len(rates) > 10
+    assert all(step < total for step, total in totals[:-1])
+    highest = int(torch.tensor(rates).argmax())
+    assert rates[highest] == pytest.approx(FAST.learning_rate, rel=0.05)
+    assert highest / len(rates) == pytest.approx(0.2, abs=0.1)
+    assert rates[-1] < 0.05 * FAST.learning_rate
+    before, clock.now = len(rates), 0.0
+    with pytest.raises(Stopped):
+        loop.train(packed_file, config, FAST, tmp_path / "two", machine=machine, progress=stop_after(9))
+    half, clock.now = len(rates) - before, 0.0
+    loop.train(packed_file, config, FAST, tmp_path / "two", machine=machine)
+    assert half == 9
+    assert len(rates) - before == pytest.approx(before, abs=3)
+    assert clock.now < 60 - half
+    done = len(rates)
+    loop.train(packed_file, config, FAST, tmp_path / "two", machine=machine)  # nothing left to do
+    assert len(rates) == done
+    with pytest.raises(ValueError, match="another seconds"):
+        loop.train(packed_file, config, FAST, tmp_path / "two", machine=loop.Machine(seconds=61.0))
+    with pytest.raises(ValueError, match="schedule of one cycle"):
+        loop.train(packed_file, config, loop.PRESETS["paper"], tmp_path / "paper", machine=machine)
+
+
 @pytest.mark.slow
 def test_it_learns_two_frames_by_heart(frames, tmp_path):
     data = tmp_path / "two.packed"

@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 
 from placement_env import LivePlanner
+from placement_env.cases import Cases
+from placement_env.live.picture import GroundPicture
 from placement_env.live.project import SAVED_STEPS, ProjectFile, export_variant
 from placement_env.live.variant import Variant
 from placement_env.setting import Setting
@@ -99,7 +101,7 @@ def test_one_writer(planner, path):
         (lambda text: "[]", "coview_live"),
         (lambda text: text.replace('"coview_live": 1', '"coview_live": 99'), "coview_live"),
         (lambda text: text.replace('"site_sha256": "', '"site_sha256": "0'), "another site"),
-        (lambda text: text.replace('"heading": 1.0', '"heading": "north"'), "heading of a sensor"),
+        (lambda text: text.replace('"heading": 1.0', '"heading": "north"'), "heading must be a float"),
         (lambda text: text.replace('"heading": 1.0', '"heading": 1e999'), "finite|must be"),
         (lambda text: text.replace('"mount": "post00"', '"mount": "moon"'), "no pole 'moon'"),
         (lambda text: text.replace('"name": "d1"', '"name": "d0"'), "must differ"),
@@ -172,3 +174,31 @@ def test_an_export_is_what_search_writes_and_reads_back(planner, tmp_path):
     planner.restore({"A": replace(planner.variant, sensors=())}, "A", [])
     with pytest.raises(ValueError, match="no sensor to export"):
         export_variant(planner, tmp_path / "none")
+
+
+def test_the_question_is_kept(path):
+    planner = LivePlanner("tjunction", frames=8)
+    project = ProjectFile(path, planner)
+    asked = planner.ask(classes=("cyclist", "pedestrian"), cases=Cases(errors="glare"), scheme="late", most_price=4)
+    with pytest.raises(ValueError, match="of one IoU"):
+        planner.ask(cases=Cases(iou="0.5:0.95"))
+    planner.lay(GroundPicture("plan.png", "picture-0123456789ab.jpg", 800, 600, 1.0, 2.0, 0.1, 0.5))
+    project.close()
+    again = LivePlanner("tjunction", frames=8)
+    ProjectFile(path, again).close()
+    assert again.picture == planner.picture
+    assert again.question == planner.question
+    assert again.question["errors"] == ["glare"]
+    assert again.answer().ap == asked.ap
+    assert again.answer().budget == 4
+    again.tell = lambda dragging: None
+    kept = json.loads(path.read_text())
+    bad = ({"iou": 5}, {"iou": [3]}, {"classes": ["cow"]}, {"scheme": 3}, {"most_price": "x"}, {"errors": [1]}, [1])
+    for question in (*bad, {"colour": 1}):
+        path.write_text(json.dumps(kept | {"question": question}))
+        with pytest.raises(ValueError, match=r"junction\.json: "):
+            ProjectFile(path, again)
+    for picture in ({**kept["picture"], "file": "/etc/passwd"}, {"name": "a"}, 3):
+        path.write_text(json.dumps(kept | {"picture": picture}))
+        with pytest.raises(ValueError, match=r"junction\.json: "):
+            ProjectFile(path, again)

@@ -1,6 +1,7 @@
 """A detector in frames: levelled, detected in, written."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,8 +10,10 @@ from toolkit.datasets.records import parse_objects, read_entries
 from toolkit.detection.detect import Detected, describe_summary, detect_frames, file_name, summarise, write_detections
 from toolkit.detection.place import Place, Stand, level_frames
 from toolkit.frame import Frame, Rectangle, SensorCloud
-from toolkit.geometry import pose, transform
+from toolkit.geometry import pose, tilt_rows, transform
 from toolkit.objects import Detections, Objects
+from toolkit.sites.files import load_site
+from toolkit.sites.site import Site
 
 
 def street(rng, count=6000):
@@ -43,6 +46,23 @@ def samples(world, count=1):
         points = transform(pose(0.0, 0.0, -3.0), street(np.random.default_rng(k)))
         made.append(Frame.of_clouds(str(k), (SensorCloud("s", points.astype(np.float32), place),), Objects.empty()))
     return made
+
+
+class Recorded(list):
+    """Frames at a known site."""
+
+    site: Site | None = None
+
+
+def test_a_known_site_that_slopes_is_detected_in_on_level_ground():
+    flat = load_site("tjunction")
+    recorded = Recorded(samples(np.eye(4)))
+    recorded.site = replace(flat, relief=replace(flat.relief, slope=(0.05, 0.0)))
+    (cloud,) = recorded[0].clouds
+    tilted = tilt_rows(cloud.in_world(), (0.05, 0.0)).astype(np.float32)
+    recorded[0] = recorded[0].with_clouds([replace(cloud, points=tilted, frame="world")])
+    (found,) = detect_frames(recorded, Blocks())
+    np.testing.assert_allclose(found.detections.boxes[0, :3], [10.0, 5.0, 0.75 + 0.5], atol=0.15)
 
 
 @pytest.mark.parametrize("levelling", ["map", "plane"])

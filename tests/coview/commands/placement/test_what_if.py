@@ -36,7 +36,7 @@ def test_a_plan_brings_its_sensors_poles_and_frames(tmp_path, run):
     )
     stock = ("--candidates", tmp_path / "poles.geojson", "--frames", 3, "--workers", 1)
     cache = ("--cache", tmp_path / "cache")
-    assert run("plan", "tjunction", "--budget", 2, *stock, *cache, "--out", tmp_path / "plan")[0] == 0
+    assert run("plan", "tjunction", "--budget", 2, "--money", 2.5, *stock, *cache, "--out", tmp_path / "plan")[0] == 0
     made = json.loads((tmp_path / "plan" / "plan.json").read_text())
     (unused,) = {name for name, _ in poles} - {sensor["pole"] for sensor in made["sensors"]}
     moved = ("--carry", made["sensors"][0]["name"], unused)
@@ -44,6 +44,8 @@ def test_a_plan_brings_its_sensors_poles_and_frames(tmp_path, run):
     found = json.loads(out)
     assert code == 0
     assert (found["before"]["sensors"], found["before"]["frames"]) == (2, 3)
+    assert found["before"]["budget"] == 2.5
+    assert "coview live FOLDER" in (tmp_path / "plan" / "report.html").read_text()
     assert found["before"]["ap"] == pytest.approx(made["chosen"]["predicted"], abs=0.005)
     assert found["before"]["kbit"] == pytest.approx(made["chosen"]["kbit"], rel=0.5)  # that is of other traffic
     assert unused in {link["pole"] for link in found["after"]["links"]}

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from placement_env.candidates.candidates import Axes, Candidates
-from placement_env.fidelity import panorama
 from placement_env.fidelity.panorama import LiveView
 from placement_env.fidelity.seeing import see
 from placement_env.fidelity.traffic import Traffic
@@ -92,7 +91,7 @@ def test_panoramas_of_a_mount_are_made_once(traffic, monkeypatch):
     assert len(asked) == 6
     view.see(hung((1, 6.6, -2.4, 0.3, 0)))  # higher than its mount says
     assert asked[6:] == [[6.3, 6.8]] * 2
-    monkeypatch.setattr(panorama, "MOST_BYTES", 10)
+    view.limit(10)
     view.see(hung((0, 4.0, 0.7, 0.3, 1), models=(CAMERA, LIDAR)))  # what is made anew drops what is old
     assert list(view._kept) == [(-22.0, -15.0, 4.1)]
 

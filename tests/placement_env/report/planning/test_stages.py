@@ -542,6 +542,24 @@ def test_races_have_the_confidence_and_the_seed_and_sets_just_near_the_best_are_
     assert choice.confidence == 0.8
 
 
+def test_other_iou_thresholds_say_which_likely_ties_are_judged():
+    """Of six sets in the order of their race, the last is too far behind; means are those of the shared frames."""
+    expected = 1.0 - judging.LIKELY_TIE * np.array([0.0, 0.1, 0.2, 0.3, 1.0, 1.01])
+    ran = Contest(np.arange(6), expected, np.array([24, 24, 12, 12, 12, 12]), 0.8, 24, expected)
+    asked = []
+
+    def mean_ap(sets, frames):
+        asked.append((sets.argmax(axis=1).tolist(), frames.tolist()))
+        return np.array([0.5, 0.6, 0.4, 0.7])
+
+    evaluator: Any = SimpleNamespace(mean_ap=mean_ap)
+    found = judging._find_rivals(ran, np.eye(6, dtype=bool), evaluator, np.arange(60))
+    assert found.tolist() == [0, 4, 2]
+    assert asked == [([1, 2, 3, 4], list(range(12)))]
+    alone = replace(ran, expected=expected - np.array([0.0, 1, 1, 1, 1, 1]))
+    assert judging._find_rivals(alone, np.eye(6, dtype=bool), evaluator, np.arange(60)).tolist() == [0, 1, 2]
+
+
 def test_what_may_be_built_at_every_drawing_is_kept_in_the_order_of_the_first(street):
     """At the second drawing sensor 3 is too dear, at the third sensor 0 sends too much."""
 

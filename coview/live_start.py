@@ -1,0 +1,102 @@
+"""First page of the live planner: open a map extract or a site, from where planning starts."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from threading import Lock
+from typing import TYPE_CHECKING
+from xml.etree import ElementTree
+
+from coview.live_tables import START, note_html
+from toolkit.runtime.files import write_bytes
+from toolkit.sites.files import save_site
+from toolkit.sites.maps import MapPiece, import_opendrive, import_osm
+
+if TYPE_CHECKING:
+    from viser import ViserServer
+
+MAPS, SITES = (".osm", ".xodr"), (".json", ".geojson")
+MOST_BYTES = 60_000_000  # of an upload
+LONGEST = 60  # characters of a file's name that are kept
+SIZE = (80.0, 60.0)  # m
+
+
+class StartPage:
+    """Panel that opens a map or site. then: gets the name or file of a site; folder: for uploads and imported sites."""
+
+    def __init__(self, server: ViserServer, folder: Path, then: Callable[[str], None]) -> None:
+        self._folder, self._then, self._busy = folder, then, Lock()
+        gui = server.gui
+        gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(68, 99, 246))
+        gui.main_panel.dock_right()
+        gui.set_panel_label("coview live")
+        gui.add_html(START)
+        self._where = gui.add_text("Path or site", "tjunction")
+        self._centre = gui.add_text(
+            "Centre", "", hint="longitude latitude, or x y (m) in OpenDRIVE; the map's own middle"
+        )
+        self._size = gui.add_vector2("Size (m)", SIZE, min=(1.0, 1.0), max=(1000.0, 1000.0), step=1.0)
+        gui.add_button("Open").on_click(lambda _: self._open(lambda: Path(self._where.value.strip())))
+        upload = gui.add_upload_button("Upload a map or site")
+        upload.on_upload(lambda _: self._open(lambda: self._keep(upload.value.name, upload.value.content)))
+        self._said = gui.add_html("")
+
+    def _open(self, find: Callable[[], Path]) -> None:
+        if not self._busy.acquire(blocking=False):
+            return
+        try:
+            self._said.content = note_html("opening", "")
+            self._then(self._import(find()))
+        except (ValueError, OSError, ImportError) as error:
+            self._said.content = note_html("", str(error))
+        finally:
+            self._busy.release()
+
+    def _keep(self, name: str, content: bytes) -> Path:
+        """Keep an upload, under a name that is safe."""
+        ending = Path(name).suffix.lower()
+        if ending not in (*MAPS, *SITES) or len(content) > MOST_BYTES:
+            raise ValueError(
+                f"an upload must end with {', '.join((*MAPS, *SITES))} and hold at most {MOST_BYTES // 10**6} MB, got "
+                f"{name!r:.70} of {len(content) / 1e6:.1f} MB"
+            )
+        path = self._folder / f"{re.sub(r'[^A-Za-z0-9_-]+', '-', Path(name).stem)[:LONGEST] or 'map'}{ending}"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_bytes(path, content)
+        return path
+
+    def _import(self, path: Path) -> str:
+        """Name or file of a site, which is imported first where the path is that of a map."""
+        if path.suffix.lower() not in MAPS:
+            return str(path)
+        typed = self._centre.value.replace(",", " ").split()
+        try:
+            x, y = map(float, typed) if typed else find_middle(path)
+        except ValueError:
+            raise ValueError(f"the centre must be two numbers, got {self._centre.value!r:.60}: give them") from None
+        width, length = self._size.value
+        piece = MapPiece(path, (x, y), (width, length), seed=0)
+        made = import_osm(piece) if path.suffix.lower() == ".osm" else import_opendrive(piece)
+        target = self._folder / f"{path.stem}.json"
+        target.parent.mkdir(parents=True, exist_ok=True)
+        save_site(made, target)
+        return str(target)
+
+
+def find_middle(path: Path) -> tuple[float, float]:
+    """Middle of a map by its own bounds: longitude and latitude, or x and y (m) in OpenDRIVE.
+
+    Raises ValueError for a map that states none, OSError where it cannot be read.
+    """
+    ends = {"bounds": ("minlon", "maxlon", "minlat", "maxlat"), "header": ("west", "east", "south", "north")}
+    with suppress(ElementTree.ParseError, KeyError):
+        for _, part in ElementTree.iterparse(path, events=("start",)):
+            if part.tag in ends:
+                west, east, south, north = (float(part.attrib[name]) for name in ends[part.tag])
+                return (west + east) / 2, (south + north) / 2
+            if part.tag in ("node", "road"):
+                break
+    raise ValueError(f"{path} states no bounds: give the centre")

@@ -1,0 +1,210 @@
+"""Networks as ONNX files, ours and anybody's, each with a card, NAME.json, beside NAME.onnx: see docs/how-to/onnx.md.
+
+The card is a JSON object of values of `VoxelNetConfig`, of which `area` and `labels` are required, of `decoded` (does
+the network return boxes, or maps), and if wanted of `nms_threshold` and of the `sha256` of the file.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+import logging
+import warnings
+from collections.abc import Iterable
+from hashlib import sha256
+from pathlib import Path
+from typing import Any, SupportsFloat
+
+import numpy as np
+import torch
+from safetensors.torch import load, save
+from torch import Tensor, nn
+
+from models.config import VoxelNetConfig
+from models.detector import VoxelNetDetector, relocate, weights_file
+from models.network.candidates import candidates
+from models.network.faces import FaceNetworks
+from models.network.grid import Voxels, voxelise
+from models.network.voxelnet import HeightFold, Prediction, VoxelFeatures, VoxelNet
+from models.weight_files import load_weights
+from toolkit.arrays import Points
+from toolkit.objects import Detections
+from toolkit.runtime.files import parse_json, write_bytes, write_text
+
+_POINTS, _VOXELS, _BOXES = ["points"], ["features", "voxel", "cells"], ["boxes", "scores", "labels"]
+_MISSING = "networks in ONNX need {}: pip install coview[onnx]"
+
+
+class _Graph(nn.Module):
+    """Raw maps of one cloud, by operators that ONNX has."""
+
+    def __init__(self, network: VoxelNet) -> None:
+        super().__init__()
+        self.network: Any = network
+
+    def forward(self, features: Tensor, voxel: Tensor, cells: Tensor) -> tuple[Tensor, ...]:
+        network = self.network
+        x = network.features.encode(features, voxel, cells.shape[0])
+        if isinstance(network.middle, HeightFold):
+            (nx, ny, nz), weight = network.middle.shape, network.middle.weight
+            x = torch.stack([((cells[:, 3:] == level) * x) @ weight[level] for level in range(nz)]).sum(0)
+            column = cells[:, 1] * ny + cells[:, 2]
+            occupied = x.new_zeros(nx * ny).index_fill(0, column, 1.0)
+            x = network.middle.norm(x.new_zeros(nx * ny, x.shape[1]).index_add(0, column, x))
+            x = (torch.relu(x) * occupied[:, None]).view(1, nx, ny, -1).permute(0, 3, 1, 2)
+        else:
+            x = network.middle(x, Voxels(features, voxel, cells))
+        return tuple(each for each in network.head(network.rpn(x)) if each is not None)
+
+
+def export_onnx(name: str | Path, out: Path, area: Iterable[SupportsFloat] | None = None) -> None:
+    """Write shipped weights or a weights file as ONNX, its card beside it.
+
+    area: xmin ymin xmax ymax (m), for weights that go anywhere. Raises ImportError without onnxscript, ValueError for
+    weights of another area.
+    """
+    network, header = load_weights(weights_file(name))
+    if area is not None:
+        xmin, ymin, xmax, ymax = (float(side) for side in area)
+        network = relocate(network, (xmin, ymin, xmax, ymax), header.site or "general").eval()
+    (xmin, ymin, xmax, ymax), points, voxels = network.config.area, *map(torch.export.Dim, ("points", "voxels"))
+    cloud = np.random.default_rng(0).uniform((xmin, ymin, 0), (xmax, ymax, 3), (9000, 3))
+    seen, sizes = voxelise(torch.from_numpy(cloud), network.config), ({0: points}, {0: points}, {0: voxels})
+    for talkative in ("torch.onnx", "onnx_ir"):
+        logging.getLogger(talkative).setLevel(logging.ERROR)
+    with warnings.catch_warnings(), torch.no_grad():
+        warnings.simplefilter("ignore")  # the exporter's own
+        maps = [key for key, each in network(seen)._asdict().items() if each is not None]
+        named: dict[str, Any] = {"input_names": _VOXELS, "output_names": maps, "dynamic_shapes": sizes}
+        inputs = (*network.features.inputs(seen), seen.cells)
+        try:
+            import onnxscript  # noqa: F401  # by which torch exports
+
+            program: Any = torch.onnx.export(_Graph(network), inputs, dynamo=True, verbose=False, **named)
+        except ImportError as error:
+            raise ImportError(_MISSING.format(error.name or "onnxscript")) from None
+    proto = program.model_proto
+    if network.faces is not None:
+        proto.metadata_props.add(key="faces", value=base64.b64encode(save(network.faces.state_dict())).decode())
+    content = proto.SerializeToString()
+    card = {"decoded": False, "sha256": sha256(content).hexdigest(), **network.config.to_dict()}
+    write_bytes(out, content)
+    write_text(card_file(out), json.dumps(card, indent=1) + "\n")
+
+
+def card_file(path: str | Path) -> Path:
+    """Path of the card beside an ONNX file."""
+    return Path(path).with_suffix(".json")
+
+
+class OnnxDetector(VoxelNetDetector):
+    """Detector of an ONNX file and its card, which computes on the CPU.
+
+    area: xmin ymin xmax ymax (m) of detection, None for the card's own. Raises FileNotFoundError without file or card;
+    ValueError, in one line, for those that are damaged or do not fit each other, or the area, and for a network that
+    fails with a cloud; ImportError without onnxruntime.
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        area: Iterable[SupportsFloat] | None = None,
+        *,
+        score_threshold: float | None = None,
+        nms_threshold: float | None = None,
+    ) -> None:
+        card = card_file(path)
+        if missing := [str(each) for each in (Path(path), card) if not each.is_file()]:
+            raise FileNotFoundError(f"no file {missing[0]}: a network in ONNX needs NAME.onnx and its card NAME.json")
+        self._content, self._session = Path(path).read_bytes(), None
+        self._weights = sha256(self._content).hexdigest()
+        try:
+            self._open(parse_json(card.read_text()), score_threshold, nms_threshold)
+            self.name = str(path)
+        except ValueError as error:
+            raise ValueError(f"{path} and {card.name} make no detector: {' '.join(str(error).split())[:200]}") from None
+        if area is not None and (wanted := tuple(float(side) for side in area)) != self.area:
+            own, got = (" ".join(f"{side:g}" for side in corners) for corners in (self.area, wanted))
+            raise ValueError(
+                f"{path} is for the area {own} alone, got {got}: give --area {own}, or export it for yours"
+            )
+
+    def _open(self, card: object, score_threshold: float | None, nms_threshold: float | None) -> None:
+        """Take over the card, and try the network."""
+        if not isinstance(card, dict) or not {"decoded", "area", "labels"} <= card.keys():
+            raise ValueError(f"the card must be an object with decoded, area and labels, got {str(card)[:60]}")
+        card = {"nms_threshold": 0.1, "sha256": self._weights, **card}
+        self.decoded, nms, digest = (card.pop(key) for key in ("decoded", "nms_threshold", "sha256"))
+        if digest != self._weights or type(self.decoded) is not bool or not isinstance(nms, int | float):
+            got = f"got {self.decoded}, {nms} and {digest}"
+            raise ValueError(f"decoded must be true or false, nms_threshold a number, sha256 that of the file, {got}")
+        config = VoxelNetConfig.from_dict(card)
+        self._adopt(config, "cpu", score_threshold, nms if nms_threshold is None else nms_threshold)
+        self._tiled, self.faces, self._features, session = None, None, VoxelFeatures(config), self.session
+        takes, gives = ([each.name for each in some] for some in (session.get_inputs(), session.get_outputs()))
+        wanted = _BOXES if self.decoded else Prediction._fields[: 4 if config.head == "quality" else 2]
+        if sorted(takes) not in (_POINTS, sorted(_VOXELS)) or not set(gives) >= set(wanted):
+            must = f"it must take {_POINTS[0]} or {' '.join(_VOXELS)}, and return {' '.join(wanted)}"
+            raise ValueError(f"{must}, but takes {' '.join(takes)} and returns {' '.join(gives)}")
+        if config.faces:
+            if (faces := session.get_modelmeta().custom_metadata_map.get("faces")) is None:
+                raise ValueError("its metadata lack the networks of the card's faces")
+            self.faces = FaceNetworks().eval()
+            self.faces.load_state_dict(load(base64.b64decode(faces)))
+        xmin, ymin, xmax, ymax = config.area
+        self(np.array([[(xmin + xmax) / 2, (ymin + ymax) / 2, sum(config.height) / 2]] * 2, np.float32))
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**vars(self), "_session": None}
+
+    @property
+    def session(self) -> Any:
+        """Session of ONNX Runtime, opened once in each process."""
+        if self._session is None:
+            try:
+                import onnxruntime
+            except ImportError:
+                raise ImportError(_MISSING.format("onnxruntime")) from None
+            options = onnxruntime.SessionOptions()
+            options.intra_op_num_threads, options.log_severity_level = torch.get_num_threads(), 4
+            try:
+                self._session = onnxruntime.InferenceSession(self._content, options, ["CPUExecutionProvider"])
+            except Exception as error:  # of ONNX Runtime, which share no class
+                raise ValueError(f"ONNX Runtime cannot read it ({error})") from None
+        return self._session
+
+    def run(self, cloud: Points) -> dict[str, np.ndarray]:
+        """Outputs of the network by name. Raises ValueError if it fails."""
+        session = self.session
+        seen = voxelise(cloud, self.config)
+        values = [np.ascontiguousarray(self._inside(cloud), np.float32)]
+        if len(session.get_inputs()) > 1:
+            values = [each.numpy() for each in (*self._features.inputs(seen), seen.cells)]
+        names = _POINTS if len(values) == 1 else _VOXELS
+        try:
+            outputs = session.run(None, dict(zip(names, values, strict=True)))
+            return dict(zip([each.name for each in session.get_outputs()], outputs, strict=True))
+        except Exception as error:  # of ONNX Runtime, which share no class
+            raise ValueError(f"{self.name} fails with a cloud of {len(cloud)} points ({error})") from None
+
+    def _inside(self, cloud: Points) -> Points:
+        (xmin, ymin, xmax, ymax), (low, high) = self.area, self.config.height
+        return cloud[((cloud > (xmin, ymin, low)) & (cloud < (xmax, ymax, high))).all(axis=1)]
+
+    def batch(self, clouds: Iterable[Points]) -> list[Detections]:
+        """Detect in several clouds, one after another."""
+        return [self._detect(cloud) if len(self._inside(cloud)) else Detections.empty() for cloud in clouds]
+
+    def _detect(self, cloud: Points) -> Detections:
+        found = self.run(cloud)
+        if not self.decoded:
+            maps = Prediction(**{key: torch.from_numpy(found[key]) for key in Prediction._fields if key in found})
+            return self._finish(*candidates(maps, self.anchors, self.config, self._looked_at)[0], cloud)
+        boxes, scores, labels = (found[key] for key in _BOXES)
+        known, fits = len(self.labels), labels.ndim == 1 and scores.shape == labels.shape
+        if not fits or boxes.shape != (len(labels), 7) or not np.isin(labels, range(known)).all():
+            shapes = f"{boxes.shape}, {scores.shape} and {labels.shape}"
+            raise ValueError(f"{self.name} must return (m, 7), (m,) and (m,), labels below {known}, got {shapes}")
+        above = (scores > np.array(self.thresholds)[labels.astype(int)]) & (scores <= 1)
+        best = scores[above, None] * np.eye(known)[labels[above].astype(int)]
+        return self._finish(torch.from_numpy(boxes[above].astype(np.float32)), torch.from_numpy(best), cloud)

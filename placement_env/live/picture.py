@@ -1,0 +1,99 @@
+"""`GroundPicture`: a picture of one's own under the scene, such as an aerial photo or a plan, placed by two points."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from hashlib import sha256
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+
+from placement_env.live.variant import check_name, check_row
+from toolkit.arrays import Float64, UInt8
+from toolkit.runtime.files import write_bytes
+
+MOST_PICTURE_BYTES, MOST_PIXELS = 40_000_000, 60_000_000  # of a picture as it comes
+SHOWN_PIXELS = 1600  # along its longer side, as it is kept
+NEAREST = 0.5  # m between the two points
+
+
+@dataclass(frozen=True)
+class GroundPicture:
+    """Picture that is kept beside the project. name: as it came; width, height: px; x, y: of its middle (m); scale: m
+    per px; turn: rad counter-clockwise."""
+
+    name: str
+    file: str
+    width: int
+    height: int
+    x: float
+    y: float
+    scale: float
+    turn: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_row(type(self), vars(self))
+        if not re.fullmatch(r"picture-[0-9a-f]{12}\.jpg", self.file) or min(self.width, self.height, self.scale) <= 0:
+            raise ValueError(f"a picture needs a file, width, height and scale, got {asdict(self)!r:.90}")
+
+    def place(self, spots: Sequence[Sequence[float]], given: Sequence[float]) -> GroundPicture:
+        """Scale, turn and shift it by two points.
+
+        spots: where they lie now (m); given: x, y, x, y of where they belong, or their distance alone, about the first
+        of them. Raises ValueError for points that are closer than `NEAREST`, and for other numbers.
+        """
+        (start, end), middle = (complex(x, y) for x, y in spots), complex(self.x, self.y)
+        if len(given) == 1:
+            far = start + given[0] * (end - start) / max(abs(end - start), 1e-9)
+            given = start.real, start.imag, far.real, far.imag
+        if len(given) != 4 or not np.isfinite(given).all():
+            raise ValueError(f"two points need x y x y or their distance (m), got {' '.join(map(str, given))!r:.60}")
+        first, last = complex(*given[:2]), complex(*given[2:])
+        if min(abs(end - start), abs(last - first)) < NEAREST:
+            raise ValueError(f"the two points must be {NEAREST:g} m apart or more: choose others")
+        ratio = (last - first) / (end - start)
+        moved = first + ratio * (middle - start)
+        turn = float(self.turn + np.angle(ratio))
+        return replace(self, x=moved.real, y=moved.imag, scale=self.scale * abs(ratio), turn=turn)
+
+    def read(self, folder: Path) -> UInt8[np.ndarray, "height width 3"]:
+        """Read the pixels. Raises ValueError for a damaged file, OSError for a missing one."""
+        return _decode((folder / self.file).read_bytes(), self.name)
+
+
+def keep_picture(name: str, content: bytes, folder: Path, area: Float64[np.ndarray, "4"]) -> GroundPicture:
+    """Keep a PNG or JPEG picture in a folder, as wide as an area (m) at first.
+
+    Raises ValueError for a long name, a damaged picture and one of more than `MOST_PICTURE_BYTES` or `MOST_PIXELS`.
+    """
+    check_name(name)
+    if len(content) > MOST_PICTURE_BYTES:
+        most = f"{MOST_PICTURE_BYTES // 10**6} MB"
+        raise ValueError(f"a picture must have at most {most}, got {len(content) / 1e6:.0f}: shrink it")
+    from PIL import Image
+
+    shown = Image.fromarray(_decode(content, name))
+    shown.thumbnail((SHOWN_PIXELS, SHOWN_PIXELS))
+    made = BytesIO()
+    shown.save(made, "JPEG", quality=85)
+    file = f"picture-{sha256(content).hexdigest()[:12]}.jpg"
+    write_bytes(folder / file, made.getvalue())
+    xmin, ymin, xmax, ymax = area.tolist()
+    middle = (xmin + xmax) / 2, (ymin + ymax) / 2
+    return GroundPicture(name, file, *shown.size, *middle, (xmax - xmin) / shown.width)
+
+
+def _decode(content: bytes, name: str) -> UInt8[np.ndarray, "height width 3"]:
+    from PIL import Image
+
+    try:
+        with Image.open(BytesIO(content), formats=("PNG", "JPEG")) as picture:
+            if picture.width * picture.height > MOST_PIXELS:
+                raise ValueError("it has too many pixels")
+            return np.asarray(picture.convert("RGB"))
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError):
+        most = f"{MOST_PIXELS // 10**6} million pixels"
+        raise ValueError(f"{name} is no whole PNG or JPEG picture of up to {most}: save it again") from None
