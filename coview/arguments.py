@@ -6,8 +6,6 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Literal
 
-from toolkit.detection.schemes import SCHEMES
-
 Label = Literal["vehicle", "cyclist", "pedestrian", "heavy"]  # `toolkit.objects.LABELS`
 Combine = Literal["mean", "worst"]
 
@@ -47,6 +45,8 @@ def check_ious(values: Iterable[float]) -> None:
 
 def check_schemes(names: Iterable[str]) -> None:
     """Raise ValueError for an unknown fusion scheme."""
+    from toolkit.detection.schemes import SCHEMES
+
     for name in names:
         if name not in SCHEMES:
             raise ValueError(f"there is no fusion scheme {name!r}: choose among {', '.join(SCHEMES)}")

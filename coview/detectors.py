@@ -14,22 +14,8 @@ from __future__ import annotations
 import re
 import warnings
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, NamedTuple, SupportsFloat, cast
-
-import numpy as np
-
-from toolkit.calibration.empty_scene import Scenes
-from toolkit.calibration.ground import level_warning
-from toolkit.datasets.dataset import CoopDataset
-from toolkit.detection.background import KnownBackground, add_background, recording_background
-from toolkit.detection.detect import ImportedDetector, resolve_detector
-from toolkit.detection.place import Place
-from toolkit.frame import Recording
-from toolkit.objects import Detections, Detector
-from toolkit.points import join_clouds
-from toolkit.sites.site import Site
 
 BACKGROUND, BARE, CLUSTER = "+background", "-background", "cluster"
 QUICK, EXACT = "+bfloat16", "+float32"
@@ -37,7 +23,15 @@ GENERAL = "general"
 FEWEST_FRAMES, SHORTEST = 10, 60.0  # and seconds, of recordings whose background is learnt: else all that waits is part
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from models.detector import VoxelNetDetector
+    from toolkit.calibration.empty_scene import Scenes
+    from toolkit.datasets.dataset import CoopDataset
+    from toolkit.detection.place import Place
+    from toolkit.frame import Recording
+    from toolkit.objects import Detections, Detector
+    from toolkit.sites.site import Site
 
 
 class CloudDetector:
@@ -57,6 +51,10 @@ class CloudDetector:
 
     def __call__(self, cloud: object, /) -> Detections:
         """Detect in one cloud. Raises ValueError for what is no cloud, or where no ground is found to level."""
+        from dataclasses import replace
+
+        import numpy as np
+
         from toolkit.calibration.ground import level, plain_points
 
         points = plain_points(cloud)
@@ -67,16 +65,24 @@ class CloudDetector:
             return replace(found, boxes=ground.boxes_back(found.boxes)) if len(found) else found
         if not self._checked and len(points):
             self._checked = True
-            if said := level_warning(points):
-                ours = said.removesuffix(": level the points first")
-                warnings.warn(f'not levelled: {ours}: load_detector(..., level="map") levels clouds', stacklevel=2)
+            self._warn(points)
         return self.network(points)
 
     def unions(self, clouds: Sequence[np.ndarray], unions: np.ndarray) -> Sequence[Detections]:
         """Detect in each union of clouds, rows of a mask."""
+        from toolkit.points import join_clouds
+
         if self.level is None:
             return self.network.unions(clouds, unions)
         return [self(join_clouds(clouds, union)) for union in unions]
+
+    def _warn(self, points: np.ndarray) -> None:
+        from toolkit.calibration.ground import level_warning
+
+        said = level_warning(points)
+        if said is not None:
+            ours = said.removesuffix(": level the points first")
+            warnings.warn(f'not levelled: {ours}: load_detector(..., level="map") levels clouds', stacklevel=3)
 
 
 def load_detector(
@@ -136,7 +142,9 @@ def recording_detector(
     scenery, of what the recording shows behind all that moves; place: where it will detect, if not at the site itself;
     scenes: empty ones to learn from.
     """
+    from toolkit.detection.background import KnownBackground, recording_background
     from toolkit.detection.cluster import ClusterDetector, learn_cluster_detector
+    from toolkit.detection.place import Place
 
     place, site = place or Place(), recording.site
     at_site = site is not None and place.at(site)
@@ -150,11 +158,13 @@ def recording_detector(
         return KnownBackground(detector, recording_background(dataset)) if asked.known else detector
     if asked.bare != CLUSTER and not asked.known:
         return place_detector(name, place)
+    from toolkit.calibration import empty_scene
+
     if not len(recording):
         raise ValueError("there is no frame to evaluate: check the path and the layout")
     if asked.known:
         _check_long(recording)
-    learnt = learn_cluster_detector(scenes or Scenes(recording), recording[0], place)
+    learnt = learn_cluster_detector(scenes or empty_scene.Scenes(recording), recording[0], place)
     if asked.bare == CLUSTER:
         return asked.tune(learnt)
     return KnownBackground(place_detector(name.replace(BACKGROUND, ""), place), learnt.background)
@@ -187,6 +197,8 @@ def check_detector(name: str, place: Place | None = None) -> None:
 
             OnnxDetector(bare)
     if ":" in bare:
+        from toolkit.detection.detect import resolve_detector
+
         resolve_detector(bare)
     if place is not None and place.area is not None and bare not in ("voxelnet", CLUSTER):
         place_detector(bare, place)
@@ -202,6 +214,8 @@ def site_detector(name: str, site: Site) -> Detector:
     detector = _bare_detector(asked, site)
     if not asked.known:
         return detector
+    from toolkit.detection.background import add_background
+
     return add_background(detector, site)
 
 
@@ -213,6 +227,8 @@ def _bare_detector(asked: NamedDetector, site: Site) -> Detector:
     if name == CLUSTER:
         raise ValueError("detector cluster learns from a recording, of which there is none here: take voxelnet")
     if ":" in name:
+        from toolkit.detection.detect import ImportedDetector
+
         return asked.tune(ImportedDetector(name, site))
     if name.endswith(".onnx"):
         from models.onnx_files import OnnxDetector
@@ -224,6 +240,10 @@ def _bare_detector(asked: NamedDetector, site: Site) -> Detector:
 
 def place_detector(name: str, place: Place) -> Detector:
     """Return a detector for frames of any recording, of points counted from the middle of the place."""
+    import numpy as np
+
+    from toolkit.sites.site import Site
+
     asked = parse_detector(name)
     if asked.known:
         raise ValueError(f"{name} must see the site empty first: take coview detect, or leave {BACKGROUND} out")

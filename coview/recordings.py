@@ -6,15 +6,13 @@ from collections.abc import Callable, Iterable, Iterator, Sized
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import cast
+from typing import TYPE_CHECKING, cast
 
 from coview.arguments import check_least, site_file
-from toolkit.datasets.dataset import CoopDataset, UnknownSite
-from toolkit.datasets.published_layout import InvalidObjects
-from toolkit.datasets.records import add_problem
-from toolkit.frame import Frame, Recording
-from toolkit.sites import BUILT_IN
-from toolkit.sites.files import load_site
+
+if TYPE_CHECKING:
+    from toolkit.datasets.dataset import CoopDataset
+    from toolkit.frame import Frame, Recording
 
 
 @dataclass(frozen=True)
@@ -40,7 +38,11 @@ class Opening:
     @contextmanager
     def open(self, path: Path) -> Iterator[Recording]:
         """Open a recording. Raises what `open_recording` raises, with the option that helps."""
+        from toolkit.datasets.dataset import UnknownSite
+        from toolkit.datasets.published_layout import InvalidObjects
         from toolkit.datasets.recordings import open_recording
+        from toolkit.sites import BUILT_IN
+        from toolkit.sites.files import load_site
 
         if str(path) in BUILT_IN and not path.exists():
             raise ValueError(f"{path} is a site, no recording: make one with coview simulate {path} --out {path}.hdf5")
@@ -67,6 +69,8 @@ def count_passing(
     frames: Iterable[Frame], problems: dict[str, int], progress: Callable[[int], None]
 ) -> Iterator[Frame]:
     """Yield frames, report progress, and add up what reading left out."""
+    from toolkit.datasets.records import add_problem
+
     for done, frame in enumerate(frames, 1):
         for kind, number in frame.problems.items():
             add_problem(problems, kind, number)

@@ -12,7 +12,6 @@ from coview.detectors import check_detector, recording_detector
 from coview.options import Output
 from coview.outputs import OK, Writing, check_folder, say
 from coview.recordings import open_recording
-from toolkit.detection.evaluation import curve_files, draw_example
 from toolkit.objects import LABELS
 from toolkit.runtime.files import UNFINISHED
 from toolkit.runtime.run import Run
@@ -43,6 +42,8 @@ def demo(
         detector: Detector, as in coview evaluate.
         overwrite: Replace existing files; those of another demo are replaced anyway.
     """
+    from toolkit.detection.evaluation import curve_files, draw_example
+
     check_least("--frames", frames, 1)
     check_least("--plan-frames", plan_frames, 0)
     check_detector(detector)

@@ -10,15 +10,11 @@ from tyro.conf import Positional
 
 from coview.arguments import Label, check_ending, check_least, check_schemes, site_file
 from coview.detectors import check_digest, site_detector
-from coview.options import ClassOptions
 from coview.outputs import OK, Writing, check_file, check_writable, claim, print_result
 from coview.progress_bar import progress_bar
 from placement_env.checks import check_iou
-from placement_env.fidelity.hit_model import save_models
 from toolkit.runtime.run import Run
 from toolkit.sensors.models import find_model
-from toolkit.sites.files import load_site
-from toolkit.sites.random import random_site
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,7 +74,11 @@ def surrogate(
         sites: tjunction, roundabout, or site files; none with --random-sites.
         out: File of models to write (.json), for coview search --surrogate.
     """
+    from coview.options import ClassOptions
     from placement_env.fidelity.hit_fit import Sampling, fit_sites
+    from placement_env.fidelity.hit_model import save_models
+    from toolkit.sites.files import load_site
+    from toolkit.sites.random import random_site
 
     check_ending(out, (".json",), "a surrogate")
     counted = ClassOptions(classes=fit.classes, small_iou=fit.small_iou).build()

@@ -14,7 +14,6 @@ from coview.options import ClassOptions
 from coview.outputs import OK, Writing, check_file, claim, print_result
 from coview.progress_bar import progress_bar
 from coview.recordings import frame_count, open_recording
-from placement_env.fidelity.renders import Recorded
 from placement_env.fidelity.table import best_sets, make_table
 from toolkit.detection.schemes import PAPER_SCHEMES
 from toolkit.runtime.run import Processes
@@ -61,6 +60,7 @@ def table(
         out: Table to write (.npz).
     """
     from models.train import commit
+    from placement_env.fidelity.renders import Recorded
 
     counted = classes.build()
     check = partial(check_file, out, inputs=[dataset, *site_file(data.site)])

@@ -12,14 +12,7 @@ from coview.detectors import recording_detector
 from coview.outputs import OK, SUSPECTED, Writing, check_file, check_new_folder, print_result
 from coview.progress_bar import progress_bar
 from coview.recordings import Opening, frame_count
-from toolkit.calibration.poses import TOGETHER, check_drift, find_poses, save_poses, write_corrected
-from toolkit.calibration.registration import read_surface
-from toolkit.datasets.recordings import Part, ReadRecording, Reads
-from toolkit.detection.label_doctor import diagnose
-from toolkit.detection.survey import survey as count
-from toolkit.frame import select_sensors
 from toolkit.sensors.error_profiles import find_profile
-from toolkit.sites.files import load_site
 
 
 def survey(
@@ -51,6 +44,10 @@ def survey(
         seed: Seed of the sensors' noise and errors.
         json: Print as JSON.
     """
+    from toolkit.datasets.recordings import Reads
+    from toolkit.detection.survey import survey as count
+    from toolkit.frame import select_sensors
+
     find_profile(errors)
     with opening.open(dataset) as recording:
         total = frame_count(recording, frames)
@@ -87,6 +84,10 @@ def doctor(
         frames: Number of first frames whose labels are checked; of hdf5 all are.
         json: Print as JSON.
     """
+    from toolkit.calibration.poses import check_drift
+    from toolkit.detection.label_doctor import diagnose
+    from toolkit.sites.files import load_site
+
     check_least("--frames", frames, 1)
     place = load_site(site) if site else None
     diagnosis = diagnose(dataset, layout, site=place, frames=frames)
@@ -151,6 +152,10 @@ def calibrate(
         out: Copy of the recording to write with corrected poses; a plain folder for clouds.
         poses: JSON file to write, with each sensor's pose, uncertainty and unobserved motions; coview fuse reads it.
     """
+    from toolkit.calibration.poses import TOGETHER, find_poses, save_poses, write_corrected
+    from toolkit.calibration.registration import read_surface
+    from toolkit.datasets.recordings import Part, ReadRecording, Reads
+
     find_profile(reading.errors)
     reference = None if fit.reference == TOGETHER else fit.reference
     if reference is not None and (fit.held or fit.detector is not None):

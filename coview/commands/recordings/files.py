@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain
 from pathlib import Path
-from typing import Literal, cast
+from typing import TYPE_CHECKING, Literal, cast
 
 from tyro.conf import Positional
 
@@ -17,14 +17,15 @@ from coview.progress_bar import progress_bar
 from coview.recordings import Opening, count_passing, frame_count
 from toolkit.bodies.fleet import fleet_named
 from toolkit.datasets.cloud_files import crop_area, fuse_files, load_poses
-from toolkit.datasets.dataset import CoopDataset
 from toolkit.datasets.layouts.argoverse import check_log
 from toolkit.datasets.recordings import Part, ReadRecording, Reads, filter_classes, find_layout
-from toolkit.datasets.simulation import random_recordings_file
 from toolkit.detection.place import Place, level_frames
 from toolkit.runtime.files import check_links
 from toolkit.runtime.run import Simulation
 from toolkit.sensors.error_profiles import find_profile
+
+if TYPE_CHECKING:
+    from toolkit.datasets.dataset import CoopDataset
 
 
 @dataclass(frozen=True)
@@ -213,6 +214,8 @@ def pack(
         raise ValueError("--packed is not for --random-sites: leave it out")
     check = partial(check_file, out, inputs=[*datasets, *packed, *opening.files])
     if random_sites:
+        from toolkit.datasets.simulation import random_recordings_file
+
         again = Path(f"{out}.parts").is_dir()  # a run that was killed while it cleaned up
         check(overwrite=writing.overwrite or again)
         with progress_bar("site", random_sites, hidden=writing.json) as bar:

@@ -12,10 +12,7 @@ from tyro.conf import Positional
 from coview.arguments import check_ending, site_file
 from coview.outputs import OK, Writing, check_file, print_result, say
 from coview.progress_bar import progress_bar
-from toolkit.bodies.fleet import fleet_named
-from toolkit.datasets.simulation import FRAMES, simulate_dataset
 from toolkit.runtime.run import Simulation
-from toolkit.sites.files import load_site
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,6 +52,10 @@ def simulate(
         out: HDF5 file to write.
         every: Seconds between frames: 5, or 0.1 for sensors at 10 Hz, in runs of 50 frames.
     """
+    from toolkit.bodies.fleet import fleet_named
+    from toolkit.datasets.simulation import FRAMES, simulate_dataset
+    from toolkit.sites.files import load_site
+
     fleet = fleet_named(bodies.fleet, bodies.meshes, held_out=bodies.held_out, mirrors=bodies.mirrors_in_boxes)
     if not writing.json:
         for note in fleet.notes:

@@ -5,21 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import radians
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import Positional, subcommand
 
 from coview.arguments import check_ending, check_least, site_file
 from coview.outputs import OK, check_file, say
 from toolkit.plots.canvas import check_picture
-from toolkit.plots.plan_view import draw_site
 from toolkit.runtime.files import write_text
-from toolkit.sites.files import load_site, save_site
-from toolkit.sites.georeference import site_geojson
-from toolkit.sites.maps import MapPiece, import_opendrive, import_osm
-from toolkit.sites.random import random_site
-from toolkit.sites.site import Site
-from toolkit.sites.surroundings import count_things, describe_things
+
+if TYPE_CHECKING:
+    from toolkit.sites.site import Site
 
 
 @dataclass(frozen=True)
@@ -61,6 +57,8 @@ class ImportMap:
 
     def __call__(self) -> int:
         """Import, save, say what came of it."""
+        from toolkit.sites.maps import MapPiece, import_opendrive, import_osm
+
         check_least("--seed", self.seed, 0)
         if (self.opendrive is None) == (self.osm is None):
             raise ValueError("give one map: --opendrive FILE or --osm FILE")
@@ -106,6 +104,9 @@ class ExportSite:
 
     def __call__(self) -> int:
         """Load, write, say what was written."""
+        from toolkit.sites.files import load_site
+        from toolkit.sites.georeference import site_geojson
+
         check_ending(self.out, SITE_ENDINGS, "the export")
         text = site_geojson(load_site(self.site))
         check_file(self.out, inputs=site_file(self.site), overwrite=self.overwrite)
@@ -132,6 +133,8 @@ class RandomSite:
 
     def __call__(self) -> int:
         """Draw, save, say what came of it."""
+        from toolkit.sites.random import random_site
+
         check_least("--seed", self.seed, 0)
         check_ending(self.out, SITE_ENDINGS, "a site's file")
         check_file(self.out, overwrite=self.overwrite)
@@ -156,6 +159,10 @@ class ShowSite:
 
     def __call__(self) -> int:
         """Load (and so validate), say what is there, draw."""
+        from toolkit.plots.plan_view import draw_site
+        from toolkit.sites.files import load_site
+        from toolkit.sites.surroundings import count_things, describe_things
+
         shown = load_site(self.site)
         check_file(self.out, inputs=site_file(self.site), overwrite=self.overwrite)
         if self.out is not None:
@@ -183,6 +190,8 @@ SITE_ENDINGS = (".json", ".geojson")
 
 
 def _save(made: Site, out: Path) -> int:
+    from toolkit.sites.files import save_site
+
     save_site(made, out)
     say(f"{made}\nwritten to {out}")
     return OK
