@@ -45,6 +45,7 @@ def run(
     area = tuple(place.area.tolist()) if place else loop.choose_area("general" if site else preset, options.data)
     named = {name: getattr(options, name) for name in ("epochs", "batch", "learning_rate")}
     settings = replace(PRESETS[preset], seed=options.seed, **{name: value for name, value in named.items() if value})
+    settings = replace(settings, examples=replace(settings.examples, windows=options.windows))
     before = load_weights(weights_file(options.start))[0] if options.start else None
     classes, faces, calibrate = second_stages(options, before)
     config = loop.make_config(area, preset, options.size, classes)

@@ -206,7 +206,8 @@ def train(
     out.mkdir(parents=True, exist_ok=True)
     frames = PackedFrames(data)
     samples = Samples(frames, config, preset.examples, preset.seed)
-    per_epoch = max(1, len(samples) // preset.batch)
+    readings = max(1, preset.batch // preset.examples.windows)
+    per_epoch = max(1, len(samples) // readings)
     total = CYCLE if seconds else max(1, round(preset.epochs * per_epoch))
     run = _start(config, preset, total, per_epoch, device)
     identity = {"config": config.to_dict(), "preset": asdict(preset), "frames": len(frames), "start": ""}
@@ -225,7 +226,7 @@ def train(
     loss_of = by_class if preset.loss == "quality" else paper_loss
     anchor = anchors(config).to(device)
     last = total if not seconds else MOST_STEPS if run.spent < seconds else run.step
-    steps: Any = _steps(preset, len(samples), per_epoch, range(run.step, last))
+    steps: Any = _steps(preset, len(samples), per_epoch, readings, range(run.step, last))
     loader = torch.utils.data.DataLoader(samples, batch_sampler=steps, collate_fn=stack, num_workers=machine.workers)
     saved = time.monotonic()
     began = saved - run.spent
@@ -259,14 +260,14 @@ def train(
     return run.network
 
 
-def _steps(preset: Preset, frames: int, per_epoch: int, steps: range) -> Iterator[list[tuple[int, int]]]:
+def _steps(preset: Preset, frames: int, per_epoch: int, readings: int, steps: range) -> Iterator[list[tuple[int, int]]]:
     """Yield the examples of each step: (epoch, frame) pairs of a permutation drawn for each epoch."""
     order, drawn = np.empty(0, int), -1
     for step in steps:
         epoch, place = divmod(step, per_epoch)
         if epoch != drawn:
             order, drawn = np.random.default_rng([preset.seed, epoch]).permutation(frames), epoch
-        yield [(epoch, int(k)) for k in order[place * preset.batch : (place + 1) * preset.batch]]
+        yield [(epoch, int(k)) for k in order[place * readings : (place + 1) * readings]]
 
 
 def _start(config: VoxelNetConfig, preset: Preset, total: int, per_epoch: int, device: str) -> TrainingState:

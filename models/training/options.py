@@ -35,7 +35,8 @@ class TrainingOptions:
         voxel: Length and width of a voxel (m); 0.2 when left out (the paper has 0.4 at the roundabout).
         epochs: Passes over the data; the preset's when left out.
         seconds: Wall time of the training (s) in place of epochs; one cycle of the learning rate ends with it.
-        batch: Frames per step; the preset's when left out.
+        batch: Examples per step; the preset's when left out.
+        windows: Examples cut from each frame that is read; several are made in less time than as many frames.
         learning_rate: Highest learning rate; the preset's when left out.
         seed: Seed of weights, order, noise and augmentation.
         validate: Packed file to measure AP on after each epoch.
@@ -60,6 +61,7 @@ class TrainingOptions:
     epochs: float | None = None
     seconds: float | None = None
     batch: int | None = None
+    windows: int = 1
     learning_rate: float | None = None
     seed: int = 0
     validate: Path | None = None
@@ -78,6 +80,7 @@ class TrainingOptions:
             "seconds",
             "learning_rate",
             "batch",
+            "windows",
             "validate_frames",
             "threads",
             "checkpoint_s",

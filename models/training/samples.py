@@ -142,6 +142,7 @@ class SampleRecipe:
     thinned: float = 0.0  # share with thinned points
     tilted: float = 0.0  # share with uneven ground
     elsewhere: float = 0.0  # share of the windows laid anywhere in the area instead of near an object
+    windows: int = 1  # cut from each reading of a frame; reading costs three times as much as the rest
 
 
 class Samples(torch.utils.data.Dataset[Batch]):
@@ -156,8 +157,12 @@ class Samples(torch.utils.data.Dataset[Batch]):
 
     def __getitem__(self, epoch_and_frame: tuple[int, int]) -> Batch:
         epoch, k = epoch_and_frame
-        rng = np.random.default_rng([self.seed, epoch, k])
-        points, objects, inside = self._scene(k, rng)
+        rng, recipe = np.random.default_rng([self.seed, epoch, k]), self.recipe
+        points = read_points(self.frames, k, rng, subsets=recipe.subsets, errors=recipe.errors)
+        return stack([self._example(k, points, rng) for _ in range(recipe.windows)])
+
+    def _example(self, k: int, points: _Points, rng: Rng) -> Batch:
+        points, objects, inside = self._scene(k, points.copy(), rng)
         seen = count_points(points, objects.boxes) >= self.recipe.seen
         asked = inside & seen & has_centre_inside(objects.boxes, np.array(self.config.area))
         if self.config.kinds:
@@ -175,10 +180,9 @@ class Samples(torch.utils.data.Dataset[Batch]):
         voxels = voxelise(points, self.config, rng=rng)
         return Batch(voxels, torch.from_numpy(found.labels)[None], targets[torch.from_numpy(found.owner)][None])
 
-    def _scene(self, k: int, rng: Rng) -> tuple[_Points, Objects, np.ndarray]:
+    def _scene(self, k: int, points: _Points, rng: Rng) -> tuple[_Points, Objects, np.ndarray]:
         """Points and objects of frame k in the grid's frame, and a mask of objects in the detection area."""
         recipe = self.recipe
-        points = read_points(self.frames, k, rng, subsets=recipe.subsets, errors=recipe.errors)
         objects, area = self.frames.level_objects(k), np.array(self.frames.rig(k).area)
         boxes, inside = objects.boxes.copy(), has_centre_inside(objects.boxes, area)
         if recipe.augmentation == "object":

@@ -160,11 +160,16 @@ def _bus(rng: Rng) -> Built:
 
 
 PEOPLE = ("adult", "child", "pram", "walker", "wheelchair")
+_EVENLY = (
+    (0.0, 0.13, 0.35, 0.62, 0.7, 1.0),
+    (0.0, 0.035, 0.2, 0.25, 0.27, 1.0),
+)  # wheelchair, child, pram, walker, adult
 
 
-def draw_person(rng: Rng) -> tuple[str, Mesh]:
-    """Draw a person on foot or in a wheelchair, and its kind. Facing +x, soles or wheels on z = 0."""
-    chance = rng.random()
+def draw_person(rng: Rng, evenly: bool = False) -> tuple[str, Mesh]:
+    """Draw a person on foot or in a wheelchair, and its kind. Facing +x, soles or wheels on z = 0. evenly: rare kinds
+    hardly more seldom than adults, instead of as often as in the street."""
+    chance = np.interp(rng.random(), *_EVENLY) if evenly else rng.random()
     if chance < 0.035:
         return "wheelchair", stand(_wheelchair(rng))
     if chance < 0.2:
@@ -240,10 +245,10 @@ def _choose_stream(rng: Rng, share: float, size: float) -> Rng:
     return np.random.default_rng(round(size * 1e9)) if rng.random() < share else rng
 
 
-def draw_two_wheeler(rng: Rng) -> tuple[str, Mesh]:
-    """Draw a two-wheeler, and its kind. x forward, wheels on z = 0."""
+def draw_two_wheeler(rng: Rng, evenly: bool = False) -> tuple[str, Mesh]:
+    """Draw a two-wheeler, and its kind. x forward, wheels on z = 0. evenly: see `draw_person`."""
     kinds = (_bicycle, _e_scooter, _motorcycle, _scooter)
-    kind, mesh = kinds[int(rng.choice(4, p=(0.55, 0.15, 0.17, 0.13)))](rng)
+    kind, mesh = kinds[int(rng.choice(4, p=(0.4, 0.34, 0.14, 0.12) if evenly else (0.55, 0.15, 0.17, 0.13)))](rng)
     return kind, stand(mesh)
 
 
@@ -324,15 +329,19 @@ BLOCKS = 0.25  # of the cars are built of plain blocks
 TOWING = 0.1  # of the heavy vehicles are cars with a trailer
 
 
-def draw_body(label: int | str, rng: Rng) -> Body:
-    """Draw a body of a class: vehicle, cyclist, pedestrian or heavy. Its name says its kind.
+def draw_body(label: int | str, rng: Rng, evenly: bool = False) -> Body:
+    """Draw a body of a class: vehicle, cyclist, pedestrian or heavy. Its name says its kind. evenly: see `draw_person`.
 
     >>> body = draw_body("vehicle", np.random.default_rng(0))
     >>> body.label, len(body.size)
     (0, 3)
     """
     label = label_index(label)
-    kind, mesh, outside = _DRAW[label](rng)
+    if label in _DRAW:
+        kind, mesh, outside = _DRAW[label](rng)
+    else:
+        kind, mesh = (draw_two_wheeler if label == CYCLIST else draw_person)(rng, evenly)
+        outside = NOTHING
     return make_boxed_body(f"{LABELS[label]}/{kind}", label, mesh, outside)
 
 
@@ -364,12 +373,7 @@ def _heavy(rng: Rng) -> Built:
     return f"{shape.kind}_with_{kind}", merge([loft_car(shape), behind]), mirrors(shape, rng)
 
 
-_DRAW = {
-    VEHICLE: _car,
-    CYCLIST: lambda rng: (*draw_two_wheeler(rng), NOTHING),
-    PEDESTRIAN: lambda rng: (*draw_person(rng), NOTHING),
-    HEAVY: _heavy,
-}
+_DRAW = {VEHICLE: _car, HEAVY: _heavy}
 
 
 LENGTHS, WIDTHS, HEIGHTS = (3.0, 6.0), (1.45, 2.2), (1.25, 2.6)  # m, of the body without mirrors and roof loads

@@ -16,7 +16,7 @@ from toolkit.bodies.vehicles import CAR_NAMES, cars, trucks
 from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE
 
 HELD_OUT = CAR_NAMES[-5:]  # cars that no shipped detector has been trained on
-FLEETS = ("catalogue", "own", "meshes", "both")
+FLEETS = ("catalogue", "own", "even", "meshes", "both")
 LARGEST_DRAW = 60  # that a draw of bodies is enough for; in longer traffic they come again
 
 # How many are spawned of each class: at first, and per frame (30 objects, each seen in four frames), some to spare.
@@ -44,6 +44,7 @@ class Fleet:
     fixed: tuple[Body, ...] = ()
     drawn: tuple[int, ...] = ()  # classes drawn for each spawned object, half and half with the fixed ones of a class
     mirrors: bool = False  # count wing mirrors into the boxes of drawn bodies, which end at the body otherwise
+    evenly: bool = False  # rare kinds of people and two-wheelers are drawn hardly more seldom than adults and bicycles
     notes: tuple[str, ...] = ()  # a line on how each mesh of a folder was taken
 
     @property
@@ -61,7 +62,7 @@ class Fleet:
             at_first, per_frame = _SPAWNED[label]
             spawned = at_first + round(per_frame * min(frames, LARGEST_DRAW))
             count = 0 if label not in self.drawn else spawned // 2 if fixed else spawned
-            drawn = (draw_body(label, rng) for _ in range(count))
+            drawn = (draw_body(label, rng, self.evenly) for _ in range(count))
             bodies += [include_mirrors(body) if self.mirrors else body for body in drawn]
             bodies += islice(cycle(fixed), max(spawned - count, len(fixed)) if fixed else 0)
         return tuple(bodies)
@@ -72,10 +73,11 @@ def fleet_named(
 ) -> Fleet:
     """Find one of `FLEETS` by name.
 
-    own: all bodies drawn; catalogue: our 47 bodies and any meshes; meshes: those of the folder, and drawn ones for the
-    other classes; both: half drawn, half from the folder, class by class; None: own, but meshes if a folder is given
-    and catalogue if held-out cars are asked for. held_out: see `catalogue`; mirrors: count wing mirrors into ground
-    truth boxes, also of meshes where they are seen to stick out.
+    own: all bodies drawn; even: likewise, but with many prams and e-scooters, to learn from; catalogue: our 47 bodies
+    and any meshes; meshes: those of the folder, and drawn ones for the other classes; both: half drawn, half from the
+    folder, class by class; None: own, but meshes if a folder is given and catalogue if held-out cars are asked for.
+    held_out: see `catalogue`; mirrors: count wing mirrors into ground truth boxes, also of meshes where they are seen
+    to stick out.
 
     Raises ValueError for another name, a folder missing or given in vain, and arguments that exclude each other.
     """
@@ -85,10 +87,10 @@ def fleet_named(
         raise ValueError(f"fleet must be one of {', '.join(FLEETS)}, got {name!r}")
     if held_out and name != "catalogue":
         raise ValueError(f"held-out cars are of the catalogue, got fleet {name!r}: choose one or the other")
-    if name == "own":
+    if name in ("own", "even"):
         if meshes is not None:
-            raise ValueError(f"fleet 'own' takes no meshes, got {meshes}: choose the fleet 'meshes' or 'both'")
-        return Fleet(drawn=tuple(range(len(LABELS))), mirrors=mirrors)
+            raise ValueError(f"fleet {name!r} takes no meshes, got {meshes}: choose the fleet 'meshes' or 'both'")
+        return Fleet(drawn=tuple(range(len(LABELS))), mirrors=mirrors, evenly=name == "even")
     if meshes is None and name != "catalogue":
         raise ValueError(f"fleet {name!r} needs a folder of meshes, got none: give one")
     taken: tuple[TakenMesh, ...] = ()
@@ -97,9 +99,9 @@ def fleet_named(
     bodies, notes = tuple(each.body for each in taken), tuple(f"{each.file}: {each.how}" for each in taken)
     if name == "catalogue":
         ours = tuple(include_mirrors(body) if mirrors else body for body in catalogue(held_out=held_out))
-        return Fleet(ours + bodies, (), mirrors, notes)
+        return Fleet(ours + bodies, (), mirrors, notes=notes)
     given = {body.label for body in bodies} if name == "meshes" else set()
-    return Fleet(bodies, tuple(label for label in range(len(LABELS)) if label not in given), mirrors, notes)
+    return Fleet(bodies, tuple(label for label in range(len(LABELS)) if label not in given), mirrors, notes=notes)
 
 
 @lru_cache(maxsize=1)

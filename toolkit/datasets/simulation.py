@@ -142,7 +142,8 @@ class Job:
         drawn = ""
         if self.fleet.drawn:
             code, mirrors = code_digest("toolkit.bodies.drawn_bodies")[:12], "with" if self.fleet.mirrors else "without"
-            drawn = f" and drawn {' '.join(LABELS[label] for label in self.fleet.drawn)} {mirrors} mirrors {code}"
+            how = "drawn evenly" if self.fleet.evenly else "drawn"
+            drawn = f" and {how} {' '.join(LABELS[label] for label in self.fleet.drawn)} {mirrors} mirrors {code}"
         site = f"{self.site.name} {_digest(format_site(self.site))}"
         plan: dict[str, object] = {"site": site, "frames": int(self.frames), "seed": int(self.seed)}
         plan["sensors"] = f"{len(self.sensors)} {_digest(json.dumps(sensors))}"
@@ -220,12 +221,15 @@ class RandomRecording(NamedTuple):
     empty: tuple[Float32[np.ndarray, "_ _"], ...]
 
 
-def random_recording(seed: int, number: int, frames: int, *, fleet: Fleet | None = None) -> RandomRecording:
+def random_recording(
+    seed: int, number: int, frames: int, *, fleet: Fleet | None = None, sites: Sequence[str | Path] = ()
+) -> RandomRecording:
     """Simulate a random junction with three to ten random sensors, noise-free, and random traffic. number: of the
     recording under this seed; fleet: by default all bodies are drawn; a fleet that draws none has each body stretched a
-    little. Raises the errors of drawing the site and of SUMO."""
+    little; sites: files to take in turn instead of drawing junctions. Raises the errors of the sites and of SUMO."""
     rng = np.random.default_rng([seed, number])
-    return record_randomly(random_site(rng), rng, frames, fleet=fleet)
+    site = load_site(sites[number % len(sites)]) if sites else random_site(rng)
+    return record_randomly(site, rng, frames, fleet=fleet)
 
 
 def record_randomly(site: Site, rng: Rng, frames: int, *, fleet: Fleet | None = None) -> RandomRecording:
@@ -257,28 +261,31 @@ def random_recordings_file(
     encode: Callable[[RandomRecording], bytes],
     join: Callable[[Iterator[Path], Path], _Made],
     fleet: Fleet | None = None,
+    sites: Sequence[str | Path] = (),
     overwrite: bool = False,
 ) -> _Made:
     """Write random recordings to one file, joined from one file per recording. A run that was killed continues when
     called again, and ends with the same bytes; every finished recording lies in `FILE.parts/`. A recording that fails
     is left out with a warning that says why. run: number of frames (20 by default), seed and processes, which change no
     byte; encode: content of the file of a recording, called in the process that made it; join: called with the files in
-    order and the target, its result is returned; fleet: see `random_recording`; overwrite: drop an unfinished run of
-    another count, seed, fleet or code. Raises FileExistsError for such a run, and OSError, with the number of safe
-    recordings, if the disk is full."""
+    order and the target, its result is returned; fleet, sites: see `random_recording`; overwrite: drop an unfinished
+    run of another count, seed, fleet, site or code. Raises FileExistsError for such a run, and OSError, with the number
+    of safe recordings, if the disk is full."""
     if count < 1:
         raise ValueError(f"need at least one site, got {count}")
     own, bodies = fleet_named() if fleet is None else fleet, sha256()
     for body in own.fixed:
         bodies.update(f"{body.name} {body.label} {body.size}".encode() + body.vertices.tobytes())
     described = f"{len(own.fixed)} {bodies.hexdigest()[:12]} drawn {list(own.drawn)} mirrors {own.mirrors}"
+    described += " evenly" if own.evenly else ""
     frames, code = run.frames_or(_FRAMES), code_digest(__name__, encode.__module__)[:12]
     plan = {"random sites": count, "frames": frames, "seed": run.seed, "fleet": described, "code": code}
+    plan |= {"sites": _digest(" ".join(format_site(load_site(site)) for site in sites))} if sites else {}
     shards = ShardFolder(out.with_name(out.name + ".parts"), plan)
     with shards.lock(), shards.explain_disk_errors(out, len):
         shards.open(overwrite)
         report = run.stage("sites drawn", count, before=len(shards.check_shards()))
-        job = _Job(run.seed, frames, encode, fleet)
+        job = _Job(run.seed, frames, encode, fleet, tuple(sites))
         make_shards(job, shards, range(count), workers=run.count, ray=run.ray, progress=report)
         return shards.publish(out, lambda paths, target: join(_without_failed(paths, run.seed), target))
 
@@ -302,11 +309,13 @@ class _Job:
     frames: int
     encode_one: Callable[[RandomRecording], bytes]
     fleet: Fleet | None
+    sites: tuple[str | Path, ...] = ()
 
     def start(self, threads: int) -> Callable[[int], Iterator[bytes]]:
         def make(number: int) -> Iterator[bytes]:
             try:
-                yield self.encode_one(random_recording(self.seed, number, self.frames, fleet=self.fleet))
+                made = random_recording(self.seed, number, self.frames, fleet=self.fleet, sites=self.sites)
+                yield self.encode_one(made)
             except (ValueError, RuntimeError, ArithmeticError, LookupError) as error:
                 yield _NOTE + f"{number} {type(error).__name__}: {error}".encode()[: _LONGEST_NOTE // 2]
 

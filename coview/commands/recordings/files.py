@@ -164,8 +164,11 @@ class RandomSites:
 
     random_sites: int = 0
     """Number of junctions to draw, with sensors and traffic."""
-    fleet: Literal["own", "catalogue"] = "own"
-    """Bodies of road users: all drawn afresh (own), or our 47, each a little stretched (catalogue)."""
+    at: tuple[Path, ...] = ()
+    """Site files, such as imported ones, to record in turn with random sensors and traffic, instead of drawing any."""
+    fleet: Literal["own", "even", "catalogue"] = "own"
+    """Bodies of road users: all drawn afresh (own), with many prams and e-scooters (even), or our 47, each a little
+    stretched (catalogue)."""
 
 
 def pack(
@@ -210,9 +213,11 @@ def pack(
     check_least("--random-sites", random_sites, 0)
     if bool(datasets) == bool(random_sites):
         raise ValueError("give recordings, or --random-sites N")
+    if sites.at and not random_sites:
+        raise ValueError("--at needs --random-sites N: say how many recordings to make there")
     if packed and random_sites:
         raise ValueError("--packed is not for --random-sites: leave it out")
-    check = partial(check_file, out, inputs=[*datasets, *packed, *opening.files])
+    check = partial(check_file, out, inputs=[*datasets, *packed, *sites.at, *opening.files])
     if random_sites:
         from toolkit.datasets.simulation import random_recordings_file
 
@@ -226,6 +231,7 @@ def pack(
                 encode=drawn_file,
                 join=join_packed,
                 fleet=fleet_named(sites.fleet),
+                sites=sites.at,
                 overwrite=writing.overwrite,
             )
     else:

@@ -19,8 +19,9 @@ from toolkit.runtime.run import Simulation
 class Bodies:
     """Bodies of the traffic."""
 
-    fleet: Literal["own", "catalogue", "meshes", "both"] | None = None
-    """Bodies: all drawn (own), your --meshes, both, or our 47 and yours (catalogue); own when left out."""
+    fleet: Literal["own", "even", "catalogue", "meshes", "both"] | None = None
+    """Bodies: all drawn (own), with many prams and e-scooters to train on (even), your --meshes, both, or our 47 and
+    yours (catalogue); own when left out."""
     meshes: Path | None = None
     """Folder of your own meshes, in any format that Open3D reads, for fleet meshes."""
     mirrors_in_boxes: bool = False

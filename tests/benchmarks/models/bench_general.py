@@ -1,16 +1,20 @@
-"""AP of the general weights on random junctions with random sensors, by points on the vehicle and by class.
+"""AP, precision and calibration of the general weights at junctions that they do not know, by class and by points.
 
     python tests/benchmarks/models/bench_general.py [--sites 20] [--frames 10] [--seed 9001] [--weights general]
-        [--background]
+        [--background] [--at SITE ... --sensors cameras|lidars]
 
-Early fusion of all sensors, exact protocol. In each line only vehicles with so many points count, the others are
-neither missed nor false alarms. By class everybody in the area counts, unseen ones too; precision, recall and false
-alarms are of the weights' own thresholds, at the IoU from which a detection is true (0.5, of pedestrians 0.25).
+Random junctions with random sensors, or site files, such as imported ones, with six cameras placed by coverage or
+eight lidars far from each other, and traffic as `coview simulate` has it. Early fusion of all sensors, exact protocol,
+the paper's noise. In the first table only vehicles with so many points count, the others are neither missed nor false
+alarms. By class everybody in the area counts, unseen ones too, then those with ten points alone; precision, false
+alarms and the expected calibration error (ECE) are of the weights' own thresholds, at the IoU from which a detection is
+true (0.5, of pedestrians 0.25).
 """
 
 import argparse
 import sys
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
@@ -21,38 +25,83 @@ IOUS = {"vehicle": (0.7, 0.8, 0.9), "heavy": (0.25, 0.5), "cyclist": (0.25, 0.5)
 BINS = ((0, 10), (10, 30), (30, 100), (100, 300), (300, 1000), (1000, np.inf), (0, np.inf))
 
 
+FEWEST_POINTS = 10
+CAMERAS, LIDARS, HEIGHT = 6, 8, 6.0  # number at a site file, and m
+
+
+def lidars(site):
+    """Lidars on mounts that are far from each other."""
+    from toolkit.geometry import look
+    from toolkit.sensors.models import SpinningLidar
+    from toolkit.sensors.sensor import Sensor
+
+    places, chosen = np.array([mount.position for mount in site.mounts], float), [0]
+    while len(chosen) < min(LIDARS, len(places)):
+        gaps = np.linalg.norm(places[:, None, :2] - places[None, chosen, :2], axis=2).min(axis=1)
+        chosen.append(int(gaps.argmax()))
+    middle = (site.area[:2] + site.area[2:]) / 2
+    stands = [
+        places[k] + [0, 0, min(max(HEIGHT, site.mounts[k].min_height), site.mounts[k].max_height)] for k in chosen
+    ]
+    headings = [float(np.arctan2(*(middle - place[:2])[::-1])) for place in stands]
+    both = enumerate(zip(stands, headings, strict=True))
+    return tuple(Sensor(f"l{k}", SpinningLidar(), look(tuple(place), heading, 0.0)) for k, (place, heading) in both)
+
+
+def recordings(asked):
+    """Sites and their frames."""
+    from placement_env.search.greedy import with_first_sensors
+    from toolkit.datasets.dataset import CoopDataset
+    from toolkit.datasets.simulation import random_recording, simulate_dataset
+    from toolkit.runtime.run import Simulation
+    from toolkit.sites.files import load_site
+
+    if not asked.at:
+        for number in range(asked.sites):
+            recording = random_recording(asked.seed, number, asked.frames)
+            yield recording.site, recording.frames
+    for number, path in enumerate(asked.at):
+        site = load_site(path)
+        sensors = lidars(site) if asked.sensors == "lidars" else with_first_sensors(site, CAMERAS).site.sensors
+        with TemporaryDirectory() as folder:
+            out, run = Path(folder, "frames.hdf5"), Simulation(frames=asked.frames, seed=asked.seed + number, workers=1)
+            simulate_dataset(site, out, run=run, sensors=sensors)
+            with CoopDataset(out) as dataset:
+                yield dataset.site, [dataset[k] for k in range(len(dataset))]
+
+
 def main() -> None:
     arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     for name, default in (("sites", 20), ("frames", 10), ("seed", 9001)):
         arguments.add_argument(f"--{name}", type=int, default=default)
     arguments.add_argument("--weights", default="general")
     arguments.add_argument("--background", action="store_true", help="detectors that know the empty sites")
+    arguments.add_argument("--at", nargs="+", default=(), help="site files, in place of random junctions")
+    arguments.add_argument("--sensors", choices=("cameras", "lidars"), default="cameras", help="at site files")
     asked = arguments.parse_args()
 
     from models import load_detector
     from toolkit.boxes import count_points
     from toolkit.datasets.recordings import with_errors
-    from toolkit.datasets.simulation import random_recording
     from toolkit.detection.background import KnownBackground, site_background
-    from toolkit.detection.metrics import TRUE_IOU, evaluate
+    from toolkit.detection.metrics import TRUE_IOU, evaluate, matches, reliability
     from toolkit.objects import VEHICLE, label_index
     from toolkit.points import detect_on_ground, frame_points, has_centre_inside
 
     detections, reported, truths, points, inside = [], [], [], [], []
-    for number in range(asked.sites):
-        recording = random_recording(asked.seed, number, asked.frames)
-        area = recording.site.area
-        known = site_background(recording.site) if asked.background else None
+    for number, (site, frames) in enumerate(recordings(asked)):
+        area = site.area
+        known = site_background(site) if asked.background else None
         unsure, own = (load_detector(asked.weights, area=area, score_threshold=least) for least in (LOWEST_SCORE, None))
         all_of_them, detector = (bare if known is None else KnownBackground(bare, known) for bare in (unsure, own))
-        for frame in recording.frames:
-            cloud = np.concatenate(frame_points(with_errors(frame, "paper", 0), area=recording.site))
-            detections.append(detect_on_ground(all_of_them, cloud, recording.site))
-            reported.append(detect_on_ground(detector, cloud, recording.site))
+        for frame in frames:
+            cloud = np.concatenate(frame_points(with_errors(frame, "paper", 0), area=site))
+            detections.append(detect_on_ground(all_of_them, cloud, site))
+            reported.append(detect_on_ground(detector, cloud, site))
             truths.append(frame.objects)
             points.append(count_points(cloud, frame.objects.boxes))
-            inside.append(has_centre_inside(frame.objects.boxes, recording.site.area))
-        print(f"site {number}: {len(recording.frames[0].sensors)} sensors", file=sys.stderr, flush=True)
+            inside.append(has_centre_inside(frame.objects.boxes, site.area))
+        print(f"site {number}: {len(frames[0].sensors)} sensors", file=sys.stderr, flush=True)
     print(f"{'points':>12s} {'vehicles':>8s} {'AP@0.7':>8s} {'AP@0.8':>8s} {'AP@0.9':>8s}")
     for low, high in BINS:
         counted = [i & (p >= low) & (p < high) for i, p in zip(inside, points, strict=True)]
@@ -60,13 +109,23 @@ def main() -> None:
         found = evaluate(detections, truths, iou_thresholds=(0.7, 0.8, 0.9), counted=counted)
         figures = " ".join(f"{result.ap:8.4f}" for result in found.values())
         print(f"{low:5g} to {high:4g} {vehicles:8d} {figures}")
-    print(f"\n{'class':>12s} {'to find':>8s}  false/frame precision recall  AP")
-    for label, ious in IOUS.items():
-        true = TRUE_IOU[label_index(label)]
-        above = evaluate(reported, truths, iou_thresholds=(true,), counted=inside, label=label)[true]
-        found = evaluate(detections, truths, iou_thresholds=ious, counted=inside, label=label)
-        said = f"{above.fp / len(truths):11.2f} {above.precision:9.2f} {above.recall:6.2f}"
-        print(f"{label:>12s} {above.truths:8d}  {said}  " + " ".join(f"@{iou}: {r.ap:.3f}" for iou, r in found.items()))
+    for least in (0, FEWEST_POINTS):
+        counted = [i & (p >= least) for i, p in zip(inside, points, strict=True)]
+        print(f"\n{f'>= {least} points':>12s} {'to find':>8s}  false/frame precision recall   ECE  AP")
+        for label, ious in IOUS.items():
+            true = TRUE_IOU[label_index(label)]
+            above = evaluate(reported, truths, iou_thresholds=(true,), counted=counted, label=label)[true]
+            found = evaluate(detections, truths, iou_thresholds=ious, counted=counted, label=label)
+            scores, hits = [np.zeros(0)], [np.zeros(0, bool)]
+            for said, there, counts in zip(reported, truths, counted, strict=True):
+                (at,) = matches(said, there, [true], label=label, counted=counts)
+                kept = (said.labels == label_index(label)) & ~at.ignored
+                scores.append(said.scores[kept])
+                hits.append(at.truth[kept] >= 0)
+            error = reliability(np.concatenate(scores), np.concatenate(hits)).error
+            said = f"{above.fp / len(truths):11.2f} {above.precision:9.2f} {above.recall:6.2f} {error:5.2f}"
+            figures = " ".join(f"@{iou}: {each.ap:.3f}" for iou, each in found.items())
+            print(f"{label:>12s} {above.truths:8d}  {said}  {figures}")
 
 
 if __name__ == "__main__":

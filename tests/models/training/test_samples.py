@@ -9,6 +9,7 @@ import torch
 from models.config import VoxelNetConfig, road_users
 from models.network.grid import anchors
 from models.network.voxelnet import VoxelNet
+from models.training import samples as module
 from models.training.loop import PRESETS
 from models.training.losses import IGNORED, NEGATIVE, POSITIVE
 from models.training.packed import PackedFrames
@@ -21,6 +22,7 @@ from models.training.samples import (
     Samples,
     jitter_objects,
     random_errors,
+    read_points,
     stack,
     thin,
     tilt,
@@ -228,6 +230,17 @@ def test_batches_of_any_worker_equal_their_items(packed):
         assert torch.equal(batch.boxes[k], item.boxes[0])
         for whole, single in zip(together, alone[k], strict=True):
             torch.testing.assert_close(whole[k], single[0], atol=1e-4, rtol=1e-4)
+
+
+def test_several_windows_are_cut_from_one_reading(packed, monkeypatch):
+    read = []
+    monkeypatch.setattr(module, "read_points", lambda *k, **more: read.append(k) or read_points(*k, **more))
+    one, four = (Samples(packed, CONFIG, replace(RECIPES[1], windows=n), seed=3)[1, 4] for n in (1, 4))
+    assert len(read) == 2
+    assert (len(one.labels), len(four.labels)) == (1, 4)
+    assert torch.equal(one.labels[0], four.labels[0])  # the first is the one that a single window would be
+    assert not torch.equal(four.labels[0], four.labels[1])
+    assert len(four.voxels.cells[:, 0].unique()) == 4
 
 
 def test_asked_for_is_what_can_be_seen_in_the_area(packed):

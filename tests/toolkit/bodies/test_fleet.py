@@ -1,9 +1,11 @@
+from collections import Counter
+
 import numpy as np
 import pytest
 import trimesh
 
 from toolkit.bodies.body import Body
-from toolkit.bodies.drawn_bodies import draw_body
+from toolkit.bodies.drawn_bodies import PEOPLE, TWO_WHEELERS, draw_body
 from toolkit.bodies.fleet import FLEETS, HELD_OUT, LARGEST_DRAW, Fleet, catalogue, fleet_named
 from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE
 
@@ -89,13 +91,26 @@ def test_every_name_that_is_drawn_is_announced(label):
 @pytest.mark.parametrize(
     ("name", "options", "says"),
     [
-        ("mine", {}, "fleet must be one of catalogue, own, meshes, both, got 'mine'"),
+        ("mine", {}, "fleet must be one of catalogue, own, even, meshes, both, got 'mine'"),
         *(("meshes", {}, "fleet 'meshes' needs a folder"), ("both", {}, "fleet 'both' needs a folder")),
         ("own", {"meshes": "somewhere"}, "fleet 'own' takes no meshes, got somewhere"),
+        ("even", {"meshes": "somewhere"}, "fleet 'even' takes no meshes, got somewhere"),
         ("own", {"held_out": True}, "held-out cars are of the catalogue"),
     ],
 )
 def test_what_cannot_be_combined_is_refused(name, options, says):
     with pytest.raises(ValueError, match=says):
         fleet_named(name, **options)
-    assert len(FLEETS) == 4
+    assert len(FLEETS) == 5
+
+
+def test_an_even_fleet_has_many_prams_and_e_scooters_and_the_same_cars():
+    own, even = (fleet_named(name).bodies(40, np.random.default_rng(2)) for name in ("own", "even"))
+    kinds = Counter(body.name.rpartition("/")[2] for body in even)
+    people, wheels = (sum(kinds[kind] for kind in every) for every in (PEOPLE, TWO_WHEELERS))
+    assert kinds["pram"] / people == pytest.approx(0.27, abs=0.1)
+    assert kinds["adult"] / people == pytest.approx(0.3, abs=0.12)
+    assert kinds["e_scooter"] / wheels == pytest.approx(0.34, abs=0.13)
+    assert kinds["bicycle"] + kinds["cargo_bicycle"] > kinds["motorcycle"]
+    cars = [[body.name for body in fleet if body.label == VEHICLE] for fleet in (own, even)]
+    assert cars[0] == cars[1]

@@ -12,6 +12,8 @@ from toolkit.datasets import simulation as module
 from toolkit.datasets.simulation import random_recording, random_recordings_file
 from toolkit.objects import VEHICLE
 from toolkit.runtime.run import Run
+from toolkit.sites.files import format_site, load_site
+from toolkit.sites.random import random_site
 
 
 def digest(recording):
@@ -41,6 +43,18 @@ def test_a_recording_is_whole_by_seed_and_number(recording):
     assert digest(recording) != digest(random_recording(seed=4, number=2, frames=3))
 
 
+def test_site_files_are_recorded_in_turn_instead_of_drawn_junctions(tmp_path):
+    paths = [tmp_path / f"{k}.json" for k in range(2)]
+    for k, path in enumerate(paths):
+        path.write_text(format_site(random_site(np.random.default_rng(60 + k))))
+    made = [random_recording(seed=4, number=number, frames=1, sites=paths) for number in range(3)]
+    assert [each.site.name for each in made] == [load_site(paths[k]).name for k in (0, 1, 0)]
+    assert digest(made[0]) != digest(made[2])  # other sensors and traffic there
+    out, run, settings = tmp_path / "x.packed", Run(frames=1, seed=4, workers=1), {"encode": as_text, "join": as_lines}
+    random_recordings_file(2, out, run=run, **settings, sites=paths)
+    assert out.read_text() == "\n".join(repr(digest(each)) for each in made[:2])
+
+
 def test_everyone_is_drawn_afresh_or_stretched():
     recording = random_recording(seed=4, number=1, frames=3, fleet=fleet_named("catalogue"))
     sizes = np.concatenate([f.objects.boxes[f.objects.labels == VEHICLE, 3:6] for f in recording.frames])
@@ -63,7 +77,7 @@ class Noted:
     def __init__(self, kill_at=None):
         self.numbers, self.kill_at = [], kill_at
 
-    def __call__(self, seed, number, frames, *, fleet):
+    def __call__(self, seed, number, frames, *, fleet, sites):
         if number == self.kill_at:
             raise KeyboardInterrupt
         if number == 2:
@@ -128,7 +142,7 @@ def test_another_run_is_dropped_when_told_to(tmp_path, monkeypatch):
 def test_a_file_is_of_the_fleet_that_is_asked_for(tmp_path, monkeypatch):
     asked = []
 
-    def drawn(seed, number, frames, *, fleet):
+    def drawn(seed, number, frames, *, fleet, sites):
         asked.append(fleet)
         return "drawn"
 
