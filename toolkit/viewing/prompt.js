@@ -26,16 +26,16 @@ addEventListener("pointermove", (event) => {
 const probe = document.createElement("canvas").getContext("webgl2");
 const info = probe?.getExtension("WEBGL_debug_renderer_info");
 if (info && /swiftshader|llvmpipe/i.test(probe.getParameter(info.UNMASKED_RENDERER_WEBGL))) {
-  const plain = (owner, name, change) => {
+  const alter = (owner, name, change) => {
     const call = owner.prototype[name];
     owner.prototype[name] = function (first, second) {
       return call.call(this, first, change(second));
     };
   };
-  plain(HTMLCanvasElement, "getContext", (asked) => asked && { ...asked, antialias: false });
-  plain(WebGL2RenderingContext, "shaderSource", (text) => {
-    const cheap = /pc_fragColor[^]*SHADER_TYPE MeshStandardMaterial[^]*directionalLights\[ 1 \]/.test(text) && !/#define USE_(MAP|COLOR)/.test(text);
-    if (!cheap) return text;
+  alter(HTMLCanvasElement, "getContext", (asked) => asked && { ...asked, antialias: false });
+  alter(WebGL2RenderingContext, "shaderSource", (text) => {
+    const plain = !/#define USE_(MAP|COLOR)/.test(text) && text.includes("directionalLights[ 1 ]");
+    if (!plain || !/pc_fragColor[^]*SHADER_TYPE MeshStandardMaterial/.test(text)) return text;
     return `${text.slice(0, text.indexOf("void main() {"))}void main() {
       #ifdef FLAT_SHADED
         vec3 normal = normalize(cross(dFdx(vViewPosition), dFdy(vViewPosition)));
