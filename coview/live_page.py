@@ -14,6 +14,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack, suppress
+from ctypes import CDLL
 from dataclasses import replace
 from html import escape
 from itertools import pairwise
@@ -162,6 +163,8 @@ class LivePage:
                 job = self._long.popleft() if self._long else None
             if job is not None:
                 self._try(job)
+                with suppress(OSError, AttributeError, TypeError):  # not every system has it
+                    CDLL(None).malloc_trim(0)  # give back what comparing poses took
                 self._busy = ""
                 self.do(self._show_note)
 

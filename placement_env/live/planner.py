@@ -43,7 +43,7 @@ from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
 
 LIVE_FRAMES, LIVE_SEED = 60, 3
-LIVE_BYTES = 220_000_000  # of panoramas in memory
+LIVE_BYTES = 190_000_000  # of panoramas in memory
 KEPT_STEPS = 2000  # that can be undone
 KEPT_VIEWS, KEPT_ANSWERS = 512, 128  # views of single sensors and figures of variants in memory
 Row = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]  # points, distance, sent, far of one sensor
