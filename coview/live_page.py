@@ -331,9 +331,8 @@ class LivePage:
         self._drawn["/picture"] = picture
         self.server.scene.remove_by_name("/picture")
         if picture is not None:
-            pixels = np.dstack(
-                [picture.read(self._beside)[::-1], np.full((picture.height, picture.width), 215, np.uint8)]
-            )
+            alpha = np.full((picture.height, picture.width), 215, np.uint8)
+            pixels = np.dstack([picture.read(self._beside)[::-1], alpha])
             wide, long = picture.width * picture.scale, picture.height * picture.scale
             laid = self.server.scene.add_image("/picture", pixels, wide, long, cast_shadow=False)
             laid.position = picture.x, picture.y, float(site.ground(np.array([picture.x, picture.y]))) + 0.06

@@ -197,8 +197,7 @@ def ray_table(model: SensorModel, tilt: float, roll: float) -> RayTable:
 
 
 def make_table_ahead(model: SensorModel, lowest: float, steepest: float) -> bool:
-    """Make one of the tables that lack between two tilts (rad). False where none does, or memory is nearly
-    full."""
+    """Make one of the tables that lack between two tilts (rad). False where none lacks, or memory is full."""
     for step in range(round(lowest / TABLE_TILTS), round(steepest / TABLE_TILTS) + 1):
         if (key := (model, step * TABLE_TILTS, 0.0)) not in _TABLES and _TABLES.nbytes < 0.85 * MOST_TABLE_BYTES:
             ray_table(*key)

@@ -66,7 +66,8 @@ class LivePlanner:
 
     site: a site, its name or file, or a setting: its fidelity must be the surrogate, its candidates are the stock (the
     site's pool without any); frames, seed: of the traffic; sensors: those that hang at first, the site's own if None;
-    run: cache and more, in place of frames and seed; most_sensors: beyond which an answer names a problem. Raises ValueError where the setting has no surrogate.
+    run: cache and more, in place of frames and seed; most_sensors: beyond which an answer names a problem. Raises
+    ValueError where the setting has no surrogate.
     """
 
     def __init__(

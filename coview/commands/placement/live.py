@@ -166,8 +166,8 @@ def live(
 def open_planner(where: str, stock: StockOptions, classes: ClassOptions, cases: Cases, run: Run) -> LivePlanner:
     """Open a planner at a site, or with the sensors of a plan's folder.
 
-    That brings a budget and number of sensors, and classes, poles and frames where the options are left out. Raises ValueError and OSError
-    for what cannot be read.
+    That brings a budget and number of sensors, and classes, poles and frames where the options are left out. Raises
+    ValueError and OSError for what cannot be read.
     """
     from placement_env.handover.exchange import MAP, SITE
     from placement_env.live.planner import LivePlanner
