@@ -14,6 +14,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack, suppress
+from ctypes import CDLL
 from dataclasses import replace
 from html import escape
 from itertools import pairwise
@@ -80,9 +81,6 @@ class LivePage:
         self._busy, self._note, self._measured = "", "", ""
         self._answer: LiveAnswer | None = None
         self._maps: dict[float, SeenMaps] = {}
-        self._image: Handle = None
-        self._areas: Handle = None
-        self._laid: Handle = None
         self._beside = folder if project is None else project.path.parent  # where a picture is kept
         self._traffic: list[Handle] = []
         self._small: dict[Variant, str] = {}  # maps beside the table
@@ -165,6 +163,8 @@ class LivePage:
                 job = self._long.popleft() if self._long else None
             if job is not None:
                 self._try(job)
+                with suppress(OSError, AttributeError, TypeError):  # not every system has it
+                    CDLL(None).malloc_trim(0)  # give back what comparing poses took
                 self._busy = ""
                 self.do(self._show_note)
 
@@ -213,7 +213,8 @@ class LivePage:
             )
             gui.add_button("Close the area").on_click(lambda _: self._change(self._close_area))
             gui.add_button("Remove all areas").on_click(lambda _: self._change(planner.set_keep_out, ()))
-            upload = gui.add_upload_button("Lay a picture under it", mime_type="image/png, image/jpeg")
+            flat = "PNG or JPEG; it lies flat, at the height of the ground under its middle"
+            upload = gui.add_upload_button("Lay a picture under it", mime_type="image/png, image/jpeg", hint=flat)
             upload.on_upload(lambda _: self.do(lambda: self._take_picture(upload.value.name, upload.value.content)))
             self._two = gui.add_text("Two points", "", hint="x y x y of where they belong, or their distance (m)")
             gui.add_button("Place the picture by two points").on_click(
@@ -328,17 +329,14 @@ class LivePage:
         if self._drawn.get("/picture") == picture:
             return
         self._drawn["/picture"] = picture
-        if self._laid is not None:
-            self._laid.remove()
-            self._laid = None
+        self.server.scene.remove_by_name("/picture")
         if picture is not None:
-            pixels = np.dstack(
-                [picture.read(self._beside)[::-1], np.full((picture.height, picture.width), 215, np.uint8)]
-            )
+            alpha = np.full((picture.height, picture.width), 215, np.uint8)
+            pixels = np.dstack([picture.read(self._beside)[::-1], alpha])
             wide, long = picture.width * picture.scale, picture.height * picture.scale
-            self._laid = self.server.scene.add_image("/picture", pixels, wide, long, cast_shadow=False)
-            self._laid.position = picture.x, picture.y, float(site.ground(np.array([picture.x, picture.y]))) + 0.06
-            self._laid.wxyz = np.cos(picture.turn / 2), 0.0, 0.0, np.sin(picture.turn / 2)
+            laid = self.server.scene.add_image("/picture", pixels, wide, long, cast_shadow=False)
+            laid.position = picture.x, picture.y, float(site.ground(np.array([picture.x, picture.y]))) + 0.06
+            laid.wxyz = np.cos(picture.turn / 2), 0.0, 0.0, np.sin(picture.turn / 2)
 
     def _draw_areas(self) -> None:
         """Draw the keep-out areas, and the one that is being drawn."""
@@ -351,10 +349,9 @@ class LivePage:
         for way in ways:
             spots = [np.array([x, y, float(site.ground(np.array([x, y]))) + 0.2]) for x, y in way]
             lines += [[start, end] for start, end in pairwise(spots)]
-        if self._areas is not None:
-            self._areas.remove()
+        self.server.scene.remove_by_name("/areas")
         rows = np.array(lines).reshape(-1, 2, 3)
-        self._areas = scene.add_lines(self.server.scene, "/areas", rows, KEPT_OUT, width=4.0, visible=True)
+        scene.add_lines(self.server.scene, "/areas", rows, KEPT_OUT, width=4.0, visible=True)
 
     def _add_command(self, label: str, key: Any, then: Callable[[], None]) -> None:
         self.server.gui.add_command(label, hotkey=key, modifier="cmd/ctrl").on_trigger(lambda _: then())
@@ -664,9 +661,7 @@ class LivePage:
         self._traffic = [handle for handle in made if handle is not None]
 
     def _draw_map(self) -> None:
-        if self._image is not None:
-            self._image.remove()
-            self._image = None
+        self.server.scene.remove_by_name("/seen")
         if self._map.value not in MAP_HEIGHTS:
             return
         from matplotlib import colormaps
@@ -682,7 +677,7 @@ class LivePage:
         cell = float(found.x[1] - found.x[0])
         middle = np.array([found.x.mean(), found.y.mean()])
         place = (*middle.tolist(), float(self.planner.yard.site.ground(middle)) + 0.1)
-        self._image = self.server.scene.add_image(
+        self.server.scene.add_image(
             "/seen", colours, len(found.x) * cell, len(found.y) * cell, position=place, cast_shadow=False
         )
 

@@ -43,7 +43,7 @@ from toolkit.traffic.snapshots import Snapshot
 AZIMUTHS = 3600  # places of azimuth in a turn
 ELEVATIONS = 3600  # places of elevation from straight down to straight up
 TABLE_TILTS = float(np.deg2rad(1.0))  # rad between the tilts of tables
-MOST_TABLE_BYTES = 400_000_000  # of the tables kept at a time, 3 to 12 MB each
+MOST_TABLE_BYTES = 220_000_000  # of the tables kept at a time, 3 to 12 MB each
 CELL_COLUMNS = 240  # columns of cells over all directions, for the standing scene
 CELL_EDGES = np.deg2rad(np.r_[-90.0:-30.0:0.5, -30.0:5.0:0.1, 5.0:90.5:0.5])  # finest towards the horizon
 CELL_ROWS = len(CELL_EDGES) - 1
@@ -197,9 +197,9 @@ def ray_table(model: SensorModel, tilt: float, roll: float) -> RayTable:
 
 
 def make_table_ahead(model: SensorModel, lowest: float, steepest: float) -> bool:
-    """Make one of the tables that lack between two tilts (rad). False where none does, or memory is half full."""
+    """Make one of the tables that lack between two tilts (rad). False where none lacks, or memory is full."""
     for step in range(round(lowest / TABLE_TILTS), round(steepest / TABLE_TILTS) + 1):
-        if (key := (model, step * TABLE_TILTS, 0.0)) not in _TABLES and _TABLES.nbytes < MOST_TABLE_BYTES / 2:
+        if (key := (model, step * TABLE_TILTS, 0.0)) not in _TABLES and _TABLES.nbytes < 0.85 * MOST_TABLE_BYTES:
             ray_table(*key)
             return True
     return False

@@ -43,7 +43,7 @@ from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
 
 LIVE_FRAMES, LIVE_SEED = 60, 3
-LIVE_BYTES = 220_000_000  # of panoramas in memory
+LIVE_BYTES = 190_000_000  # of panoramas in memory
 KEPT_STEPS = 2000  # that can be undone
 KEPT_VIEWS, KEPT_ANSWERS = 512, 128  # views of single sensors and figures of variants in memory
 Row = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]  # points, distance, sent, far of one sensor
@@ -66,7 +66,8 @@ class LivePlanner:
 
     site: a site, its name or file, or a setting: its fidelity must be the surrogate, its candidates are the stock (the
     site's pool without any); frames, seed: of the traffic; sensors: those that hang at first, the site's own if None;
-    run: cache and more, in place of frames and seed. Raises ValueError where the setting has no surrogate.
+    run: cache and more, in place of frames and seed; most_sensors: beyond which an answer names a problem. Raises
+    ValueError where the setting has no surrogate.
     """
 
     def __init__(
@@ -77,6 +78,7 @@ class LivePlanner:
         *,
         sensors: Sequence[Sensor] | None = None,
         run: Run | None = None,
+        most_sensors: float = math.inf,
     ) -> None:
         setting = site if isinstance(site, Setting) else Setting(site)
         stock, place = setting.candidates, setting.place
@@ -85,7 +87,7 @@ class LivePlanner:
         self.catalogue, self.currency = sold.catalogue, sold.currency
         self.yard = Yard.of(place, _offer(setting), hang, sold.keep_out)
         self._lock = RLock()
-        self.first = setting
+        self.first, self.most_sensors = setting, most_sensors
         self.tell: Callable[[bool], None] = lambda dragging: None  # called after every change, before its answer
         self._open(setting, run or Run(frames=frames, seed=seed))
         start = self.yard.place(hang)
@@ -299,6 +301,8 @@ class LivePlanner:
         standing = np.array([not sensor.failed for sensor in variant.sensors], np.bool_)
         barred = {mount.name for mount in candidates.mounts if self.yard.bars(variant, mount)}
         said = tuple(f"{each.name} hangs in a keep-out area" for each in variant.sensors if each.mount in barred)
+        if len(variant.sensors) > self.most_sensors:
+            said += (f"it has {len(variant.sensors)} sensors, more than the {self.most_sensors} of its plan",)
         found = self._meter.measure(candidates, seen, standing)
         found = replace(found, coarse=coarse, problems=found.problems + said)
         with self._lock:

@@ -260,7 +260,25 @@ def test_only_pages_of_this_machine_with_the_token_are_served(page):
     tab.close()
 
 
-def test_a_map_is_opened_from_the_page(browser, tmp_path):
+def draw_street(path):
+    """An OpenDRIVE street of 160 m that climbs by 4 %, with the bounds from which the page takes its middle."""
+    lane = '<lane id="{}" type="{}"><width sOffset="0" a="{}" b="0" c="0" d="0"/></lane>'
+    left = lane.format(2, "sidewalk", 2) + lane.format(1, "driving", 3.5)
+    right = lane.format(-1, "driving", 3.5) + lane.format(-2, "sidewalk", 2)
+    path.write_text(
+        '<OpenDRIVE><header revMajor="1" revMinor="4" north="60" south="-60" east="80" west="-80"/>'
+        '<road name="" length="160" id="1" junction="-1"><planView>'
+        '<geometry s="0" x="-80" y="0" hdg="0" length="160"><line/></geometry></planView><elevationProfile>'
+        '<elevation s="0" a="0" b="0.04" c="0" d="0"/></elevationProfile><lanes><laneSection s="0">'
+        f'<left>{left}</left><center><lane id="0" type="none"/></center><right>{right}</right>'
+        "</laneSection></lanes></road></OpenDRIVE>"
+    )
+    return path
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")
+@pytest.mark.parametrize("kind", ["osm", "xodr"])
+def test_a_map_is_opened_from_the_page(browser, tmp_path, kind):
     def begin(site):
         planner = LivePlanner(site, frames=8)
         return planner, ProjectFile(tmp_path / "own.live.json", planner)
@@ -271,13 +289,17 @@ def test_a_map_is_opened_from_the_page(browser, tmp_path):
     try:
         tab.goto(session.url)
         for wrong, said in (("cow.osm", "no map"), ("<b>nowhere", "no site")):
-            for label, text in (("Path or site", wrong), ("Centre", "8.0 49.5")):
+            for label, text in (("Path or site", wrong), ("Centre", "8.0 49.5" if kind == "osm" else "")):
                 tab.locator(f"xpath=//label[text()='{label}']/following::input[1]").fill(text)
-            tab.get_by_role("button", name="Open").click()
-            tab.wait_for_function(f"document.querySelector('.live-note')?.innerText.includes('{said}')")
-        tab.locator("input[type=file]").set_input_files(ROOT / "docs" / "own-junction.osm")
+            if kind == "osm":
+                tab.get_by_role("button", name="Open").click()
+                tab.wait_for_function(f"document.querySelector('.live-note')?.innerText.includes('{said}')")
+        (tmp_path / "maps").mkdir()
+        street = draw_street(tmp_path / "maps" / "street.xodr")
+        tab.locator("input[type=file]").set_input_files(ROOT / "docs/own-junction.osm" if kind == "osm" else street)
         tab.wait_for_selector(".live-ap")
-        assert sorted(path.name for path in tmp_path.glob("own*.json")) == ["own-junction.json", "own.live.json"]
+        site = "own-junction.json" if kind == "osm" else "street.json"
+        assert sorted(path.name for path in tmp_path.glob("*.json")) == sorted([site, "own.live.json"])
         tab.get_by_role("button", name="Add a sensor", exact=True).click()
         tab.wait_for_function("parseFloat(document.querySelector('.live-ap').innerText) > 0")
     finally:

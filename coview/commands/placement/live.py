@@ -166,20 +166,20 @@ def live(
 def open_planner(where: str, stock: StockOptions, classes: ClassOptions, cases: Cases, run: Run) -> LivePlanner:
     """Open a planner at a site, or with the sensors of a plan's folder.
 
-    That brings a budget, and classes, poles and frames where the options are left out. Raises ValueError and OSError
-    for what cannot be read.
+    That brings a budget and number of sensors, and classes, poles and frames where the options are left out. Raises
+    ValueError and OSError for what cannot be read.
     """
     from placement_env.handover.exchange import MAP, SITE
     from placement_env.live.planner import LivePlanner
 
-    folder, most = Path(where), math.inf
+    folder, most, count = Path(where), math.inf, math.inf
     if folder.is_dir():
         if not (folder / SITE).is_file() or not (folder / "plan.json").is_file():
             raise FileNotFoundError(
                 f"{where} is no folder of a plan: it needs plan.json and {SITE}, as coview plan writes"
             )
         asked = read_json(folder / "plan.json")["question"]
-        where = str(folder / SITE)
+        where, count = str(folder / SITE), math.inf if asked["sensors"] is None else asked["sensors"]
         named = asked["candidates"] in ("pool", "paper")
         if stock == USUAL_STOCK:
             poles = "pool" if named else str(folder / MAP)
@@ -191,7 +191,8 @@ def open_planner(where: str, stock: StockOptions, classes: ClassOptions, cases: 
             classes = replace(classes, classes=tuple(asked["classes"]), class_weights=weights, combine=asked["combine"])
         if (run.frames, run.seed) == (LIVE_RUN.frames, LIVE_RUN.seed):
             run = replace(run, frames=asked["frames"][0], seed=asked["seed"])
-    return LivePlanner(replace(stock.setting(where, classes, cases, run), most_price=most), run=run)
+    setting = replace(stock.setting(where, classes, cases, run), most_price=most)
+    return LivePlanner(setting, run=run, most_sensors=count)
 
 
 def _describe(before: LiveAnswer, after: LiveAnswer) -> str:

@@ -162,6 +162,31 @@ def test_a_killed_process_leaves_what_it_has_said(planner, path):
         path.unlink()
 
 
+ASKED = """
+import sys, time
+from pathlib import Path
+from placement_env import LivePlanner
+from placement_env.live.project import ProjectFile
+planner = LivePlanner("tjunction", frames=8)
+project = ProjectFile(Path(sys.argv[1]), planner)
+planner.ask(classes=("cyclist", "pedestrian"), scheme="late", most_price=4)
+print(planner.answer().ap, flush=True)
+time.sleep(100)
+"""
+
+
+def test_a_killed_process_leaves_the_question_that_was_asked(path):
+    process = subprocess.Popen([sys.executable, "-c", ASKED, path], stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    ap = float(process.stdout.readline())
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait()
+    again = LivePlanner("tjunction", frames=8)
+    ProjectFile(path, again).close()
+    assert again.question == {"classes": ["cyclist", "pedestrian"], "scheme": "late", "most_price": 4}
+    assert again.answer().ap == pytest.approx(ap, abs=1e-9)
+
+
 def test_an_export_is_what_search_writes_and_reads_back(planner, tmp_path):
     planner.move("d0", heading=1.0, position="pole05")
     answer = planner.finish()

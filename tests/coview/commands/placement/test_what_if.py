@@ -49,6 +49,9 @@ def test_a_plan_brings_its_sensors_poles_and_frames(tmp_path, run):
     assert found["before"]["ap"] == pytest.approx(made["chosen"]["predicted"], abs=0.005)
     assert found["before"]["kbit"] == pytest.approx(made["chosen"]["kbit"], rel=0.5)  # that is of other traffic
     assert unused in {link["pole"] for link in found["after"]["links"]}
+    assert found["before"]["problems"] == []
+    more = json.loads(run("what-if", tmp_path / "plan", "--add", unused, 0, 10, *cache, "--json")[1])
+    assert "it has 3 sensors, more than the 2 of its plan" in more["after"]["problems"]
 
 
 @pytest.mark.parametrize(
