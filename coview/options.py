@@ -3,8 +3,6 @@
 `placement_env.cases.Cases`, `placement_env.setting.Weights` and `toolkit.runtime.run.Run` are groups of options too.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Output of commands: exit codes, results and errors, and checks of paths before long work."""
 
-from __future__ import annotations
-
 import json
 import os
 import sys

@@ -1,7 +1,5 @@
 """`VoxelNetDetector`: a trained network as the toolkit's `Detector`."""
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
@@ -100,7 +98,7 @@ class VoxelNetDetector:
         own = digest_detector(self._weights, self.config.to_dict(), least, self.nms_threshold)
         return own if self.phases == 1 else f"{own} on {self.phases} grids"
 
-    def shift_grids(self, phases: int) -> VoxelNetDetector:
+    def shift_grids(self, phases: int) -> "VoxelNetDetector":
         """Same detector on several grids, shifted by parts of a cell: where one grid lies matters less.
 
         Boxes of one class that overlap are averaged, and have the greatest of their scores. Raises ValueError for fewer
@@ -112,7 +110,7 @@ class VoxelNetDetector:
         other.phases, other.name = phases, f"{self.name}+phases{phases}"
         return other
 
-    def quick(self) -> VoxelNetDetector:
+    def quick(self) -> "VoxelNetDetector":
         """Same detector with coarser numbers in about half the time where the processor has them, else itself."""
         if not is_quick_at_bfloat16(self.device) or not isinstance(getattr(self, "network", None), SparseVoxelNet):
             return self

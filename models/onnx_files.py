@@ -4,8 +4,6 @@ The card is a JSON object of values of `VoxelNetConfig`, of which `area` and `la
 the network return boxes, or maps), and if wanted of `nms_threshold` and of the `sha256` of the file.
 """
 
-from __future__ import annotations
-
 import base64
 import json
 import logging

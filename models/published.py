@@ -4,8 +4,6 @@ A `checkpoint_*.pth` of the paper's code lives in CARLA's left-handed map, relat
 keeps those axes, and turns clouds on their way in and boxes on their way out.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from dataclasses import replace
@@ -36,7 +34,7 @@ _UP_LAST = [0, 2, 1]  # their x, up, y as our x, y, z
 
 def load_published(
     path: str | Path, site: str, *, decoding: Decoding = "exact", device: str | torch.device = "cpu"
-) -> PublishedDetector:
+) -> "PublishedDetector":
     """Load the detector of a published checkpoint for "tjunction" or "roundabout".
 
     decoding: see `PublishedDetector`. No code of the file is executed. Raises FileNotFoundError, and ValueError for any

@@ -3,8 +3,6 @@
 python -m models.train tjunction --data train.packed --validate test.packed --out runs/tjunction
 """
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import time

@@ -4,8 +4,6 @@ Weights are safetensors files: tensors, and a header that says what they are and
 `torch.save` files of plain tensors and numbers.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import pickle

@@ -12,8 +12,6 @@ Resamples of a paired bootstrap are reduced in the same way, each by itself, as 
 raise ValueError.
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass

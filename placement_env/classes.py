@@ -10,8 +10,6 @@ class: the objective's for vehicles and heavy vehicles, `SMALL_IOU` for cyclists
 more IoU by the same few centimetres (as in KITTI and Waymo); or from a given one.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass

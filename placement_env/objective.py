@@ -8,8 +8,6 @@ more than the link of its mount carries (where the scheme sends points), its mou
 money available, and every mount that must carry a sensor has one.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Iterable
 from copy import copy
@@ -103,7 +101,7 @@ class Objective:
     @classmethod
     def of_moved(
         cls, preparation: Preparation, candidates: Candidates, visibility: Visibility, weights: Weights
-    ) -> Objective:
+    ) -> "Objective":
         """Objective of other candidates, whose visibility is known, in a preparation's traffic."""
         fidelity = preparation.at(candidates, visibility).fidelity()
         setting = replace(preparation.setting, candidates=candidates, fidelity=fidelity, weights=weights)
@@ -127,7 +125,7 @@ class Objective:
         """Most that a set may cost."""
         return self.setting.most_price
 
-    def weighed(self, weights: Weights, *, most_price: float | None = None) -> Objective:
+    def weighed(self, weights: Weights, *, most_price: float | None = None) -> "Objective":
         """Same objective with other weights, a price limit where given, and its own memory."""
         other = copy(self)
         most = self.most_price if most_price is None else most_price

@@ -7,8 +7,6 @@ set only where the frames show that it is worse, and ends as soon as a stated co
 of Maron and Moore 1994, with a bootstrap over blocks of frames instead of Hoeffding's bound).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

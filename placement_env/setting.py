@@ -3,8 +3,6 @@
 With a `toolkit.runtime.run.Run` it makes what scores sets: `placement_env.objective.Objective(setting, run)`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import KW_ONLY, dataclass, field, replace
@@ -132,7 +130,7 @@ class Setting:
                 "keep fewer poles"
             )
 
-    def with_fidelity(self, fidelity: FidelityName) -> Setting:
+    def with_fidelity(self, fidelity: FidelityName) -> "Setting":
         """Same question for another fidelity, without files and errors that it does not know."""
         cases = self.cases if fidelity == "detector" else replace(self.cases, errors=USUAL_CASES.errors)
         surrogate, table = (getattr(self, name) if name == fidelity else None for name in ("surrogate", "table"))

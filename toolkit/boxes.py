@@ -15,8 +15,6 @@ overlap is the sum of ∫ clamp(y, ±w/2) dx over the four edges of the first (G
 closed form without branches, for all pairs at once. GEOS agrees to 1e-9 (see the tests) and takes 60 times longer.
 """
 
-from __future__ import annotations
-
 from typing import Literal
 
 import numpy as np

@@ -9,8 +9,6 @@ Files: ply and pcd (binary), and npz keep the attributes bit for bit; ASCII ply 
 and the legacy `open3d.geometry.PointCloud` lose `sensor`.
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial

@@ -3,8 +3,6 @@
 A noun gives a `Card`. It names the function that draws it, since pictures stand floors above most nouns.
 """
 
-from __future__ import annotations
-
 import math
 from base64 import b64encode
 from collections.abc import Callable, Mapping, Sequence

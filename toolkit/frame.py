@@ -5,8 +5,6 @@ right-handed, x and y level, z up, in metres. If the sensors stand still it is t
 vehicle's, and `map_SE3_world` places it in the map. Each reader in `toolkit.datasets.layouts` states its own.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -60,7 +58,7 @@ class SensorCloud:
         points = self.points.astype(np.float64)
         return points if self.frame == "sensor" else transform(invert(self.world_SE3_sensor), points)
 
-    def in_own_frame(self) -> SensorCloud:
+    def in_own_frame(self) -> "SensorCloud":
         """Return the cloud in the sensor's own frame."""
         if self.frame == "sensor":
             return self
@@ -241,7 +239,7 @@ class Frame(Displayed):
         *,
         time: float = np.nan,
         **more: Any,
-    ) -> Frame:
+    ) -> "Frame":
         """Return a labelled frame of clouds. more: other fields."""
         more |= {"categories": categories, "counts": counts, "others": OtherObjects() if others is None else others}
         if away := _count_away(clouds, objects):
@@ -286,11 +284,11 @@ class Frame(Displayed):
         """Points of all sensors, one after the other, world frame."""
         return np.concatenate([np.zeros((0, 3)), *(cloud.in_world() for cloud in self.clouds)])
 
-    def with_clouds(self, clouds: Sequence[SensorCloud]) -> Frame:
+    def with_clouds(self, clouds: Sequence[SensorCloud]) -> "Frame":
         """Return the frame with other clouds as its measurements."""
         return replace(self, sensors=_cloud_sensors(clouds), measurements=tuple(clouds), shifts=())
 
-    def seen_by(self, sensors: Sequence[int | str]) -> Frame:
+    def seen_by(self, sensors: Sequence[int | str]) -> "Frame":
         """Return the frame with some sensors; ValueError for unknown ones."""
         chosen = sorted(select_sensors(self.sensors, sensors))
         if len(chosen) == len(self.sensors):
@@ -299,7 +297,7 @@ class Frame(Displayed):
         shifts = tuple(self.shifts[k] for k in chosen) if self.shifts else ()
         return replace(self, sensors=seeing, measurements=measurements, shifts=shifts)
 
-    def of(self, rows: Shaped[np.ndarray, " k"]) -> Frame:
+    def of(self, rows: Shaped[np.ndarray, " k"]) -> "Frame":
         """Return the frame with some objects (mask or indices)."""
         rows = np.arange(len(self.objects))[rows]
         categories = tuple(self.categories[k] for k in rows) if self.categories else ()

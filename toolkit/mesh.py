@@ -1,7 +1,5 @@
 """Triangle meshes from a few solids: lofts, tubes, ellipsoids, boxes and extruded polygons, all wound outwards."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from functools import lru_cache
 from typing import NamedTuple

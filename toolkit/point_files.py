@@ -7,8 +7,6 @@ memory holds for points where a word stands among the numbers.
 https://pointclouds.org/documentation/tutorials/pcd_file_format.html http://paulbourke.net/dataformats/ply/
 """
 
-from __future__ import annotations
-
 import math
 import re
 import warnings

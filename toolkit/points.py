@@ -5,8 +5,6 @@ turned into the world once and kept, so that a frame costs one multiplication, o
 coordinate (paper equations 1 and 2 and the crop of section II-B).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Literal, NamedTuple
@@ -44,7 +42,7 @@ def frame_points(
     return [crop_sensor(frame, index, crop, rng) for index in select_sensors(frame.sensors, sensors)]
 
 
-def crop_sensor(frame: Frame, index: int, crop: Crop, rng: Rng | None = None) -> Float32[np.ndarray, "_ 3"]:
+def crop_sensor(frame: Frame, index: int, crop: "Crop", rng: Rng | None = None) -> Float32[np.ndarray, "_ 3"]:
     """Points of one sensor inside a crop, see `frame_points`."""
     sensor, measurement = frame.sensors[index], frame.measurements[index]
     if isinstance(measurement, SensorCloud):
@@ -64,7 +62,7 @@ class Crop(NamedTuple):
     slope: Slope = LEVEL
 
     @staticmethod
-    def of(place: Area, height: float | None = None) -> Crop:
+    def of(place: Area, height: float | None = None) -> "Crop":
         """Crop of a site or an area below `height`, by default the site's own, else 4 m (paper section II-B)."""
         if height is not None and np.isnan(height):
             raise ValueError("height must be a number of metres, got NaN")

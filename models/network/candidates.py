@@ -6,8 +6,6 @@ a pedestrian, and the cab of a truck as a vehicle. Each of two such rivals keeps
 (`models.training.second_stage`) found to be true.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import NamedTuple

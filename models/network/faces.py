@@ -12,8 +12,6 @@ the face belongs (m), and how far off that may be. A face stays where the answer
 as where there are no points.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

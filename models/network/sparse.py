@@ -5,8 +5,6 @@ exist for occupied voxels only, 3D convolutions run on reached cells (`SparseMid
 convolution on occupied columns (`SparseColumns`). BatchNorm and the linear layers before the published head are folded.
 """
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Sequence
 from itertools import product
@@ -57,7 +55,7 @@ class SparseVoxelNet(nn.Module):
         """Return what `network.eval()(voxels)` would return."""
         return self.rpn(self.middle(self.features(voxels), voxels))
 
-    def halve(self) -> SparseVoxelNet:
+    def halve(self) -> "SparseVoxelNet":
         """Copy whose proposal part, which takes most of the time, computes in bfloat16."""
         other = copy.deepcopy(self)
         other.rpn.to(torch.bfloat16).to(memory_format=torch.channels_last)  # type: ignore[call-overload]

@@ -12,8 +12,6 @@ A convolution of all patches gives the entries of the next layer. The maps equal
 the rounding of float32.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from itertools import product
 from typing import Any, NamedTuple
@@ -41,7 +39,7 @@ class PlacedClouds(NamedTuple):
     clouds: int
 
     @staticmethod
-    def of(clouds: Sequence[Float32[Tensor, "_ 3"]], config: VoxelNetConfig) -> PlacedClouds:
+    def of(clouds: Sequence[Float32[Tensor, "_ 3"]], config: VoxelNetConfig) -> "PlacedClouds":
         """Place points given in the frame of the grid, m."""
         kept, indices = zip(*(grid_cells(cloud, config) for cloud in clouds), strict=True)
         number = torch.arange(len(clouds), device=kept[0].device)
@@ -77,7 +75,7 @@ class PlacedClouds(NamedTuple):
                 dropped.append(some[~keep] + len(dropped) * len(self.points))
         return thinning[number.ravel()], torch.cat(dropped)
 
-    def by_tile(self, grid: tuple[int, int], size: int, before: int) -> PointsByTile:
+    def by_tile(self, grid: tuple[int, int], size: int, before: int) -> "PointsByTile":
         """Sort points by tile. A tile has `size` columns along x and y, and `before` columns of the tiles before it."""
         (tx, ty), (from_x, from_y) = (self.cells[:, :2] // size).T, (self.cells[:, :2] % size).T
         rows, keys = [], []
@@ -168,7 +166,7 @@ class UnionPlan(NamedTuple):
     thinning: Int64[np.ndarray, " U"]
     dropped: Int64[Tensor, " k"]
 
-    def part(self, some: slice) -> UnionPlan:
+    def part(self, some: slice) -> "UnionPlan":
         """Select some of the unions."""
         return self._replace(unions=self.unions[some], thinning=self.thinning[some])
 

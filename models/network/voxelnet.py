@@ -6,8 +6,6 @@ B clouds, v occupied voxels, D heights, H cells along x, W cells along y. This i
 `models.network.sparse` computes the same in less time once it is trained.
 """
 
-from __future__ import annotations
-
 import math
 from collections import OrderedDict
 from itertools import pairwise

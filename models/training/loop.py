@@ -4,8 +4,6 @@ Step s of a run always sees the same examples, so weights, optimiser, schedule a
 log is a CSV file in long format: step, epoch, name, value.
 """
 
-from __future__ import annotations
-
 import csv
 import time
 from collections.abc import Callable, Iterator, Sequence

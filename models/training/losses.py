@@ -1,7 +1,5 @@
 """Targets of the anchors and losses (Zhou and Tuzel 2018, section 2.2): the published one, and one with quality."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import partial
 from typing import NamedTuple

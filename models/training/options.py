@@ -4,8 +4,6 @@ The second runs on a machine that has no more than torch, numpy, h5py, safetenso
 parser is made here with the standard library, from the same fields and the same texts.
 """
 
-from __future__ import annotations
-
 import re
 from argparse import ArgumentParser, BooleanOptionalAction
 from collections.abc import Sequence

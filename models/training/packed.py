@@ -16,8 +16,6 @@ arrays that need numpy and h5py alone:
                                 each sensor begin and the last ones end, (p, 3) the points in 1/512 m, on level ground
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import partial
@@ -100,7 +98,7 @@ class PackedFrames:
     def __len__(self) -> int:
         return len(self._rig_of_frame)
 
-    def rig(self, k: int) -> Rig:
+    def rig(self, k: int) -> "Rig":
         """Sensors of frame k and their crop."""
         return self.rigs[self._rig_of_frame[k]]
 
@@ -159,7 +157,7 @@ class Rig:
         height: float,
         empty: Iterable[np.ndarray],
         slope: Slope = LEVEL,
-    ) -> Rig:
+    ) -> "Rig":
         """Build a rig from images of the empty site."""
         sensors, (xmin, ymin, xmax, ymax) = tuple(sensors), (float(side) for side in area)
         rig = Rig(sensors, (xmin, ymin, xmax, ymax), float(height), (), (), slope)

@@ -1,7 +1,5 @@
 """Writer of packed files (`models.training.packed`). Only pixels that differ from the empty site are written."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass

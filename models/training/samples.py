@@ -3,8 +3,6 @@
 Augmentations of whole scenes are sensors with errors, fewer points, and ground that is a little off zero or slopes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
@@ -122,7 +120,7 @@ class Batch(NamedTuple):
     labels: Tensor  # (B, H, W, A), see `models.training.losses`
     boxes: Tensor  # (B, H, W, A, 7), targets of positive anchors
 
-    def to(self, device: torch.device | str) -> Batch:
+    def to(self, device: torch.device | str) -> "Batch":
         """Move the batch to another device."""
         return Batch(self.voxels.to(device), self.labels.to(device), self.boxes.to(device))
 

@@ -5,8 +5,6 @@ fitted to boxes as detected and to boxes displaced at random, by more than the d
 So the points must count, not the first stage's sizes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import lru_cache

@@ -6,8 +6,6 @@ junction without reaching another is an exit. Edges within a roundabout or a nod
 the names that the network gives them.
 """
 
-from __future__ import annotations
-
 from collections import defaultdict
 from dataclasses import dataclass
 from xml.etree import ElementTree

@@ -11,8 +11,6 @@ undefined, such as AP without a vehicle, are left out. The same seed gives the s
 sets on the same frames can be compared draw by draw.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -199,7 +197,7 @@ class Tally:
     truths: Int64[np.ndarray, " frames"]
 
     @staticmethod
-    def of(outcomes: Sequence[Outcome], truths: Int64[np.ndarray, " frames"], at: int) -> Tally:
+    def of(outcomes: Sequence[Outcome], truths: Int64[np.ndarray, " frames"], at: int) -> "Tally":
         """Tally outcomes at the IoU threshold of index `at`."""
         counts = [(each, each.truth[at] != IGNORED) for each in outcomes]
         hit = [each.truth[at, counted] >= 0 for each, counted in counts]
@@ -208,7 +206,7 @@ class Tally:
     @staticmethod
     def of_frames(
         scores: Sequence[np.ndarray], hit: Sequence[np.ndarray], truths: Sequence[int] | Int64[np.ndarray, " frames"]
-    ) -> Tally:
+    ) -> "Tally":
         """Tally the detections that count, given frame by frame."""
         frame = np.repeat(np.arange(len(scores)), [len(each) for each in scores])
         return Tally(np.concatenate(scores), np.concatenate(hit), frame, np.asarray(truths, np.int64))

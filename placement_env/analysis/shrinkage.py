@@ -12,8 +12,6 @@ blocks show too little noise, least for a set that was lucky in all of them, and
 so v_i is no less than the mean over the sets, nor than `LEAST_NOISE`² / blocks, and the draws spread as much.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -12,8 +12,6 @@ beyond their single gains averages to I. A round of the sampling is a Williams s
 an unbiased sample of every φ and I, stratified by the size of S, and independent of the other rounds.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations

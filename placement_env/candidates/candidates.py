@@ -7,8 +7,6 @@ of a candidate are its `factors`; not every combination of them is a candidate. 
 Candidates of a site are its own sensors, pools of poses, poles or random samples.
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -84,8 +82,8 @@ class Candidates(Displayed):
 
     @staticmethod
     def of_poses(
-        sensors: Sequence[Sensor], mount: Int64[np.ndarray, " n"], aim: Float64[np.ndarray, "n 3"], pool: Candidates
-    ) -> Candidates:
+        sensors: Sequence[Sensor], mount: Int64[np.ndarray, " n"], aim: Float64[np.ndarray, "n 3"], pool: "Candidates"
+    ) -> "Candidates":
         """Candidates in poses of their own on a pool's mounts. aim: height, heading and tilt of each."""
         models, count = tuple(dict.fromkeys(sensor.model for sensor in sensors)), np.arange(len(sensors))
         model = [models.index(sensor.model) for sensor in sensors]
@@ -183,7 +181,7 @@ class Candidates(Displayed):
         place = np.concatenate([same, np.ones((*asked.shape[:-1], 1), np.bool_)], axis=-1).argmax(axis=-1)
         return np.where(place < len(self), place, -1)[()]
 
-    def select(self, indices: Sequence[int] | Int64[np.ndarray, " n"]) -> Candidates:
+    def select(self, indices: Sequence[int] | Int64[np.ndarray, " n"]) -> "Candidates":
         """Return some of the candidates, in the given order. Mounts and axes stay, so factors keep their meaning."""
         chosen = np.asarray(indices, np.int64)
         return Candidates(tuple(self.sensors[i] for i in chosen), self.mounts, self.factors[chosen], self.axes)

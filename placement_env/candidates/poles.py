@@ -12,8 +12,6 @@ Coordinates are longitude and latitude (RFC 7946, WGS84); altitude is ignored, a
 A collection with the member `coview_site`, such as a saved site, is in the site's metres, z that of the foot.
 """
 
-from __future__ import annotations
-
 import re
 import warnings
 from collections import Counter

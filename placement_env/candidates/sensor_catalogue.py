@@ -18,8 +18,6 @@ years = 10
 client = "City of Elm"
 """
 
-from __future__ import annotations
-
 import math
 from base64 import b64encode
 from collections.abc import Iterable, Mapping, Sequence

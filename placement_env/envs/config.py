@@ -1,7 +1,5 @@
 """Configurations of environments, checked before anything is rendered."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property

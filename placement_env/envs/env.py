@@ -6,8 +6,6 @@ included.
 Pictures and text summaries of a set of sensors.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -59,7 +57,7 @@ class Task:
         self.observation_space = Box(-1.0, 1.0, (size,), np.float32)
 
     @classmethod
-    def build(cls, n: int, config: EnvConfig | Task | None, given: Mapping[str, object]) -> Task:
+    def build(cls, n: int, config: "EnvConfig | Task | None", given: Mapping[str, object]) -> "Task":
         """Build n episodes of a configuration and fields by name, or of the scenarios of another task."""
         if isinstance(config, Task):
             return type(config)(n, config.scenarios)
@@ -87,7 +85,7 @@ class Task:
         """Tell which actions are legal."""
         raise NotImplementedError
 
-    def running(self) -> Task:
+    def running(self) -> "Task":
         """Return the task. Raises ResetNeeded before the first `reset`."""
         if not self.state.ready:
             raise ResetNeeded("no episode has started: call reset() first")
@@ -294,7 +292,7 @@ def _name(objective: Objective) -> str:
     return "a site" if objective.site is None else objective.site.name
 
 
-def _draw_vehicles(axes: Axes, objective: Objective, members: list[int]) -> str:
+def _draw_vehicles(axes: "Axes", objective: Objective, members: list[int]) -> str:
     """Draw some vehicles, coloured by the members' points, and return a caption."""
     from matplotlib.collections import PolyCollection
 
@@ -316,7 +314,7 @@ def _draw_vehicles(axes: Axes, objective: Objective, members: list[int]) -> str:
     return f"N = {len(boxes)} {noun} in {objective.visibility.frames} frames{drawn}"
 
 
-def _draw_strips(figure: Figure, scale: float) -> Axes:
+def _draw_strips(figure: "Figure", scale: float) -> "Axes":
     """Draw scale bar and legend below the map, in inches."""
     strip = figure.add_axes((0, 0, 1, _FOOT / _SIDE))
     strip.set(xlim=(0, _SIDE), ylim=(0, _FOOT))

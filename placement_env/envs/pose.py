@@ -1,7 +1,5 @@
 """`coview/SensorPose-v0`: turn, tilt, raise and lower the chosen sensors."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -31,12 +29,12 @@ class Rig:
     aim: Float64[np.ndarray, "B 3"]
 
     @staticmethod
-    def of(candidates: Candidates) -> Rig:
+    def of(candidates: Candidates) -> "Rig":
         """Make a rig of sensors as they stand."""
         position, heading, tilt, _, _ = poses(candidates)
         return Rig(candidates, np.stack([position[:, 2] - _feet(candidates), heading, tilt], axis=1))
 
-    def move(self, action: Float64[np.ndarray, "B 3"]) -> Rig:
+    def move(self, action: Float64[np.ndarray, "B 3"]) -> "Rig":
         """Return the rig after an action, within the mounts' heights and `TILT_LIMITS`, or beyond if it was."""
         mounts = [self.candidates.mounts[index] for index in self.candidates.mount]
         height, heading, tilt = (self.aim + np.clip(action, -1, 1) * MOVES).T

@@ -3,8 +3,6 @@
 Gymnasium itself imports a package named before the environment: `gymnasium.make("placement_env:coview/...")`.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Sequence
 from importlib.abc import MetaPathFinder

@@ -4,8 +4,6 @@ A scenario pads its candidates to a number of slots, so that one policy meets si
 a candidate sees is taken at up to `PLACES` places: vehicles of the traffic if known, else spots of the area.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, TypeVar

@@ -1,7 +1,5 @@
 """`coview/SensorSelect-v0`: place one sensor after another, or stop; `coview/SensorSubset-v0`: choose all at once."""
 
-from __future__ import annotations
-
 import numpy as np
 from gymnasium.spaces import Discrete, MultiBinary, MultiDiscrete
 

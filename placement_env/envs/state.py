@@ -3,8 +3,6 @@
 The scalar environments have one row, the vector environments many, under the same rules in the same arrays.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -4,8 +4,6 @@ With `views` 1 it is monotone and submodular, so greedy search is within 1 - 1/e
 is not submodular, nor is the worst of several classes.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from placement_env.classes import VEHICLES, Classes

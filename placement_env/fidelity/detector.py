@@ -13,8 +13,6 @@ Two kinds of value are kept, of one frame each:
                  class: vehicles at those of `Detected.ious`, the others at those that `Classes.get_iou` gives
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from copy import copy
@@ -89,7 +87,7 @@ class Outcome(NamedTuple):
     bits: Shaped[np.ndarray, " sensors"]
     labels: Shaped[np.ndarray, " n"]
 
-    def of_class(self, label: int) -> Outcome:
+    def of_class(self, label: int) -> "Outcome":
         """Outcome of one class. `truth` still counts the objects of all classes."""
         own = self.labels == label
         return Outcome(self.scores[own], self.truth[:, own], self.bits, self.labels[own])
@@ -133,14 +131,14 @@ class Detected:
                 "property digest: add one or pass memo=None"
             )
 
-    def at(self, iou: float, also: Iterable[float] = ()) -> Detected:
+    def at(self, iou: float, also: Iterable[float] = ()) -> "Detected":
         """Same fidelity at another IoU threshold. also: further thresholds at which outcomes are matched."""
         check_iou(iou)
         other = copy(self)
         other.iou, other.ious = iou, tuple(sorted({*self.ious, iou, *also}))
         return other
 
-    def of_classes(self, classes: Classes) -> Detected:
+    def of_classes(self, classes: Classes) -> "Detected":
         """Same fidelity for other classes. Detections are shared."""
         check_known(self.detector, classes.names)
         other = copy(self)

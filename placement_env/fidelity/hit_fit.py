@@ -1,7 +1,5 @@
 """Fit a `HitModel` to a detector's hits and misses, by maximum likelihood over all objects and sensor sets."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import product

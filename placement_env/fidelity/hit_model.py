@@ -22,8 +22,6 @@ The numbers are fitted to a detector's own hits and misses (`placement_env.fidel
 analysis of density and spatial diversity predictive (its sections on sensor sets and on diversity gain).
 """
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Collection, Iterable
@@ -144,7 +142,7 @@ class HitModel:
             raise ValueError(f"a resample must have {len(NUMBERS)} numbers: {', '.join(NUMBERS)}")
 
     @cached_property
-    def resamples(self) -> tuple[HitModel, ...]:
+    def resamples(self) -> "tuple[HitModel, ...]":
         """The models of the resamples."""
         rows: list[dict[str, Any]] = [dict(zip(NUMBERS, row, strict=True)) for row in self.resampled]
         return tuple(replace(self, resampled=(), **row) for row in rows)

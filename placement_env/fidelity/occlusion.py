@@ -6,8 +6,6 @@ As in `toolkit.rendering.renderer`, only the rays in the window of a body's box 
 sensors go into one call, and rays that end before they can reach the box are left out.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

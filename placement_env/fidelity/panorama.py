@@ -13,8 +13,6 @@ of a mount's height when one of its sensors is first requested. Between two of t
 heading and tilt are looked up.
 """
 
-from __future__ import annotations
-
 from collections import OrderedDict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -108,7 +106,7 @@ class Lookup(NamedTuple):
     more: np.float32
 
     @staticmethod
-    def of(sensor: Sensor) -> Lookup:
+    def of(sensor: Sensor) -> "Lookup":
         """Lookup in the table of nearest tilt."""
         aim = compute_aim(sensor)
         tilt = round(aim.tilt / TABLE_TILTS) * TABLE_TILTS
@@ -117,7 +115,7 @@ class Lookup(NamedTuple):
         return Lookup(sensor.model, tilt, round(aim.roll, 4) + 0.0, turned, further)
 
     @property
-    def table(self) -> RayTable:
+    def table(self) -> "RayTable":
         """The table, made once."""
         return ray_table(self.model, self.tilt, self.roll)
 
@@ -153,7 +151,7 @@ class RayTable:
         self.nbytes = self._sums.nbytes + self.cells.nbytes + self.cell_rays.nbytes
 
     def counts(
-        self, rectangles: Rectangles, heading: np.float32, more: np.float32
+        self, rectangles: "Rectangles", heading: np.float32, more: np.float32
     ) -> tuple[Int64[np.ndarray, " m"], Counts]:
         """Rectangles that hold rays, and their number. heading, more: of the sensor, as of `Lookup`."""
         left, right, low, high = rectangles.list_places(heading, more)
@@ -221,7 +219,7 @@ class Rectangles(NamedTuple):
     tan: Float32[np.ndarray, " n"]
 
     @staticmethod
-    def of(left: np.ndarray, right: np.ndarray, bottom: np.ndarray, top: np.ndarray) -> Rectangles:
+    def of(left: np.ndarray, right: np.ndarray, bottom: np.ndarray, top: np.ndarray) -> "Rectangles":
         """Build from angles (n,) (rad, float32)."""
         middle, tan = (left + right) / 2, np.clip(np.tan((bottom + top) / 2), -3, 3)
         azimuths = (left + PI) * PER_TURN, (right + PI) * PER_TURN
@@ -269,7 +267,7 @@ class ScoredItems(NamedTuple):
     frames: int
 
     @staticmethod
-    def of(traffic: Traffic, snapshots: Sequence[Snapshot], labels: Sequence[int]) -> ScoredItems:
+    def of(traffic: Traffic, snapshots: Sequence[Snapshot], labels: Sequence[int]) -> "ScoredItems":
         """Scored objects of some classes (numbers) in some frames."""
         masks = [scored(each.objects, traffic.site, labels) for each in snapshots]
         counts = np.concatenate([np.zeros(0, np.bool_), *masks])
@@ -291,10 +289,10 @@ class Surround:
     frame: Int32[np.ndarray, " n"]
     widest: float
     gains: dict[SensorModel, tuple[np.ndarray, np.ndarray]]
-    stills: dict[SensorModel, Still]
+    stills: "dict[SensorModel, Still]"
 
     @staticmethod
-    def of(strips: Strips, scored: ScoredItems, stills: dict[SensorModel, Still]) -> Surround:
+    def of(strips: Strips, scored: ScoredItems, stills: "dict[SensorModel, Still]") -> "Surround":
         """Surround of the strips of one place. stills: standing scene seen from there, by sensor model."""
         rectangles = Rectangles.of(strips.left, strips.right, strips.bottom, strips.top)
         turns = np.floor(rectangles.left / AZIMUTHS) * AZIMUTHS
@@ -379,7 +377,7 @@ class Still:
     far: UInt8[np.ndarray, " cells"]
 
     @staticmethod
-    def of(renderer: Renderer, site: Site, viewpoint: Float64[np.ndarray, "3"], model: SensorModel) -> Still:
+    def of(renderer: Renderer, site: Site, viewpoint: Float64[np.ndarray, "3"], model: SensorModel) -> "Still":
         """Chances seen from a viewpoint, with a model's noise. The noise is the same everywhere in its image."""
         rays, mean = _directions(), _mean_length(model)
         images, place = np.zeros((2, len(rays)), np.uint8), viewpoint.astype(np.float32)

@@ -17,8 +17,6 @@ reversed and scaled, so that 0 stands for nothing seen and 1 for 0.999 everywher
 kbit is as in `placement_env.fidelity.coverage`, recall is the same figure as AP.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from placement_env.fidelity.coverage import SentData

@@ -3,8 +3,6 @@
 `CasesFidelity` combines those of single cases into one, see `placement_env.cases`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -176,7 +174,7 @@ class Preparation:
         return self.split(count) if count > 1 else ()
 
     @property
-    def plain(self) -> Preparation:
+    def plain(self) -> "Preparation":
         """Same parts for intact sets in undivided traffic."""
         return replace(self, setting=replace(self.setting, cases=replace(self.setting.cases, failing=0, levels=1)))
 
@@ -195,7 +193,7 @@ class Preparation:
         return see(self.traffic, setting.pool, labels=labels, run=self.run, rendering=setting.rendering)
 
     @cached_property
-    def live(self) -> LiveView | None:
+    def live(self) -> "LiveView | None":
         """View of moving sensors, from panoramas of the mounts.
 
         None where rays must be cast: where the setting's `rendering` is "full", or the range of a candidate ends within
@@ -225,14 +223,14 @@ class Preparation:
     def _hit_models(self) -> dict[float, tuple[HitModel, ...]]:
         return {}
 
-    def at(self, candidates: Candidates, visibility: Visibility) -> Preparation:
+    def at(self, candidates: Candidates, visibility: Visibility) -> "Preparation":
         """Same traffic and network for other candidates."""
         there = replace(self, setting=replace(self.setting, candidates=candidates))
         shared = {name: getattr(self, name) for name in ("traffic", "network", "_hit_models")}
         vars(there).update(shared, visibility=visibility)
         return there
 
-    def take_traffic(self, other: Preparation) -> None:
+    def take_traffic(self, other: "Preparation") -> None:
         """Use the traffic of another preparation of this site, and its live view where the same classes count."""
         vars(self)["traffic"] = other.traffic
         if self.setting.counted.labels == other.setting.counted.labels:

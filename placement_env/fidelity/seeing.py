@@ -1,7 +1,5 @@
 """`see`: visibility of traffic from candidates. It uses rays or panoramas, whichever is quicker and accurate enough."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -7,8 +7,6 @@ to the i-th of them, T_i = p_1 + ... + p_i hits are expected and λ (i - T_i) fa
     AP = 1/O Σ_i p_i · T_i / (T_i + λ (i - T_i)),      recall = T_O / O
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
@@ -98,7 +96,7 @@ class Surrogate:
             if part.objects
         ]
 
-    def in_frames(self, frames: Int64[np.ndarray, " _"]) -> Surrogate:
+    def in_frames(self, frames: Int64[np.ndarray, " _"]) -> "Surrogate":
         """Same surrogate over some of the frames, ascending; kbit stay those of all."""
         other = copy(self)
         seen = [(part, of_frames(part.evidence.visibility, frames)) for part in self._parts]
@@ -129,7 +127,7 @@ class Surrogate:
 class _Part:
     """Objects of one class, and their model."""
 
-    def __init__(self, evidence: Evidence, model: HitModel) -> None:
+    def __init__(self, evidence: "Evidence", model: HitModel) -> None:
         self.evidence, self.model = evidence, model
         self.sums = MemberSums(evidence.rows(model))
         self._of_size = model.of_size(evidence.visibility.boxes).astype(np.float32)

@@ -4,8 +4,6 @@ The row number is a bit mask: sensor c belongs to the sets whose number has bit 
 with the shipped detectors, are in `exact/`; `make_table` makes them again.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass, field

@@ -6,8 +6,6 @@ site's metres if it has no geographic reference. Its layers are area, sensor, vi
 poles, which coview reads back as poles. site.json is the site with the sensors, in the format for `coview simulate`.
 """
 
-from __future__ import annotations
-
 import csv
 import io
 import re

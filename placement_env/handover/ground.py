@@ -6,8 +6,6 @@ frame that the sensor measures of the empty site, without noise and before any c
 if it would be the same without anything but ground.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

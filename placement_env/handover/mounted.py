@@ -1,7 +1,5 @@
 """A chosen set as it is mounted: its site, and each sensor for its installer, with links and materials."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

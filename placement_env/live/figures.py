@@ -5,8 +5,6 @@ changed has an interval of its own. They are given down to `LEAST_BLOCKS` blocks
 needs: see `docs/how-to/live.md` for how often they hold.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
@@ -93,7 +91,7 @@ class LiveAnswer:
         left_out = {"resamples", "probability", "hidden"} | unlimited
         return {name: value for name, value in asdict(self).items() if name not in left_out}
 
-    def since(self, before: LiveAnswer | None, what: str) -> LiveAnswer:
+    def since(self, before: "LiveAnswer | None", what: str) -> "LiveAnswer":
         """The answer with the change of AP since another, on the same frames, and what made it."""
         if before is None:
             return replace(self, what=what, change=0.0, change_low=0.0, change_high=0.0)

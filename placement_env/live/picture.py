@@ -1,7 +1,5 @@
 """`GroundPicture`: a picture of one's own under the scene, such as an aerial photo or a plan, placed by two points."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
@@ -39,7 +37,7 @@ class GroundPicture:
         if not re.fullmatch(r"picture-[0-9a-f]{12}\.jpg", self.file) or min(self.width, self.height, self.scale) <= 0:
             raise ValueError(f"a picture needs a file, width, height and scale, got {asdict(self)!r:.90}")
 
-    def place(self, spots: Sequence[Sequence[float]], given: Sequence[float]) -> GroundPicture:
+    def place(self, spots: Sequence[Sequence[float]], given: Sequence[float]) -> "GroundPicture":
         """Scale, turn and shift it by two points.
 
         spots: where they lie now (m); given: x, y, x, y of where they belong, or their distance alone, about the first

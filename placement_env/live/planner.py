@@ -6,8 +6,6 @@ above or from the nearer one; `refine` makes what is missing, a panorama at a ti
 of which `suggest` chooses. One thread may refine while another moves.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace

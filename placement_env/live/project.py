@@ -6,8 +6,6 @@ VARIANT], ...], "question": {...}, "picture": {...}}, each variant as `Variant.a
 beside it.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import os

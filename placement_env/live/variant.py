@@ -1,7 +1,5 @@
 """`Variant`: sensors on poles as they are moved by hand, and the free ground where a pole may stand."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
@@ -62,7 +60,7 @@ class Variant:
         names = ", ".join(sensor.name for sensor in self.sensors) or "none"
         raise ValueError(f"there is no sensor {name!r}: the sensors are {names}")
 
-    def with_sensor(self, sensor: LiveSensor) -> Variant:
+    def with_sensor(self, sensor: LiveSensor) -> "Variant":
         """Return the variant with a sensor in place of the one of its name."""
         return replace(self, sensors=tuple(sensor if each.name == sensor.name else each for each in self.sensors))
 
@@ -72,7 +70,7 @@ class Variant:
         return {"sensors": [{**vars(sensor)} for sensor in self.sensors], "poles": poles, "keep_out": self.keep_out}
 
     @staticmethod
-    def of_dict(found: object) -> Variant:
+    def of_dict(found: object) -> "Variant":
         """Read what `as_dict` gave. Raises ValueError where it does not fit."""
         if not isinstance(found, Mapping) or {*found, "keep_out"} != {"sensors", "poles", "keep_out"}:
             raise ValueError(f"a variant has sensors, poles and keep_out, got {found!r:.60}")
@@ -148,7 +146,7 @@ class Yard:
         raise ValueError(f"the stock has no {model}: it has {', '.join(self.models)}")
 
     @staticmethod
-    def of(site: Site, stock: Candidates, sensors: Iterable[Sensor], keep_out: Iterable[shapely.Geometry]) -> Yard:
+    def of(site: Site, stock: Candidates, sensors: Iterable[Sensor], keep_out: Iterable[shapely.Geometry]) -> "Yard":
         """Yard of a stock, with the poles and models of sensors that hang already; these models are paid."""
         sensors, axes = list(sensors), stock.axes
         mounts = list(stock.mounts)

@@ -1,7 +1,5 @@
 """Charts of a plan as SVG text. AP is always shown with its interval and the number of vehicles."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -205,7 +203,7 @@ def worth_chart(worth: Sequence[content.SensorWorth]) -> str:
         return canvas.svg_text(figure, "Shapley values and interactions of the sensors")
 
 
-def _draw_pairs(axes: Axes, worth: Sequence[content.SensorWorth], names: Sequence[str]) -> None:
+def _draw_pairs(axes: "Axes", worth: Sequence[content.SensorWorth], names: Sequence[str]) -> None:
     if not worth:
         return
     pairs = np.array([[one.synergy.get(other.sensor, np.nan) for other in worth] for one in worth])
@@ -222,7 +220,7 @@ def _draw_pairs(axes: Axes, worth: Sequence[content.SensorWorth], names: Sequenc
             axes.text(column, row, f"{value:+.2f}", ha="center", va="center", fontsize=6.5, color=colour)
 
 
-def row_axes(title: str, subtitle: str, names: Sequence[str], *, right: float = 1.7) -> tuple[Figure, Axes]:
+def row_axes(title: str, subtitle: str, names: Sequence[str], *, right: float = 1.7) -> "tuple[Figure, Axes]":
     """Figure with a row for each name. right: inches kept free beside the rows."""
     names, rows = [canvas.shorten(name, LETTERS) for name in names], max(len(names), 1)
     left = 0.35 + 0.066 * max(map(len, names), default=0)
@@ -239,7 +237,7 @@ def row_axes(title: str, subtitle: str, names: Sequence[str], *, right: float = 
     return figure, axes
 
 
-def _write_beside(axes: Axes, row: int, text: str) -> None:
+def _write_beside(axes: "Axes", row: int, text: str) -> None:
     place: PlotStyle = {"xycoords": ("axes fraction", "data"), "xytext": (8, 0), "textcoords": "offset points"}
     axes.annotate(text, (1, row), **place, va="center", fontsize=7.5, annotation_clip=False)
 

@@ -5,8 +5,6 @@ Nothing in it depends on the clock, so the same question has the same plan, byte
 by the detector on traffic that no search saw. An undefined figure is None.
 """
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np

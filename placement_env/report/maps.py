@@ -3,8 +3,6 @@
 Cells lie between streets and solids as an image; everything else is lines. The same arguments give the same text.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path

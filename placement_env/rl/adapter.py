@@ -5,8 +5,6 @@ vector = gym.make_vec("coview/SensorSelect-v0", num_envs=64) MaskablePPO("MlpPol
 All other environments are stepped one by one.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 
@@ -26,7 +24,7 @@ from toolkit.arrays import Float32
 X, HEADING = STATIC.index("x"), STATIC.index("cos heading")  # y and sine come next
 
 
-def as_sb3(vector: gym.vector.VectorEnv[Any, Any, Any], *, augment: bool = False) -> SB3VecEnv:
+def as_sb3(vector: gym.vector.VectorEnv[Any, Any, Any], *, augment: bool = False) -> "SB3VecEnv":
     """Adapt a vector environment of `gymnasium.make_vec("coview/...")`. Raises ValueError for any other."""
     native = vector.unwrapped
     if not isinstance(native, PlacementVectorEnv):

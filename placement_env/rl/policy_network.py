@@ -4,8 +4,6 @@ Knowledge of one candidate holds for all others, at any junction and in any orde
 for each slot. It has some thousand weights for any number of slots.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import torch
 from sb3_contrib.common.maskable.policies import MaskableActorCriticPolicy

@@ -5,8 +5,6 @@ updates. Each round starts from reset environments and generators seeded by the 
 that is killed and called again ends with the same weights. Checkpoints hold tensors and numbers only.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -131,7 +129,7 @@ def train_policy(
     learning: Learning = PLAIN,
     progress: Callable[[int, float], None] | None = None,
     watch: Watch | None = None,
-) -> OnPolicyAlgorithm:
+) -> "OnPolicyAlgorithm":
     """Train until `steps` environment steps are done in all, or `seconds` in this call, in whole rounds.
 
     `out/policy.pt` is kept; called again with the folder, training resumes. progress: called with the steps done and
@@ -198,7 +196,7 @@ def restore_rounds(folder: Path, rounds: Rounds) -> KeptState | None:
 
 
 def rollout(
-    policy: OnPolicyAlgorithm,
+    policy: "OnPolicyAlgorithm",
     env: AnyEnv,
     *,
     episodes: int = 1,
@@ -256,7 +254,7 @@ def _has_masks(env: AnyEnv) -> bool:
 
 def _model(
     make_env: Callable[[], AnyEnv], learning: Learning, seed: int
-) -> tuple[OnPolicyAlgorithm, Mapping[str, object]]:
+) -> "tuple[OnPolicyAlgorithm, Mapping[str, object]]":
     """Untrained model, and the settings that two trainings must share to be the same."""
     try:
         from sb3_contrib import MaskablePPO

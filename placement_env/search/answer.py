@@ -1,7 +1,5 @@
 """Files of a search's answer: the site with the chosen sensors, schedule, map and picture, or those of a curve."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json

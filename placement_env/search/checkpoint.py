@@ -5,8 +5,6 @@ the folder's secret, replaced whole. A damaged or forged state, or one of anothe
 that part of the search starts anew. Other slow results (visibility, renders, detections) are in the cache.
 """
 
-from __future__ import annotations
-
 import json
 import shutil
 import time
@@ -42,7 +40,7 @@ class Checkpoint:
     def _key(self) -> bytes:
         return make_key(self._depends_on.hex(), self._part) + read_secret(self._path.with_name(f"secret{STATE}"))
 
-    def part(self, name: str) -> Checkpoint:
+    def part(self, name: str) -> "Checkpoint":
         """Checkpoint of a search within this one."""
         return Checkpoint(self.folder, depends_on=self._depends_on, part=f"{self._part}.{name}", every=self.every)
 

@@ -8,8 +8,6 @@ few hundred vectors. So the start should be good. Panoramas nearly always agree 
 object.
 """
 
-from __future__ import annotations
-
 import time
 import warnings
 from collections.abc import Callable, Sequence

@@ -14,8 +14,6 @@ Leskovec et al., KDD 2007): for the answer S and any feasible T of at most k sen
 `with_first_sensors` gives a site without any sensors its first ones by greedy coverage, to try the site.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """`SearchOrder`, which describes one search, and `run_search`, which answers it, also in words."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -137,7 +135,7 @@ class SearchOrder:
         return kept.found == kept.plan
 
     @contextmanager
-    def keeping(self, out: Path | None, *, overwrite: bool = False) -> Iterator[tuple[SearchOrder, Checkpoint]]:
+    def keeping(self, out: Path | None, *, overwrite: bool = False) -> "Iterator[tuple[SearchOrder, Checkpoint]]":
         """The order with the checkpoint of its answer in a folder, None for nowhere. The block must write the answer.
 
         Until it ends normally, the state of the search stands beside the folder, in one with the suffix `UNFINISHED`,

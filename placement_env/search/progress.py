@@ -1,7 +1,5 @@
 """`Progress` scores sets for one search within limits, and keeps the incumbent, the best feasible set."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Sequence
 

@@ -1,7 +1,5 @@
 """`Result` of a search: the best set, its history, and evidence of how good it is."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Iterable, Sequence
@@ -55,7 +53,7 @@ class Certificate:
     measure: Measure = "reward"
 
     @staticmethod
-    def from_bound(value: float, bound: float, note: str, measure: Measure = "reward") -> Certificate:
+    def from_bound(value: float, bound: float, note: str, measure: Measure = "reward") -> "Certificate":
         """Certificate of an answer that is optimal where it equals its bound."""
         return Certificate("optimal" if value == bound else "bound", value, bound, float(value == bound), note, measure)
 
@@ -164,7 +162,7 @@ class Result(Displayed):
         write_text(path, json.dumps(replace_infinite(content), indent=1, allow_nan=False) + "\n")
 
     @staticmethod
-    def load(path: str | Path) -> Result:
+    def load(path: str | Path) -> "Result":
         """Read a file that `save` wrote. Raises OSError, or ValueError in one line for a damaged or foreign file."""
         content = read_json(path)
         if not isinstance(content, dict) or content.get("coview_result") != VERSION:

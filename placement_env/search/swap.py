@@ -5,8 +5,6 @@ and takes the best, so it may swap, add or drop a sensor. When no place can be i
 such changes, and the search restarts from a random set.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Score a fast result, and sets that differ from it in one sensor, again by an accurate fidelity."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 

@@ -5,8 +5,6 @@ tight around the whole mesh, umbrellas and loads included, unless `truth` says o
 stick out of their boxes, as annotators of real data leave them out.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from functools import cached_property
 

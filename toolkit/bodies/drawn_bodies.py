@@ -12,8 +12,6 @@ more, so that the length of a car does not tell its width. Block-built cars have
 triangles, as many models of others do. Every mesh is stretched to the length, width and height that were drawn.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cache, partial
 

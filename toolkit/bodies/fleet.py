@@ -1,7 +1,5 @@
 """Fleets: bodies that traffic may use, from the catalogue, drawn, or from meshes."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import cycle, islice

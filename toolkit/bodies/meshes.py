@@ -17,8 +17,6 @@ whose class is unclear; nothing is turned or scaled on a guess. A table, `meshes
 Only `file` must be there.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import product
 from os.path import lexists

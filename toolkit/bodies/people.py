@@ -1,7 +1,5 @@
 """People of the catalogue, on foot and riding, built limb by limb from the joints of a posed figure."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace

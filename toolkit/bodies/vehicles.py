@@ -5,8 +5,6 @@ its width; above the belt line the sides lean in (tumblehome), windscreen and ta
 into the flanks.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 

@@ -33,8 +33,6 @@ columns if they are the same in all clouds. Columns go all around or, if clouds 
 other.
 """
 
-from __future__ import annotations
-
 import json
 import warnings
 from collections import Counter
@@ -308,7 +306,7 @@ class EmptyScene:
             raise ValueError(f"an empty scene needs at least one frame, got {self.frames}")
 
     @staticmethod
-    def of(sensor: Sensor, image: ImageRanges) -> EmptyScene:
+    def of(sensor: Sensor, image: ImageRanges) -> "EmptyScene":
         """Scene of a noise-free render, with the model's spread."""
         first = np.where(is_return(image, sensor.model.max_range), image, 0).astype(np.float32)
         spread = np.where(first > 0, sensor.model.deviation(first), 0).astype(np.float32)
@@ -636,7 +634,7 @@ class _Mode(NamedTuple):
     least: ImageRanges  # extreme measurements
     greatest: ImageRanges
 
-    def where(self, mask: ImageMask, other: _Mode) -> _Mode:
+    def where(self, mask: ImageMask, other: "_Mode") -> "_Mode":
         """Return this mode inside the mask, the other outside."""
         return _Mode(*(np.where(mask, mine, theirs) for mine, theirs in zip(self, other, strict=True)))
 

@@ -8,8 +8,6 @@ since nothing lies under the ground. The best plane is fitted again to the point
 rings of a lidar do not outweigh far ones (M. A. Fischler and R. C. Bolles, 1981; G. Vosselman, 2000).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Literal
@@ -294,7 +292,7 @@ class Ground:
 
 
 def level(
-    cloud: PointCloud | Points,
+    cloud: "PointCloud | Points",
     *,
     method: Levelling = "map",
     max_tilt: float = MAX_TILT,
@@ -324,7 +322,7 @@ def level(
     return Ground(ground.plane, fit_map(ground.points(points.astype(np.float64)), reach=reach))
 
 
-def level_warning(cloud: PointCloud | Points, *, height: float = 4.0, seed: int = 0) -> str | None:
+def level_warning(cloud: "PointCloud | Points", *, height: float = 4.0, seed: int = 0) -> str | None:
     """Return a warning in one line if less than half of the ground lies within `TOLERANCE` of z = 0, else None.
 
     It also warns of no ground with hardly a point between 0 and `height` (m), but not of a cloud cropped to that slice.

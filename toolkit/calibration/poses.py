@@ -9,8 +9,6 @@ with the others are not observed either; objects that both see at the same time 
 usual errors of mounting, `USUAL_TURN` and `USUAL_MOVE`, are weighed against what few pairs say.
 """
 
-from __future__ import annotations
-
 import json
 import shutil
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -198,7 +196,7 @@ OBJECT_FRAMES = 40  # searched for road users
 
 
 def align_clouds(
-    clouds: Sequence[Points], sensors: Sequence[Sensor], *, held: Sequence[int] = (), more: MorePairs | None = None
+    clouds: Sequence[Points], sensors: Sequence[Sensor], *, held: Sequence[int] = (), more: "MorePairs | None" = None
 ) -> tuple[FoundPose, ...]:
     """Fit the poses of sensors to each other by clouds of the same standing scene, each in its sensor's frame.
 
@@ -227,7 +225,7 @@ class Corrected(RecordingView):
     corrections: Mapping[str, Pose]  # believed_SE3_found by name: each believed pose is multiplied by it
 
     @staticmethod
-    def of(recording: Recording, found: Iterable[FoundPose]) -> Corrected:
+    def of(recording: Recording, found: Iterable[FoundPose]) -> "Corrected":
         """Return a recording with found poses applied."""
         return Corrected(recording, {each.sensor.name: invert(each.sensor.pose) @ each.pose for each in found})
 
@@ -570,7 +568,7 @@ class SeenBoxes:
     ahead: Float64[np.ndarray, "n 3"]
 
     @classmethod
-    def of(cls, boxes: BoxRows, believed: Pose) -> SeenBoxes:
+    def of(cls, boxes: BoxRows, believed: Pose) -> "SeenBoxes":
         """Return boxes of the world in the sensor's axes."""
         ahead = np.column_stack([np.cos(boxes[:, 6]), np.sin(boxes[:, 6]), np.zeros(len(boxes))])
         return cls(transform(invert(believed), boxes[:, :3]), ahead @ believed[:3, :3])

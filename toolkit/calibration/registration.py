@@ -12,8 +12,6 @@ any point resists (on a bare plane: two moves and a turn) are left out of every 
 2016) and reported. Open3D's own registration solves for those too, from noise, so the step is implemented here.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -75,14 +73,14 @@ class Surface:
     roughness: Float64[np.ndarray, " n"]  # standard deviation (m) about the plane of each point
 
     @cached_property
-    def tree(self) -> cKDTree:
+    def tree(self) -> "cKDTree":
         """SciPy's tree of the points."""
         from scipy.spatial import cKDTree
 
         return cKDTree(self.points)
 
     @cached_property
-    def thin(self) -> Surface:
+    def thin(self) -> "Surface":
         """Surface for coarse steps, thinned to 0.4 m."""
         some = thin_rows(self.points, 0.4)
         return Surface(self.points[some], self.normals[some], self.roughness[some])
@@ -210,7 +208,7 @@ def register(points: Points, surface: Surface, believed: Pose, *, deviation: _De
 
 def _align_levels(
     points: Points, noise: _Deviations, surface: Surface, pose: Pose, levels: _Levels
-) -> tuple[Pose, _System]:
+) -> "tuple[Pose, _System]":
     """Align the points level by level. Returns the pose and the last system that was solved."""
     for radius, voxel, least in levels:
         some = thin_rows(points, voxel)

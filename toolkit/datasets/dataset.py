@@ -17,8 +17,6 @@ coview/ranges/{name}   float32 [T, rows, columns]  a lidar's ranges (m), 0 where
 coview/depth/{name}    the same of what measures depth and cannot share `dslices`: cameras that differ in size
 """
 
-from __future__ import annotations
-
 import json
 import operator
 import os
@@ -138,7 +136,7 @@ class CoopDataset(DisplayedRecording, Sequence[Frame]):
             checked[name] = hdf5.dataset(file, name, axes=axes, kinds=kinds)
         return checked[name]
 
-    def __enter__(self) -> CoopDataset:
+    def __enter__(self) -> "CoopDataset":
         return self
 
     def __exit__(self, *_: object) -> None:

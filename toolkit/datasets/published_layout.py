@@ -8,8 +8,6 @@
 Nothing foreign leaves this file: other modules see poses `world_SE3_sensor` in the site's frame and `Objects`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 import numpy as np

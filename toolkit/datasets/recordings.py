@@ -5,8 +5,6 @@ A frame as real sensors would measure it, with errors that are drawn when the fr
 believed poses, and their measurements are those of their true poses. Objects stay the truth.
 """
 
-from __future__ import annotations
-
 import inspect
 import itertools
 import warnings

@@ -2,8 +2,6 @@
 line that names a file. Numbers may be strings (DAIR-V2X, and YAML's 1e-05), and rotations may be a little off; anything
 worse is a ValueError."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager

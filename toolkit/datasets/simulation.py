@@ -8,8 +8,6 @@ Recordings of random junctions, a few frames each, to train a detector for any.
 Every recording has its own junction, sensors and bodies, determined by a seed and its number.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import warnings

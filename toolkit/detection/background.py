@@ -6,8 +6,6 @@ every frame. Most points of a road user lie where the empty site has none, so a 
 dropped. This costs recall only for objects that stood there while the site was learnt and never left.
 """
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -50,7 +48,7 @@ class Background:
     ground: Float64[np.ndarray, "kx ky"]
 
     @staticmethod
-    def learn(points: Points, voxel: float = VOXEL, cell: float = 1.0) -> Background:
+    def learn(points: Points, voxel: float = VOXEL, cell: float = 1.0) -> "Background":
         """Learn from points of the empty site, best several sweeps."""
         if not len(points):
             raise ValueError("the background needs at least one point of the empty site, got none: crop less?")
@@ -140,7 +138,7 @@ class KnownBackground:
         own = self.detector.digest  # type: ignore[attr-defined]
         return hashlib.sha256(repr((own, self.background.digest, self.least)).encode()).hexdigest()
 
-    def quick(self) -> KnownBackground:
+    def quick(self) -> "KnownBackground":
         """Same detector as it compares (`quick_detector`)."""
         return replace(self, detector=quick_detector(self.detector))
 

@@ -10,8 +10,6 @@ above precision 0.1 and beyond recall 0.1, taken at 101 recalls and divided by 0
 thresholds.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -137,7 +135,7 @@ class FrameTruth:
             return np.ones(len(found), np.bool_)
         return np.asarray(has_centre_inside(found.boxes, self.corners) & self.complete.covers(found.boxes))
 
-    def judge(self, found: Detections) -> Judged:
+    def judge(self, found: Detections) -> "Judged":
         """Return detections and truths with their ranges from the middle of the area. The range of a detection is that
         of the object it overlaps most, else its own.
         """

@@ -15,8 +15,6 @@ It needs no labels and no training, only a look at the empty site, and is the ba
 points of a frame that stand out from them into objects by DBSCAN (M. Ester and others, 1996).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -61,7 +59,7 @@ class ClusterDetector:
     area: Corners | None = None
 
     @staticmethod
-    def learn(background_points: Points | Iterable[Float[np.ndarray, "_ 3"]]) -> ClusterDetector:
+    def learn(background_points: Points | Iterable[Float[np.ndarray, "_ 3"]]) -> "ClusterDetector":
         """Learn from clouds (n, 3) of the empty site, cropped like the points to detect in, world frame. Several sweeps
         of the same sensors show their noise.
         """
@@ -69,7 +67,7 @@ class ClusterDetector:
         return ClusterDetector(Background.learn(np.concatenate([np.zeros((0, 3), np.float32), *clouds])))
 
     @staticmethod
-    def of(recording: CoopDataset) -> ClusterDetector:
+    def of(recording: CoopDataset) -> "ClusterDetector":
         """Learn from four noisy sweeps of a recording's empty site."""
         return ClusterDetector.learn(empty_sweeps(recording))
 
@@ -145,7 +143,7 @@ class _Rectangle(NamedTuple):
         (along, across), cos, sin = (self.low + self.high) / 2, np.cos(self.yaw), np.sin(self.yaw)
         return np.array([along * cos - across * sin, along * sin + across * cos])
 
-    def turn(self) -> _Rectangle:
+    def turn(self) -> "_Rectangle":
         """Swap the axes; the reversed first becomes the second."""
         low, high = np.array([[self.low[1], -self.high[0]], [self.high[1], -self.low[0]]])
         at_low, at_high = np.array([[self.at_low[1], self.at_high[0]], [self.at_high[1], self.at_low[0]]])

@@ -6,8 +6,6 @@ score), and nothing is lost on the way. A codec that is also an `ImageCodec` get
 it is known, and the centre makes points of the image that arrives.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol, runtime_checkable

@@ -1,7 +1,5 @@
 """Detection in a recording's frames, saved as boxes.json, OpenLABEL or KITTI's label_2; detectors by import path."""
 
-from __future__ import annotations
-
 import inspect
 import json
 import os
@@ -169,5 +167,5 @@ class ImportedDetector:
         labels: Sequence[str] = self._detect.labels
         return labels
 
-    def __reduce__(self) -> tuple[type[ImportedDetector], tuple[str, Site]]:
+    def __reduce__(self) -> "tuple[type[ImportedDetector], tuple[str, Site]]":
         return ImportedDetector, (self.name, self.site)

@@ -16,8 +16,6 @@ threshold is worth. With a breakdown, AP is also given by range, by points, and 
 sensors working side by side as in the paper.
 """
 
-from __future__ import annotations
-
 import json
 import warnings
 from collections import Counter

@@ -5,8 +5,6 @@ box is the share of its points (those at least `CLEARANCE` above the ground) tha
 `SHELL` around it. A box with hardly any points has a fit of 0.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -46,7 +44,7 @@ class Seen:
     ground: Ground | None = None
 
     @staticmethod
-    def of(sample: Frame) -> Seen:
+    def of(sample: Frame) -> "Seen":
         """Find the ground of a frame."""
         points = sample.points()
         try:

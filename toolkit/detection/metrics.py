@@ -27,8 +27,6 @@ threshold), so that a stray box, even one that overlaps nothing and so claims tr
 score.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial

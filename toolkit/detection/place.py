@@ -6,8 +6,6 @@ frame or, where the sensors stand still, once. Detectors work in float32 about a
 from the middle of the area, and boxes are brought back into the frame's world.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from time import perf_counter

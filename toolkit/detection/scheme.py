@@ -5,8 +5,6 @@ needs to know about it. `fuse` works on the points themselves. The other members
 points: they say how much is sent and how evidence adds up.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import ClassVar, Protocol, runtime_checkable
 

@@ -12,8 +12,6 @@
 The last two need `MESSAGES` messages in a row. An alarm stays until the sensor shows otherwise.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from enum import Enum
 from typing import NamedTuple

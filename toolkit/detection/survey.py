@@ -4,8 +4,6 @@ They stand beside the paper's: 516 and 674 kbit per sensor (its first table), an
 for sensor sets of the T-junction (section IV-E: more than 60 % for 4, 30 % for 3 and 4, none for 0, 2 and 5).
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field

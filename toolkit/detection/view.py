@@ -5,8 +5,6 @@ a frame share one view. Every value says when it is ready, in milliseconds after
 side, so a step begins when the last of its inputs is ready.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial

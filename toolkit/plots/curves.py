@@ -1,7 +1,5 @@
 """Curves: precision over recall, points on objects, and training progress."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -76,7 +74,7 @@ def draw_training(curves: Mapping[str, tuple[Sequence[float], Sequence[float]]],
             _draw_curves(chosen, Path(out) / picture, title, look, marker)
 
 
-def curve_axes(title: str, curves: int) -> tuple[Figure, Axes]:
+def curve_axes(title: str, curves: int) -> "tuple[Figure, Axes]":
     """Figure with one axes and room for a legend. The legend is below the axes, with a row for each curve."""
     figure = blank_figure(6.0, 4.2 + _ROW * curves, constrained=True)
     axes = figure.subplots()
@@ -85,7 +83,7 @@ def curve_axes(title: str, curves: int) -> tuple[Figure, Axes]:
     return figure, axes
 
 
-def name_curves(axes: Axes, names: Sequence[str]) -> None:
+def name_curves(axes: "Axes", names: Sequence[str]) -> None:
     """Name the lines of the axes in a legend below."""
     if names:
         shown, lines = [shorten(name, 80) for name in names], axes.get_lines()[: len(names)]

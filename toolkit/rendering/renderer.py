@@ -6,8 +6,6 @@ The nearest hit counts. A `Moment` holds everything that moves in one frame in o
 from many places.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import lru_cache
 from typing import NamedTuple
@@ -175,19 +173,19 @@ class Renderer:
     def __reduce__(self) -> tuple[type, tuple[object, ...]]:
         return Renderer, (self._site, self.bodies, self.sensors, self._scenery, self._threads)
 
-    def looking(self, sensors: Sequence[Sensor]) -> Renderer:
+    def looking(self, sensors: Sequence[Sensor]) -> "Renderer":
         """Renderer of other sensors at the same site."""
         other = self._with(sensors=tuple(sensors))
         other.background = tuple(self._cast_all(self._still, sensor) for sensor in other.sensors)
         return other
 
-    def of(self, bodies: Sequence[Body]) -> Renderer:
+    def of(self, bodies: Sequence[Body]) -> "Renderer":
         """Renderer of other bodies at the same site."""
         other = self._with(bodies=tuple(bodies))
         other._measure_bodies()
         return other
 
-    def _with(self, **changes: object) -> Renderer:
+    def _with(self, **changes: object) -> "Renderer":
         other = object.__new__(Renderer)
         other.__dict__.update(self.__dict__, **changes)
         return other

@@ -5,8 +5,6 @@ into their walls, hedges a rough surface, crowns of trees leaves with gaps betwe
 ground with its surface below. Chance is seeded by the site: the same site gives the same mesh.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

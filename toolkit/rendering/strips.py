@@ -11,8 +11,6 @@ than the object ends, with circles for footprints. Bodies that stick in each oth
 them a ray meets is chance.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from itertools import pairwise
 from typing import NamedTuple
@@ -48,7 +46,7 @@ class Strips(NamedTuple):
     top: Float32[np.ndarray, " n"]
     shows: Int32[np.ndarray, " n"]  # `OUTSIDE`, `WITHIN` or `BEYOND`
 
-    def take(self, rows: Int64[np.ndarray, " m"]) -> Strips:
+    def take(self, rows: Int64[np.ndarray, " m"]) -> "Strips":
         """Choose some strips."""
         return Strips(*(each.take(rows) for each in self))
 
@@ -70,7 +68,7 @@ class Sectors(NamedTuple):
     columns: Int64[np.ndarray, " p"]  # their number
     step: Float64[np.ndarray, " p"]  # between the rays of a column (rad, about)
 
-    def take(self, pairs: Int64[np.ndarray, " q"]) -> Sectors:
+    def take(self, pairs: Int64[np.ndarray, " q"]) -> "Sectors":
         """Sectors of some pairs."""
         return Sectors(*(each.take(pairs) for each in self))
 

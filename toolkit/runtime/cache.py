@@ -10,8 +10,6 @@ under `if TYPE_CHECKING:`. A package whose face loads lazily adds only the names
 Libraries count by their version.
 """
 
-from __future__ import annotations
-
 import ast
 import hashlib
 import json

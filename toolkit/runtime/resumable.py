@@ -4,8 +4,6 @@ A shard is called `{block}.{crc32}.hdf5`. It is written under another name, sync
 does not fit its checksum is damaged and made again. The plan of the shards stands beside them in `plan.json`.
 """
 
-from __future__ import annotations
-
 import errno
 import json
 import os

@@ -7,8 +7,6 @@ same seed and frames give the same answer on one machine; cache and processes ch
 fit raise ValueError, a cluster without Ray ImportError.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
@@ -123,7 +121,7 @@ class Run(Simulation):
             raise ValueError(f"the cache is a folder, got the file {self.cache}: give another path, or leave it out")
 
     @cached_property
-    def memo(self) -> Cache | None:
+    def memo(self) -> "Cache | None":
         """The cache's one file; None without a folder."""
         from toolkit.runtime.cache import Cache
 

@@ -15,8 +15,6 @@ Terms act in order: first what a surface sends back, then what lies between, the
 where it is believed to be. Every term draws from a stream of its own: adding one changes no other.
 """
 
-from __future__ import annotations
-
 import zlib
 from collections import Counter
 from dataclasses import asdict, dataclass, is_dataclass

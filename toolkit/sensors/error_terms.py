@@ -54,8 +54,6 @@ number depends on the seed, the error term and what it is drawn for, never on ho
 sensor measures the same in any order of sensors, frames and processes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import Field, dataclass, fields, replace
 from functools import cached_property
@@ -182,7 +180,7 @@ class Reading:
     shift: ImageVectors | None = None
 
     @staticmethod
-    def of(truth: TrueImage) -> Reading:
+    def of(truth: TrueImage) -> "Reading":
         """Reading without error; NaN and infinity become 0, no return."""
         image = np.asarray(truth.measurement, np.float32)
         finite = np.isfinite(image)
@@ -193,11 +191,11 @@ class Reading:
         """Mask of pixels that return anything now."""
         return is_return(self.measurement, self.truth.sensor.model.max_range)
 
-    def without(self, lost: Bool[np.ndarray, "rows columns"]) -> Reading:
+    def without(self, lost: Bool[np.ndarray, "rows columns"]) -> "Reading":
         """Remove the returns of some pixels."""
         return self.measuring(np.where(lost, np.float32(0), self.measurement)) if lost.any() else self
 
-    def measuring(self, measurement: Float32[np.ndarray, "rows columns"]) -> Reading:
+    def measuring(self, measurement: Float32[np.ndarray, "rows columns"]) -> "Reading":
         """Replace the image."""
         return replace(self, measurement=measurement)
 

@@ -5,8 +5,6 @@ columns from the right (-y) to the left, centred on +x. A model defined elsewher
 command line by `@register_sensor_model` above its class.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, fields, is_dataclass

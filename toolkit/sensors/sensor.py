@@ -10,8 +10,6 @@ A measurement that is NaN, infinite, zero or negative is no return and makes no 
 whose fields all have defaults: files hold them under the name of its class (`models.register_sensor_model`).
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from dataclasses import Field, asdict, dataclass, field, fields

@@ -8,8 +8,6 @@ Solids, mounts and bays have an `origin`, and the road a `road_origin`: mapped, 
 origin is mapped. Files from before there were origins say none, so what an import drew into them counts as mapped.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from collections.abc import Callable, Collection, Mapping
@@ -129,7 +127,7 @@ class _Node:
             raise ValueError(f"{self.where(key)} must be {_WORDS[kind]}, got {str(value)[:60]!r}")
         return value
 
-    def node(self, key: str) -> _Node:
+    def node(self, key: str) -> "_Node":
         return _Node(self.get(key, dict), self.where(key))
 
     def number(self, key: str) -> float:

@@ -4,8 +4,6 @@ Things about as big as a car, such as hedges, containers and skips, are what a d
 street holds plenty of them. They are made about the origin, lengthwise along x; `move_solids` puts them in place.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from itertools import pairwise

@@ -9,8 +9,6 @@ Outer rings run counter-clockwise and holes clockwise, coordinates have 8 decima
 bbox, and every feature says what it is as `layer`.
 """
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Iterable, Iterator
@@ -131,7 +129,7 @@ def _convert(site: Site, reference: str, points: np.ndarray, *, inverse: bool) -
 
 
 @lru_cache(maxsize=8)  # to make one takes longer than to use it
-def _proj(geo_reference: str, inverse: bool) -> Transformer:
+def _proj(geo_reference: str, inverse: bool) -> "Transformer":
     from pyproj import CRS, Transformer
     from pyproj.exceptions import ProjError
 

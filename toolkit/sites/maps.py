@@ -6,8 +6,6 @@ leads back to the map's coordinates: those of the OpenDRIVE file, or metres of a
 are suggestions, all at the price of one. Where the map is silent, surroundings are drawn from a seed.
 """
 
-from __future__ import annotations
-
 import tempfile
 import warnings
 from collections.abc import Sequence

@@ -4,8 +4,6 @@ Plain input is rows of attributes, named as SUMO's plain XML names them, in site
 https://sumo.dlr.de/docs/Networks/PlainXML.html
 """
 
-from __future__ import annotations
-
 import importlib.util
 import os
 import re

@@ -5,8 +5,6 @@ its road, turned by hdg against it; its shape is an outline, a radius or a lengt
 objects (crosswalks, markings) are no solids. Errors of damaged numbers do not name the file: their caller does.
 """
 
-from __future__ import annotations
-
 import re
 import warnings
 from collections import Counter

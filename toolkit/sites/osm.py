@@ -15,8 +15,6 @@ it is run again. A strip lies between lanes and footway, also where vehicles sta
 https://wiki.openstreetmap.org/wiki/Street_parking
 """
 
-from __future__ import annotations
-
 import gzip
 import re
 import zlib

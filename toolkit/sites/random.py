@@ -1,7 +1,5 @@
 """Random junctions, 3 to 5 legs or a roundabout, with surroundings, mounts and sensors; each has a seed."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

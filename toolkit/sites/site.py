@@ -5,8 +5,6 @@ Site frame: right-handed, metres, z up, zero at the mean height of the street; w
 -y_carla, z).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, is_dataclass
 from typing import Any, Literal, get_args

@@ -12,8 +12,6 @@ lanes that are driven, closed off by cones, barriers or a fence.
 Things of a site by their origin: taken from a map, surveyed, or drawn by coview where the map is silent.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace

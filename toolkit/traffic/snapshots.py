@@ -13,8 +13,6 @@ shape: a pedestrian on a lane becomes a cyclist. Strays stand or go straight on,
 other road users live.
 """
 
-from __future__ import annotations
-
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -115,7 +113,7 @@ class StrayGround:
     edges: Float64[np.ndarray, "m 4"]
 
     @staticmethod
-    def of(site: Site, obstacles: Obstacles, rng: np.random.Generator) -> StrayGround:
+    def of(site: Site, obstacles: Obstacles, rng: np.random.Generator) -> "StrayGround":
         """Draw places all over a site's road."""
         surface = shapely.intersection(unite([*site.lanes, *site.footways]), shapely.box(*site.area))
         drawn = rng.uniform(site.area[:2], site.area[2:], (8000, 2))
@@ -156,7 +154,7 @@ class Strays:
     left: Int64[np.ndarray, " n"]
 
     @staticmethod
-    def draw(site: Site, obstacles: Obstacles, supply: Supply, number: int, vehicles: np.ndarray) -> Strays:
+    def draw(site: Site, obstacles: Obstacles, supply: Supply, number: int, vehicles: np.ndarray) -> "Strays":
         """Draw so many strays. vehicles: boxes (n, 7) of those that park, which strays stand beside too."""
         rng, none = supply.rng, np.zeros(0)
         ground = StrayGround.of(site, obstacles, rng) if number else StrayGround(np.zeros((0, 2)), np.zeros((0, 4)))
@@ -175,7 +173,7 @@ class Strays:
         x, y, yaw = self.poses.T
         return np.column_stack([x + gone * np.cos(yaw), y + gone * np.sin(yaw), yaw])
 
-    def later(self, supply: Supply, time: float) -> Strays:
+    def later(self, supply: Supply, time: float) -> "Strays":
         """Strays a frame later, others in place of those whose life is over. time: of that frame (s)."""
         number, left = len(self.ids), self.left - 1
         kept = left > 0
@@ -183,7 +181,7 @@ class Strays:
         missing = number - int(kept.sum())
         return replace(self, **columns, left=left[kept])._add(missing, supply, time, np.full(missing, LIFE))
 
-    def _add(self, number: int, supply: Supply, time: float, left: np.ndarray) -> Strays:
+    def _add(self, number: int, supply: Supply, time: float, left: np.ndarray) -> "Strays":
         rng, chosen = supply.rng, [label for label in STRAY_SHARES if (supply.labels == label).any()]
         shares = np.array([STRAY_SHARES[label] for label in chosen])
         bodies, poses, speeds = list[int](), list[np.ndarray](), list[float]()
@@ -258,7 +256,7 @@ class Parked:
     poses: Float64[np.ndarray, "n 3"]
 
     @staticmethod
-    def draw(site: Site, obstacles: Obstacles, supply: Supply, *, most: int) -> Parked:
+    def draw(site: Site, obstacles: Obstacles, supply: Supply, *, most: int) -> "Parked":
         """Park vehicles in a random share of the free bays, `most` at most."""
         x, y, yaw = site.parking.T
         room = np.column_stack([x, y, np.full((len(x), 4), (ROOM[2] / 2, *ROOM)), yaw])
@@ -267,7 +265,7 @@ class Parked:
         places, nobody = supply.rng.permutation(len(bays))[:number], np.zeros(number, np.int64)
         return Parked(bays, places, nobody, nobody, np.zeros((number, 3)))._refill(np.ones(number, bool), supply)
 
-    def later(self, supply: Supply) -> Parked:
+    def later(self, supply: Supply) -> "Parked":
         """Parked vehicles a frame later: each has left with probability 1 / `STAY`, another stands in a free bay."""
         return self._refill(supply.rng.random(len(self.ids)) < 1 / STAY, supply)
 
@@ -276,7 +274,7 @@ class Parked:
         sizes = supply.sizes[self.bodies]
         return np.column_stack([self.poses[:, :2], sizes[:, 2] / 2, sizes, self.poses[:, 2]])
 
-    def _refill(self, left: np.ndarray, supply: Supply) -> Parked:
+    def _refill(self, left: np.ndarray, supply: Supply) -> "Parked":
         if not left.any():
             return self
         rng, number = supply.rng, int(left.sum())

@@ -5,8 +5,6 @@ bumper, and as its angle the direction to it from the middle of the rear bumper,
 continuously through bends. A body's box lies on that line.
 """
 
-from __future__ import annotations
-
 import io
 import os
 import sys
@@ -188,7 +186,7 @@ class Roads:
     lanes: Mapping[str, Lane]
 
     @staticmethod
-    def read(sumo: ModuleType) -> Roads:
+    def read(sumo: ModuleType) -> "Roads":
         """Read the roads of the network that SUMO runs."""
         lanes = {}
         for name in sumo.lane.getIDList():

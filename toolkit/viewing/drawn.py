@@ -2,8 +2,6 @@
 rule `measured` of `toolkit.detection.evaluation`: a detection is true if its IoU by volume with a label of its class,
 which no surer detection took, is at least `toolkit.detection.metrics.TRUE_IOU`."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal, NamedTuple
@@ -225,7 +223,7 @@ class Scales:
     age: _Span = (0.0, 1.0)
 
     @staticmethod
-    def of(sample: DrawnSample) -> Scales:
+    def of(sample: DrawnSample) -> "Scales":
         """Choose ranges that cover nearly all points of a frame."""
         spans, newest = {}, find_newest(sample)
         for colouring in COLOURINGS[1:]:

@@ -1,7 +1,5 @@
 """`coview detect`: find road users in recordings in any layout."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Iterator
 from contextlib import ExitStack

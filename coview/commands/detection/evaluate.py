@@ -1,7 +1,5 @@
 """`coview evaluate`: score schemes and sensor sets on a recording."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
@@ -190,7 +188,7 @@ def evaluate(
     return OK
 
 
-def _compare(rules: Rules, *, known: bool) -> Comparison:
+def _compare(rules: Rules, *, known: bool) -> "Comparison":
     from toolkit.detection.evaluation import Comparison
     from toolkit.detection.link.range_images import find_codec
     from toolkit.detection.schemes import PAPER_SCHEMES, schemes_in_steps

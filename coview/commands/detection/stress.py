@@ -1,7 +1,5 @@
 """`coview stress`: what is left of the AP when messages are late or lost, poses are wrong and sensors fail."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`coview train` and `coview export`: networks of your own."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from tyro.conf import Positional

@@ -1,7 +1,5 @@
 """`coview demo`: what coview does, in a minute or two."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from coview.arguments import check_least

@@ -1,7 +1,5 @@
 """`coview live` and `coview what-if`: move sensors by hand, in the browser or on the command line."""
 
-from __future__ import annotations
-
 import math
 import sys
 from dataclasses import dataclass, replace
@@ -42,7 +40,7 @@ class Changes:
     fail: UseAppendAction[tuple[str, ...]] = ()
     """Sensor that fails; may be repeated."""
 
-    def apply(self, planner: LivePlanner) -> None:
+    def apply(self, planner: "LivePlanner") -> None:
         """Make the changes. Raises ValueError for an unknown sensor or pole, and for a pole without room."""
         for name in self.drop:
             planner.remove(name)
@@ -144,7 +142,7 @@ def live(
     def find_project(where: str) -> Path:
         return keeping.project or keeping.out / f"{Path(where).stem or 'site'}.live.json"
 
-    def begin(where: str) -> tuple[LivePlanner, ProjectFile]:
+    def begin(where: str) -> "tuple[LivePlanner, ProjectFile]":
         planner = open_planner(where, stock, classes, cases, run)
         return planner, ProjectFile(find_project(where), planner, last_good=keeping.last_good)
 
@@ -163,7 +161,7 @@ def live(
     return OK
 
 
-def open_planner(where: str, stock: StockOptions, classes: ClassOptions, cases: Cases, run: Run) -> LivePlanner:
+def open_planner(where: str, stock: StockOptions, classes: ClassOptions, cases: Cases, run: Run) -> "LivePlanner":
     """Open a planner at a site, or with the sensors of a plan's folder.
 
     That brings a budget, and classes, poles and frames where the options are left out. Raises ValueError and OSError
@@ -194,7 +192,7 @@ def open_planner(where: str, stock: StockOptions, classes: ClassOptions, cases: 
     return LivePlanner(replace(stock.setting(where, classes, cases, run), most_price=most), run=run)
 
 
-def _describe(before: LiveAnswer, after: LiveAnswer) -> str:
+def _describe(before: "LiveAnswer", after: "LiveAnswer") -> str:
     from placement_env.analysis.intervals import describe_interval
     from toolkit.runtime.text_tables import align_columns
 

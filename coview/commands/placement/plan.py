@@ -1,7 +1,5 @@
 """`coview plan`: a deployment plan with a report."""
 
-from __future__ import annotations
-
 import math
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -162,7 +160,7 @@ def _says_no(path: Path) -> bool:
     return False
 
 
-def _describe(plan: Plan) -> str:
+def _describe(plan: "Plan") -> str:
     from placement_env.analysis.intervals import describe_interval
 
     verdict = plan.verdict

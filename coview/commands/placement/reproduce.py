@@ -1,7 +1,5 @@
 """`coview reproduce`: the paper's experiments, our figures beside the paper's."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 from pathlib import Path

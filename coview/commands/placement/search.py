@@ -1,7 +1,5 @@
 """`coview search`: which sensors to build."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Literal

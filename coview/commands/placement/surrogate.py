@@ -1,7 +1,5 @@
 """`coview surrogate`: fit to a detector what predicts its AP from how many points sensors have on each object."""
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`coview table`: the AP of every sensor set of a recording."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`coview survey`, `doctor` and `calibrate`: checks of a recording."""
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """`coview convert`, `fuse` and `pack`: files of recordings."""
 
-from __future__ import annotations
-
 from contextlib import ExitStack, nullcontext
 from dataclasses import dataclass, replace
 from functools import partial

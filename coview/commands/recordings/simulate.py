@@ -1,7 +1,5 @@
 """`coview simulate`: record a site."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from pathlib import Path
 from time import perf_counter

@@ -1,7 +1,5 @@
 """`coview site`: make, draw and check sites."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from math import radians
 from pathlib import Path
@@ -189,7 +187,7 @@ def site(
 SITE_ENDINGS = (".json", ".geojson")
 
 
-def _save(made: Site, out: Path) -> int:
+def _save(made: "Site", out: Path) -> int:
     from toolkit.sites.files import save_site
 
     save_site(made, out)

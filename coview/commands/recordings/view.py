@@ -1,7 +1,5 @@
 """`coview view`: look at a recording in three dimensions."""
 
-from __future__ import annotations
-
 import sys
 from dataclasses import dataclass
 from pathlib import Path

@@ -17,8 +17,6 @@ The page is one file that opens from disk, requests nothing and prints. In chart
 or hollow, so that the two are told apart in grey print too.
 """
 
-from __future__ import annotations
-
 import csv
 from base64 import b64encode
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -510,7 +508,7 @@ def draw_log_fit(
 
 
 @contextmanager
-def _chart(out: Path, width: float, height: float) -> Iterator[Axes]:
+def _chart(out: Path, width: float, height: float) -> "Iterator[Axes]":
     """Axes to draw on, written at the end."""
     from matplotlib import rc_context
 

@@ -11,8 +11,6 @@ All experiments are computed from these without a detector. The values of a fram
 run resumes with the frame it was at, and a run with more frames or sets computes only those.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass

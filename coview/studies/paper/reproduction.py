@@ -18,8 +18,6 @@ does, so the density that a wanted IoU needs is given twice: by the fit, and by 
 the density (isotonic regression).
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from dataclasses import dataclass, replace

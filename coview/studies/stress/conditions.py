@@ -18,8 +18,6 @@ bootstrap, so that the intervals cover other draws too. The last four kinds need
 (`coview simulate --every 0.1`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations

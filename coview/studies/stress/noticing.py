@@ -6,8 +6,6 @@ with whole images and once with foreground. A sensor must see the objects that t
 that have points from other sensors. False alarms are counted over the same traffic with nothing wrong but the link.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial

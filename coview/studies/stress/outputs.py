@@ -6,8 +6,6 @@ neither overtakes. The interval of that level comes from draws of blocks of fram
 draw in which the second scheme never overtakes counts as infinite.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Iterator, Mapping, Sequence

@@ -6,8 +6,6 @@ Intervals are a bootstrap over blocks of frames (`placement_env.analysis.interva
 compared on the same draws. They are too narrow over frames close together, which resemble each other.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from hashlib import sha256
@@ -118,7 +116,7 @@ class KeptDetections:
         self._detector, self._depends_on = detector, [digest, code_digest(type(detector).__module__)]
 
     @staticmethod
-    def of(detector: Detector, cache: Cache | None = None) -> KeptDetections:
+    def of(detector: Detector, cache: Cache | None = None) -> "KeptDetections":
         """Return a detector that keeps its detections."""
         return detector if isinstance(detector, KeptDetections) else KeptDetections(detector, cache)
 
@@ -207,7 +205,7 @@ class _ConditionJob:
         return [row for trial in trials for row in trial.rows(condition, self.seed)]
 
     def _look(
-        self, trials: Sequence[Trial], lagged: Lagged, condition: Condition, memory: LinkMemory, *, scored: bool
+        self, trials: "Sequence[Trial]", lagged: Lagged, condition: Condition, memory: LinkMemory, *, scored: bool
     ) -> None:
         """Fuse one frame by every system; those that send alike share views.
 

@@ -7,8 +7,6 @@ and a policy in the page forbids every request. The scene is held as data until 
 Figures of a plan as words: shares, prices, names, AP with its interval, and sensors by the names of their poles.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import re

@@ -1,7 +1,5 @@
 """The report of a plan, as report.html and report.pdf. Its sections come in the order in which a reader needs them."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path

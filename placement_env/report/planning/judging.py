@@ -13,8 +13,6 @@ sets are judged by price until one does. If none does, it is the best set. AP is
 (`PlanOption.counted`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -74,10 +72,10 @@ class Judge:
     cases: Cases = USUAL_CASES
     seed: int = 0
     levels: tuple[Int64[np.ndarray, " _"], ...] = ()
-    drawings: tuple[Judge, ...] = ()
+    drawings: "tuple[Judge, ...]" = ()
 
     @classmethod
-    def of(cls, prepared: Preparation, seed: int) -> Judge:
+    def of(cls, prepared: Preparation, seed: int) -> "Judge":
         """Judge on the traffic of a preparation."""
         cases = prepared.setting.cases
         profiles = [prepared.detected(errors).at(cases.ious[0], cases.ious) for errors in cases.profiles]
@@ -119,7 +117,7 @@ class Judge:
         return CasesEvaluator(profiles, self.cases, self.levels, tuple(each.evaluator for each in self.drawings))
 
     @property
-    def alone(self) -> tuple[Judge, ...]:
+    def alone(self) -> "tuple[Judge, ...]":
         """Judge of each drawing of the site by itself."""
         return replace(self, drawings=()), *self.drawings
 
@@ -176,7 +174,7 @@ class Judge:
         found = self._at_profiles(row, self.cases)[:, 0]
         return {name: _judgement(at, self.detected.classes) for name, at in zip(self.cases.names, found, strict=True)}
 
-    def of_classes(self, classes: Classes) -> Judge:
+    def of_classes(self, classes: Classes) -> "Judge":
         """Judge of other classes at the first error profile."""
         return replace(self, profiles=(self.detected.of_classes(classes),), cases=self.intact, levels=(), drawings=())
 

@@ -5,8 +5,6 @@ the second, and the plan's figures for the chosen set are from the third. In bre
 belong to the group of their box's centre, a hit to the group of the vehicle it hit.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import platform

@@ -1,7 +1,5 @@
 """`Question` and `Stock`, the inputs of a plan, checked before any work begins."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -169,7 +167,7 @@ class Question:
         return replace(plain, fidelity="surrogate")
 
     @cached_property
-    def at_drawings(self) -> tuple[Question, ...]:
+    def at_drawings(self) -> "tuple[Question, ...]":
         """The question at each drawing of the site, the first as it is."""
         sites = [redraw(self.site, DRAWING_SEED + n) for n in range(1, self.drawings)]
         return (self, *(replace(self, setting=replace(self.setting, site=site), drawings=1) for site in sites))

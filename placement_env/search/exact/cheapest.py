@@ -10,8 +10,6 @@ that an answer violates join one after another. When none is violated it answers
 is valid.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -8,8 +8,6 @@ which another on its mount does not see. Of several classes the shares that are 
 worst of them: max z where z <= Σ_o w_ko y_o for every class k.
 """
 
-from __future__ import annotations
-
 import time
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -237,7 +235,7 @@ def prove_bound(
 
 def _model(
     seen: np.ndarray, weights: np.ndarray, poles: Poles, budget: int, *, views: int, start: list[int], bound: int
-) -> tuple[CpModel, list[IntVar]]:
+) -> "tuple[CpModel, list[IntVar]]":
     """The programme and its variables x. The set `start` is a complete hint."""
     cp = cp_model()
     model = cp.CpModel()

@@ -1,7 +1,5 @@
 """Every set of up to 16 candidates. Yields the optimum, the best set of each size and the exact AP-kbit-price front."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from placement_env.objective import Objective, Score, Scores

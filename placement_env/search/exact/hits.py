@@ -3,8 +3,6 @@
 Steps cut the curve in the middle (`placement_env.search.exact.programme`). The objective decides among equal sets.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from placement_env.fidelity.surrogate import Surrogate

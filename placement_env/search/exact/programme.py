@@ -12,8 +12,6 @@ impossible is impossible; steps that cut it in the middle are near the truth. Wh
 is part of the sensor's.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -47,7 +45,7 @@ class SolverLimits:
     seed: int = 0
     effort: float | None = None
 
-    def build_solver(self) -> CpSolver:
+    def build_solver(self) -> "CpSolver":
         """A solver of one worker within these limits."""
         solver = cp_model().CpSolver()
         solver.parameters.catch_sigint_signal = False  # its handler would stay, and end Python at the next Ctrl-C
@@ -60,7 +58,7 @@ class SolverLimits:
         return solver
 
 
-def run_solver(solver: CpSolver, model: CpModel) -> str:
+def run_solver(solver: "CpSolver", model: "CpModel") -> str:
     """Solve a model, stopping at Ctrl-C; return the name of the status."""
     with ThreadPoolExecutor(1) as pool:
         solving = pool.submit(solver.solve, model)
@@ -94,7 +92,7 @@ class Prices(NamedTuple):
     unit: float = 1.0
 
     @staticmethod
-    def in_units(objective: Objective, unit: float) -> Prices:
+    def in_units(objective: Objective, unit: float) -> "Prices":
         """Prices of an objective's candidates, in units of a price."""
         candidates = objective.candidates
         several = candidates.places[candidates.mount] > 1
@@ -105,14 +103,14 @@ class Prices(NamedTuple):
         return Prices(_whole(each, unit), _whole(shared, unit), candidates.mount, most, unit)
 
     @staticmethod
-    def of(objective: Objective) -> Prices | None:
+    def of(objective: Objective) -> "Prices | None":
         """Prices of an objective whose sets have a most price."""
         if math.isinf(objective.most_price):
             return None
         highest = float(objective.candidates.prices.max(initial=0.0))
         return Prices.in_units(objective, max(highest, objective.most_price, 1e-300) / FINEST)
 
-    def select(self, kept: Int64[np.ndarray, " k"]) -> Prices:
+    def select(self, kept: Int64[np.ndarray, " k"]) -> "Prices":
         """Prices of some candidates."""
         return self._replace(each=self.each[kept], shared=self.shared[kept], mount=self.mount[kept])
 
@@ -121,7 +119,7 @@ class Prices(NamedTuple):
         _, first = np.unique(self.mount[chosen], return_index=True)
         return int(self.each[chosen].sum() + self.shared[chosen][first].sum())
 
-    def expression(self, model: CpModel, built: list[IntVar], *, times: int = 1, plus: int = 0) -> LinearExpr:
+    def expression(self, model: "CpModel", built: "list[IntVar]", *, times: int = 1, plus: int = 0) -> "LinearExpr":
         """Price of the built sensors, multiplied by `times`. `plus` is added for each sensor."""
         linear = cp_model().LinearExpr
         parts = [linear.weighted_sum(built, (self.each * times + plus).tolist())]
@@ -143,7 +141,7 @@ class Poles(NamedTuple):
     kept: tuple[int, ...] = ()
 
     @staticmethod
-    def of(objective: Objective) -> Poles:
+    def of(objective: Objective) -> "Poles":
         """Poles of an objective's candidates."""
         candidates, sent = objective.candidates, objective.shared_links
         load = np.zeros(len(candidates)) if sent is None else np.minimum(sent / candidates.capacity, 2.0)
@@ -156,11 +154,11 @@ class Poles(NamedTuple):
         count = int(self.mount.max(initial=-1)) + 1
         return np.where(self.places > 1, count + np.arange(len(self.mount)), self.mount)
 
-    def select(self, kept: Int64[np.ndarray, " k"]) -> Poles:
+    def select(self, kept: Int64[np.ndarray, " k"]) -> "Poles":
         """Poles of some candidates."""
         return self._replace(mount=self.mount[kept], places=self.places[kept], load=self.load[kept])
 
-    def constrain(self, model: CpModel, built: list[IntVar]) -> None:
+    def constrain(self, model: "CpModel", built: "list[IntVar]") -> None:
         """Add the constraints of places and links, and of mounts that must carry a sensor."""
         linear = cp_model().LinearExpr
         for here in self.kept:
@@ -231,7 +229,7 @@ class Programme:
     lost: list[_Mask] | None = None
 
     @staticmethod
-    def of(objective: Objective, budget: int, levels: Levels, **cases: Any) -> Programme:
+    def of(objective: Objective, budget: int, levels: Levels, **cases: Any) -> "Programme":
         """Programme of an objective's candidates, with its poles and money. cases: `failing` or `lost`."""
         return Programme(levels, budget, Poles.of(objective), objective.allowed([]), Prices.of(objective), **cases)
 
@@ -304,7 +302,7 @@ def solve(
     return Solved(chosen, figure, bound, bound == figure)
 
 
-def _reached(model: CpModel, built: list[IntVar], levels: Levels, may_stand: _Mask) -> list[LinearExpr]:
+def _reached(model: "CpModel", built: "list[IntVar]", levels: Levels, may_stand: _Mask) -> "list[LinearExpr]":
     """Worth of the levels reached, of each party."""
     linear = cp_model().LinearExpr
     reached: list[tuple[int, IntVar, int]] = []
@@ -320,7 +318,7 @@ def _reached(model: CpModel, built: list[IntVar], levels: Levels, may_stand: _Ma
     return [linear.weighted_sum([level for level, _ in each], [gain for _, gain in each]) for each in own]
 
 
-def _surviving(model: CpModel, built: list[IntVar], levels: Levels, may_stand: _Mask) -> list[LinearExpr]:
+def _surviving(model: "CpModel", built: "list[IntVar]", levels: Levels, may_stand: _Mask) -> "list[LinearExpr]":
     """Worth of each party that survives any one failure: what two sensors see, or another than the failing one."""
     linear = cp_model().LinearExpr
     once: list[IntVar] = []

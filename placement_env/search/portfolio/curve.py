@@ -5,8 +5,6 @@ the amount before. All winners are judged together on the third part of traffic,
 comparable. A checkpoint keeps the progress of searches and the winners of finished races.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass

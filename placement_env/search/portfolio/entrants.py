@@ -8,8 +8,6 @@ Neighbours join their answers: the best by the objective, and
 those that no other beats in the objective's reward, perception entropy and coverage at once.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence

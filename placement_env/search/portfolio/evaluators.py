@@ -6,8 +6,6 @@ Frames of one block of `BLOCK_FRAMES` show the same objects, so blocks are drawn
 portfolio: what a stage does not use goes to the next.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -46,7 +44,7 @@ class Evaluated(NamedTuple):
     frames: int | None = None
 
 
-def build_evaluator(preparation: Preparation, fidelity: FidelityName, *, seed: int = 0) -> CasesEvaluator:
+def build_evaluator(preparation: Preparation, fidelity: FidelityName, *, seed: int = 0) -> "CasesEvaluator":
     """Evaluator of a preparation's traffic by a fidelity, over the cases of its setting. seed: of the resamples."""
     cases = preparation.setting.cases
     if fidelity != "detector":
@@ -73,10 +71,10 @@ class CasesEvaluator:
     drawings of the site, over which figures are means.
     """
 
-    profiles: tuple[DetectorEvaluator | FastEvaluator, ...]
+    profiles: "tuple[DetectorEvaluator | FastEvaluator, ...]"
     cases: Cases = USUAL_CASES
     levels: tuple[Int64[np.ndarray, " _"], ...] = ()
-    drawings: tuple[CasesEvaluator, ...] = ()
+    drawings: "tuple[CasesEvaluator, ...]" = ()
 
     @property
     def name(self) -> str:
@@ -277,7 +275,7 @@ class Schedule:
     began: float = field(default_factory=time.monotonic)
 
     @staticmethod
-    def of(seconds: float | None, processes: Processes) -> Schedule:
+    def of(seconds: float | None, processes: Processes) -> "Schedule":
         """Schedule with batches that keep the processes busy."""
         return Schedule(seconds, 16 if processes.ray else 1 if processes.alone else 2 * processes.count)
 

@@ -6,8 +6,6 @@ carries neither the optimism of the searches nor that of the race. Picking the b
 overrates it (the winner's curse), by the amount that `Contender.curse` gives for each search.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 

@@ -14,8 +14,6 @@ level with the ground, and the clouds of velodyne/ are in it already.
 - CarIgnore and its like are not objects, Trafficcone and Barrowlist none of our classes: they are counted.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable
 from os.path import lexists

@@ -10,8 +10,6 @@ World frame: that of the poses, world_SE3_sensor; without a pose file the clouds
 - A name that is a number of seconds, milli-, micro- or nanoseconds since 1970 gives the time.
 """
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Iterable, Mapping

@@ -14,8 +14,6 @@ Recorded clouds are kept in one file, nothing lost. Each frame is a group of its
                                                   int64 [n] if known
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager

@@ -11,8 +11,6 @@ World frame: the lidar's, x forward, y left, z up, about 1.73 m above the ground
 - calib names differ between the benchmarks (R0_rect: and R_rect, Tr_velo_to_cam: and Tr_velo_cam).
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Iterable
 from os.path import lexists

@@ -12,8 +12,6 @@ World frame: the ego vehicle's when the lidar measured, x forward, z up, its ori
 - Time is in microseconds.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable
 from pathlib import Path

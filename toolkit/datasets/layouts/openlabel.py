@@ -12,8 +12,6 @@ coordinate systems if these give a sensor's pose.
 - An object seen by two lidars has a label in each lidar's file: they are different frames here, not doubled labels.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable
 from functools import partial

@@ -12,8 +12,6 @@ World frame: level, its origin at the first agent's lidar, x where that lidar fa
 - YAML 1.1 reads 1e-05 as a string.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import replace
 from functools import partial

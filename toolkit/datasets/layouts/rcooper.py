@@ -10,8 +10,6 @@ agent for itself: boxes of one class that two agents list and that overlap are o
 - lidar2world turns by a matrix that is not quite a rotation.
 """
 
-from __future__ import annotations
-
 from os.path import lexists
 from pathlib import Path
 

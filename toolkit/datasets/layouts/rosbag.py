@@ -10,8 +10,6 @@ own, and is counted.
 - There are no labels in a bag. Reading needs the package rosbags.
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -47,7 +45,7 @@ class Bag:
 
     path: Path
     rounds: int
-    frames: Mapping[str, _Moving]
+    frames: "Mapping[str, _Moving]"
     site: Site | None = None
     _reading: list[tuple[int, Iterator[Frame]]] = field(default_factory=list, compare=False, repr=False)
 

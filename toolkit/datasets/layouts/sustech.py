@@ -9,8 +9,6 @@ World frame: the lidar's, as recorded; z up, which way is forward differs betwee
 - Frames nobody has labelled yet have no file: their objects are unknown, not none.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable
 from os.path import lexists

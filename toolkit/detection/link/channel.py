@@ -16,8 +16,6 @@ At ten frames a second road users move by at most a third of the distance betwee
 would join the same pairs. A box is moved only where its speed is sure: `SURE_SPEED` times its standard deviation.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace

@@ -13,8 +13,6 @@ averages out. Moving surfaces are better predicted from their neighbours, still 
 chooses by squares of 8 x 8 pixels. All arithmetic is in whole numbers, so that both agree on every machine.
 """
 
-from __future__ import annotations
-
 import struct
 import zlib
 from collections.abc import Sequence
@@ -157,7 +155,7 @@ class Reference:
     images: ImageSteps
 
     @staticmethod
-    def of(number: int, step_mm: int, steps: ImageSteps, sent: ImageMask) -> Reference:
+    def of(number: int, step_mm: int, steps: ImageSteps, sent: ImageMask) -> "Reference":
         """Start from an image that was sent whole."""
         return Reference(number, step_mm, _FINE * steps, sent.astype(np.int64))
 
@@ -178,7 +176,7 @@ class Reference:
         """Mean measurements in whole steps, halves rounded up."""
         return (self.fine + _FINE // 2) >> _FINE_BITS
 
-    def after(self, number: int, steps: ImageSteps, sent: ImageMask) -> Reference:
+    def after(self, number: int, steps: ImageSteps, sent: ImageMask) -> "Reference":
         """State after one more image; means restart where pixels moved."""
         stands, images, measured = self.standing(steps, sent)[sent], self.images[sent], _FINE * steps[sent]
         images = np.where(stands, np.minimum(images + 1, MOST_IMAGES), 1)

@@ -8,8 +8,6 @@ drawn than sent: missing pixels are sent where at least half of those about them
 missing too, three or all of them; and everywhere when all are.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -62,7 +60,7 @@ class SendsForeground(DetectsOnce):
 
         return view.transmit(sensor, self.digest, through)
 
-    def _exchange(self, view: View, sensor: int, image: RangeImage, missing: ImageMask) -> tuple[bytes, Restored]:
+    def _exchange(self, view: View, sensor: int, image: RangeImage, missing: ImageMask) -> "tuple[bytes, Restored]":
         """Message of a sensor, and what is restored of it."""
         raise NotImplementedError
 
@@ -84,7 +82,7 @@ class Foreground(SendsForeground):
         if not 0 < self.sigmas < np.inf:
             raise ValueError(f"sigmas must be above 0, got {self.sigmas}: 4 leaves one background pixel in 16000")
 
-    def _exchange(self, view: View, sensor: int, image: RangeImage, missing: ImageMask) -> tuple[bytes, Restored]:
+    def _exchange(self, view: View, sensor: int, image: RangeImage, missing: ImageMask) -> "tuple[bytes, Restored]":
         scene = view.scene(sensor)
         message = encode_foreground(image, scene, missing, step=self.step)
         return message, decode_foreground(message, scene)

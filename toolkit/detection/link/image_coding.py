@@ -6,8 +6,6 @@ JPEG (LOCO-I, Weinberger, Seroussi and Sapiro, IEEE Transactions on Image Proces
 else from those that are.
 """
 
-from __future__ import annotations
-
 import zlib
 
 import numpy as np

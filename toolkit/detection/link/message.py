@@ -8,8 +8,6 @@ that is 50 resource blocks of 10 MHz, QPSK (3GPP TS 36.213, table 7.1.7.2.1-1, i
 (100BASE-TX). A packet of up to 1400 bytes fits an Ethernet frame with the headers of IP and UDP.
 """
 
-from __future__ import annotations
-
 import struct
 import zlib
 from collections.abc import Iterable

@@ -6,8 +6,6 @@ as 0 and one above 1 as 1. A score s is sent as 511 times the square root of 1 -
 decide which of two boxes of an object stays.
 """
 
-from __future__ import annotations
-
 import struct
 from dataclasses import dataclass
 
