@@ -4,8 +4,6 @@ Docstrings here are plain text. `as_rst` hands them to Sphinx as what they mean:
 they are, and words in backticks as code, which links to the entry of what it names where there is one.
 """
 
-from __future__ import annotations
-
 import inspect
 import re
 from collections.abc import Iterator
