@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import shapely
@@ -85,11 +85,11 @@ class Variant:
 def check_row(kind: type, row: Mapping[str, Any]) -> dict[str, Any]:
     """Return values by name. Raises ValueError unless they are finite, and of the types that the fields of a dataclass
     name."""
-    known: dict[str, Any] = {"str": str, "float": (int, float), "int": int, "bool": bool}
     for field in fields(kind):
-        value = row.get(field.name, field.default)
-        if not isinstance(value, known[str(field.type)]) or (isinstance(value, float) and not np.isfinite(value)):
-            raise ValueError(f"{field.name} must be a {field.type}, got {value!r:.60}")
+        value, wanted = row.get(field.name, field.default), cast("type", field.type)
+        fits = isinstance(value, (int, float) if wanted is float else wanted)
+        if not fits or (isinstance(value, float) and not np.isfinite(value)):
+            raise ValueError(f"{field.name} must be a {wanted.__name__}, got {value!r:.60}")
     check_name(row["name"])
     return dict(row)
 
