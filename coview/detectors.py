@@ -6,8 +6,7 @@ Behind the name may stand, in any order,
                   whose scenery is known means that too, `general-background` the bare network
     +phases4      a network on four shifted grids, whose boxes are averaged
     +bfloat16     a network in coarser numbers, in half the time, where the processor has instructions for them; `coview
-                  detect` does so by itself, unless +float32 stands there
-"""
+                  detect` does so by itself, unless +float32 stands there"""
 
 import re
 import warnings
@@ -37,8 +36,7 @@ class CloudDetector:
 
     network: the detector of level points; level: "map" or "plane" puts each cloud on level ground first, and boxes come
     back in the cloud's own frame. With None the ground is taken to be at z = 0, and a warning says where the ground of
-    the first cloud lies if that is elsewhere.
-    """
+    the first cloud lies if that is elsewhere."""
 
     def __init__(self, network: "VoxelNetDetector", level: Literal["map", "plane"] | None = None) -> None:
         if level not in ("map", "plane", None):
@@ -96,8 +94,7 @@ def load_detector(
     """Load a detector by shipped name ("tjunction", "roundabout", "general") or path of its weights.
 
     level: see `CloudDetector`; the rest: see `models.load_detector`, which returns the bare network. Raises
-    FileNotFoundError for unknown weights, ValueError if they are damaged or for another place.
-    """
+    FileNotFoundError for unknown weights, ValueError if they are damaged or for another place."""
     from models import detector
 
     if Path(name).suffix == ".onnx":
@@ -138,8 +135,7 @@ def recording_detector(
 
     name: None for cluster at a known site, else general; +background: that of the site, or where the site has no
     scenery, of what the recording shows behind all that moves; place: where it will detect, if not at the site itself;
-    scenes: empty ones to learn from.
-    """
+    scenes: empty ones to learn from."""
     from toolkit.detection.background import KnownBackground, recording_background
     from toolkit.detection.cluster import ClusterDetector, learn_cluster_detector
     from toolkit.detection.place import Place
@@ -182,8 +178,7 @@ def _check_long(recording: "Recording") -> None:
 def check_detector(name: str, place: "Place | None" = None) -> None:
     """Raise FileNotFoundError for a name that stands for no detector, before any work.
 
-    place: where it will detect. Raises ValueError if its area is not that of the weights.
-    """
+    place: where it will detect. Raises ValueError if its area is not that of the weights."""
     bare = parse_detector(name).bare
     if bare not in ("voxelnet", CLUSTER) and ":" not in bare:
         from models.detector import weights_file
@@ -206,8 +201,7 @@ def site_detector(name: str, site: "Site") -> "Detector":
     """Return a detector for a site.
 
     name: voxelnet for the site's own shipped network, a shipped name, a file of weights or in ONNX, or
-    package.module:callable, and what may stand behind it; +background: of the site's scenery.
-    """
+    package.module:callable, and what may stand behind it; +background: of the site's scenery."""
     asked = parse_detector(name, site)
     detector = _bare_detector(asked, site)
     if not asked.known:

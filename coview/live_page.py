@@ -3,8 +3,7 @@
 viser shows the scene, drags and controls, the same in every browser that has the address; tables are HTML of ours.
 Whatever a handle or control asks for is done by one thread, the latest position of a drag first. A second thread
 refines what is coarse while nobody moves anything, a third does what takes long: suggestions, searches, the detector,
-reports.
-"""
+reports."""
 
 import secrets
 import threading
@@ -717,8 +716,7 @@ class LivePage:
 class LiveSession:
     """A live planner that is served. In Jupyter it shows itself in the cell. url: for browsers of this machine.
 
-    planner: or a function that makes one with its project of the name or file of a site, which the page asks for.
-    """
+    planner: or a function that makes one with its project of the name or file of a site, which the page asks for."""
 
     planner: LivePlanner
     page: LivePage

@@ -1,8 +1,7 @@
 """Networks as ONNX files, ours and anybody's, each with a card, NAME.json, beside NAME.onnx: see docs/how-to/onnx.md.
 
 The card is a JSON object of values of `VoxelNetConfig`, of which `area` and `labels` are required, of `decoded` (does
-the network return boxes, or maps), and if wanted of `nms_threshold` and of the `sha256` of the file.
-"""
+the network return boxes, or maps), and if wanted of `nms_threshold` and of the `sha256` of the file."""
 
 import base64
 import json
@@ -59,8 +58,7 @@ def export_onnx(name: str | Path, out: Path, area: Iterable[SupportsFloat] | Non
     """Write shipped weights or a weights file as ONNX, its card beside it.
 
     area: xmin ymin xmax ymax (m), for weights that go anywhere. Raises ImportError without onnxscript, ValueError for
-    weights of another area.
-    """
+    weights of another area."""
     network, header = load_weights(weights_file(name))
     if area is not None:
         xmin, ymin, xmax, ymax = (float(side) for side in area)
@@ -100,8 +98,7 @@ class OnnxDetector(VoxelNetDetector):
 
     area: xmin ymin xmax ymax (m) of detection, None for the card's own. Raises FileNotFoundError without file or card;
     ValueError, in one line, for those that are damaged or do not fit each other, or the area, and for a network that
-    fails with a cloud; ImportError without onnxruntime.
-    """
+    fails with a cloud; ImportError without onnxruntime."""
 
     def __init__(
         self,

@@ -7,8 +7,7 @@ The figure of a sensor set is the weighted mean of those of its classes,
 
 over the classes that have anything to find; recall is combined like AP. A detection counts from the usual IoU of its
 class: the objective's for vehicles and heavy vehicles, `SMALL_IOU` for cyclists and pedestrians, whose boxes lose far
-more IoU by the same few centimetres (as in KITTI and Waymo); or from a given one.
-"""
+more IoU by the same few centimetres (as in KITTI and Waymo); or from a given one."""
 
 import math
 from collections.abc import Iterable, Sequence

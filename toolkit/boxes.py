@@ -12,8 +12,7 @@ Corners 0 1 2 3 are the bottom, counter-clockwise from front left; 4 5 6 7 stand
 
 Areas of overlap are exact, not sampled. In the second box's own frame that box is |x| <= l/2, |y| <= w/2, and the
 overlap is the sum of ∫ clamp(y, ±w/2) dx over the four edges of the first (Green's theorem, with y cut to the box): a
-closed form without branches, for all pairs at once. GEOS agrees to 1e-9 (see the tests) and takes 60 times longer.
-"""
+closed form without branches, for all pairs at once. GEOS agrees to 1e-9 (see the tests) and takes 60 times longer."""
 
 from typing import Literal
 
@@ -187,8 +186,7 @@ def rows_in_boxes(points: ArrayLike, boxes: ArrayLike) -> list[Int64[np.ndarray,
     """Rows of the points in each box (`points_in_boxes`), in no order.
 
     Points are sorted by their slice along x, so that a box looks at its own slices only. Those few are measured from
-    the box's centre in float64, which keeps map coordinates of a million metres exact.
-    """
+    the box's centre in float64, which keeps map coordinates of a million metres exact."""
     points, boxes = _points(points), check_boxes(boxes)
     if not len(boxes):
         return []

@@ -114,8 +114,7 @@ class Detections(_Rows):
 @runtime_checkable
 class Detector(Protocol):
     """Anything that turns the points of one frame into detections, both in the world frame. Optional attributes:
-    `labels`, names of the classes it knows, and `digest`, a text that changes with all it depends on.
-    """
+    `labels`, names of the classes it knows, and `digest`, a text that changes with all it depends on."""
 
     def __call__(self, points: Float32[np.ndarray, "n 3"], /) -> Detections:
         """Detect."""

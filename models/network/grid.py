@@ -4,8 +4,7 @@ Boxes are residuals to anchors (paper, section III-D; Zhou and Tuzel 2018), of a
 
     Δx, Δy over √(l_a² + w_a²)    Δz over h_a    ln(l/l_a), ln(w/w_a), ln(h/h_a)    then the yaw, δ = ψ - ψ_a:
     published head:  δ                                    (a box and its half turn have far apart residuals)
-    quality head:    sin 2δ, cos 2δ and a direction bit   (they have the same residuals; the bit tells them apart)
-"""
+    quality head:    sin 2δ, cos 2δ and a direction bit   (they have the same residuals; the bit tells them apart)"""
 
 import math
 from collections.abc import Sequence

@@ -144,8 +144,7 @@ class LinearHead(nn.Module):
 
     Everything before that convolution is linear, so a transposed one (kernel and stride k) and the 3x3 one are together
     one transposed convolution of kernel k + 2, stride k and padding 1, on a map with a quarter or a sixteenth of the
-    cells. Their biases, which the 3x3 convolution misses beyond the border, enter through channels of ones.
-    """
+    cells. Their biases, which the 3x3 convolution misses beyond the border, enter through channels of ones."""
 
     def __init__(self, rpn: RegionProposal, head: Head) -> None:
         super().__init__()
@@ -172,8 +171,7 @@ def cell_by_cell(conv: nn.Module, x: Float32[Tensor, "B C H W"]) -> Float32[Tens
     """Compute a 1x1 convolution by the convolution library.
 
     On one CPU thread torch would choose a plain matrix product, which takes about twice as long. Compilers and
-    exporters do not know the library's convolution.
-    """
+    exporters do not know the library's convolution."""
     plain = torch.compiler.is_compiling() or not torch.backends.mkldnn.is_available()  # type: ignore[no-untyped-call]
     if plain or x.device.type != "cpu":
         return conv(x)  # type: ignore[no-any-return,unused-ignore]
@@ -213,8 +211,7 @@ class SparseColumns(nn.Module):
 
     The convolution `first` (3x3, stride 2, padding 1) sends a column to one, two or four cells of its map, depending on
     whether its row and column are even or odd. Each of the nine taps serves the columns of one such kind and sends no
-    two of them to the same cell. Cells without a column hold the bias.
-    """
+    two of them to the same cell. Cells without a column hold the bias."""
 
     def __init__(self, fold: HeightFold, first: nn.Conv2d) -> None:
         super().__init__()
@@ -291,8 +288,7 @@ class SparseMiddle(nn.Module):
     A convolution is linear: its output is that of an empty grid plus that of the difference between its input and an
     empty grid's. The difference is zero wherever no point reaches, so only rows of reached cells are kept and
     multiplied. An empty grid's response varies only at its borders, so a small empty grid tells all of it. Channels are
-    last in memory, level by level (`channel_order`).
-    """
+    last in memory, level by level (`channel_order`)."""
 
     def __init__(self, middle: MiddleLayers) -> None:
         super().__init__()

@@ -9,8 +9,7 @@ a tile that three of eight sensors see, there are 8 values, not 255. Layer by la
     patch     a tile of the layer before, with a border of one cell from the tiles around it
 
 A convolution of all patches gives the entries of the next layer. The maps equal those of one union after the other, to
-the rounding of float32.
-"""
+the rounding of float32."""
 
 from collections.abc import Callable, Iterator, Sequence
 from itertools import product
@@ -60,8 +59,7 @@ class PlacedClouds(NamedTuple):
         """Find the points that `voxelise` leaves out of unions, in voxels with more than `most`.
 
         Returns the number of the way each union is thinned, 0 for none, and the points left out, ascending, as that
-        number · points + row of the point.
-        """
+        number · points + row of the point."""
         rows = torch.nonzero(self.crowd > most)[:, 0]
         concerned = torch.bincount(self.cloud[rows], minlength=self.clouds).cpu().numpy() > 0
         alike, number = np.unique(unions & concerned, axis=0, return_inverse=True)
@@ -243,8 +241,7 @@ class TiledVoxelNet:
     def __call__(self, plan: UnionPlan) -> Iterator[tuple[slice, Entries, Iterator[TilePredictions]]]:
         """Yield groups of unions, as large as memory allows.
 
-        Each is a slice of the unions, the entries of the head's tiles, and the head's maps for all of them.
-        """
+        Each is a slice of the unions, the entries of the head's tiles, and the head's maps for all of them."""
         count = len(plan.unions)
         while count > 1 and len(plan.part(slice(count)).entries(-1).tile) > MOST_ENTRIES:
             count = (count + 1) // 2

@@ -1,8 +1,7 @@
 """`TrainingOptions`: the one list of arguments of `coview train` and `python -m models.train`.
 
 The second runs on a machine that has no more than torch, numpy, h5py, safetensors, scipy, shapely and tqdm, so its
-parser is made here with the standard library, from the same fields and the same texts.
-"""
+parser is made here with the standard library, from the same fields and the same texts."""
 
 import re
 from argparse import ArgumentParser, BooleanOptionalAction
@@ -43,8 +42,7 @@ class TrainingOptions:
         threads: Threads of PyTorch; fewer are faster beside other programs.
         workers: Processes that prepare examples.
         checkpoint_s: Seconds between checkpoints.
-        overwrite: Replace another training in the folder.
-    """
+        overwrite: Replace another training in the folder."""
 
     data: Path
     out: Path

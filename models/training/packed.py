@@ -45,8 +45,7 @@ Area = tuple[float, float, float, float]  # xmin ymin xmax ymax, m
 class PackedFrames:
     """Packed file in memory. Points and objects of frame k are in its site's frame.
 
-    Raises FileNotFoundError; ValueError if the file is damaged or not a packed file.
-    """
+    Raises FileNotFoundError; ValueError if the file is damaged or not a packed file."""
 
     def __init__(self, path: Path | str) -> None:
         if not Path(path).is_file():
@@ -124,8 +123,7 @@ class PackedFrames:
     def points(self, k: int, rng: Rng | None, sensors: Iterable[int] | None = None) -> list[Float32[np.ndarray, "_ 3"]]:
         """Points of frame k inside the crop, of each chosen sensor (None: all), on level ground.
 
-        rng: of fresh noise, None for none.
-        """
+        rng: of fresh noise, None for none."""
         rig, clouds = self.rig(k), []
         for s in range(len(rig.sensors)) if sensors is None else sensors:
             if self.is_recorded(k):
@@ -174,8 +172,7 @@ class Rig:
     ) -> tuple[_Points, Shaped[np.ndarray, " n"], Float32[np.ndarray, " n"]]:
         """Noisy points in the crop, their pixels and measurements.
 
-        Pixels `changed` have measured this (0: nothing), the others the empty site.
-        """
+        Pixels `changed` have measured this (0: nothing), the others the empty site."""
         rows, columns = self.sensors[s].model.shape
         still = np.ones(rows * columns, bool)
         still[changed] = False

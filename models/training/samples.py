@@ -1,7 +1,6 @@
 """Training examples: a packed frame with fresh noise, augmented and voxelised, and its targets.
 
-Augmentations of whole scenes are sensors with errors, fewer points, and ground that is a little off zero or slopes.
-"""
+Augmentations of whole scenes are sensors with errors, fewer points, and ground that is a little off zero or slopes."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -206,8 +205,7 @@ def read_points(frames: PackedFrames, k: int, rng: Rng, *, subsets: float, error
     """Read points of frame k in the crop.
 
     subsets: chance of a random set of sensors instead of all; errors: chance of random errors instead of the sensor
-    models' own noise.
-    """
+    models' own noise."""
     total, sensors = len(frames.rig(k).sensors), None
     if subsets and rng.random() < subsets:
         sensors = sorted(rng.choice(total, int(rng.integers(1, total + 1)), replace=False).tolist())
@@ -228,8 +226,7 @@ def jitter_objects(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Turn each object with its points by up to ±yaw (rad), and shift it by N(0, shift) (m) in the plane.
 
-    An object that would then touch another stays put (paper, training process).
-    """
+    An object that would then touch another stays put (paper, training process)."""
     points, boxes = points.copy(), boxes.copy()
     reach = np.linalg.norm(boxes[:, 3:5], axis=1) / 2
     owned = points_in_boxes(points, boxes)

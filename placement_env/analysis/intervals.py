@@ -8,8 +8,7 @@ interval holds the middle share of the figures of the draws (percentile bootstra
 ask (expanded percentiles; Hesterberg 2015); fewer than `FEWEST_BLOCKS` have no interval (NaN). Where all draws agree,
 as when everything is found, the ends are Wilson's (1927) for as many independent objects. Draws that leave a figure
 undefined, such as AP without a vehicle, are left out. The same seed gives the same draws, so figures of several sensor
-sets on the same frames can be compared draw by draw.
-"""
+sets on the same frames can be compared draw by draw."""
 
 import math
 from collections.abc import Sequence
@@ -231,8 +230,7 @@ class Tally:
     def resamples(self, *, seed: int = 0, draws: Draws | None = None) -> Float64[np.ndarray, " resamples"]:
         """Return the all-point interpolated AP of each resample of blocks of frames; NaN without anything to find.
 
-        One seed draws the same blocks for every tally. draws: of `draws_of_blocks`, None for consecutive frames.
-        """
+        One seed draws the same blocks for every tally. draws: of `draws_of_blocks`, None for consecutive frames."""
         draws = block_draws(len(self.truths), seed=seed) if draws is None else draws
         order = np.argsort(-self.scores)
         scores, hits, frame = self.scores[order], self.hit[order], self.frame[order]

@@ -9,8 +9,7 @@ ignored; other properties too, with a warning that names them and what they may 
 that coview wrote (`layer`) are no poles, and the price of its mounts is that of ordinary poles.
 
 Coordinates are longitude and latitude (RFC 7946, WGS84); altitude is ignored, as poles stand on the ground of the site.
-A collection with the member `coview_site`, such as a saved site, is in the site's metres, z that of the foot.
-"""
+A collection with the member `coview_site`, such as a saved site, is in the site's metres, z that of the foot."""
 
 import re
 import warnings
@@ -68,8 +67,7 @@ def load_poles(path: str | Path, site: Site, catalogue: SensorCatalogue | None =
     Unnamed ones are called pole and their number in the file; a "/" in a name becomes "-". Poles in a keep-out area of
     the file or on the carriageway are left out, with a warning. Raises ValueError in one line if the file is damaged,
     has no pole, the same one twice, one far from the site, or a price that is none; ImportError if the site's map
-    projection needs pyproj.
-    """
+    projection needs pyproj."""
     collection, where = _read(Path(path)), str(path)
     features = list(_features(collection, where))
     poles: list[tuple[str, str, Json, list[float]]] = []  # place in the file, name, properties, coordinates

@@ -3,8 +3,7 @@
 The vector ones agree with `gymnasium.vector.SyncVectorEnv` over the scalar ones, step by step, infos and autoreset
 included.
 
-Pictures and text summaries of a set of sensors.
-"""
+Pictures and text summaries of a set of sensors."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -95,8 +94,7 @@ class Task:
         """Return an action for each of n episodes.
 
         Raises ValueError for a wrong number of values, one that is not finite, or not whole where choices are counted;
-        ResetNeeded before the first reset.
-        """
+        ResetNeeded before the first reset."""
         array, shape = np.asarray(actions), (self.running().state.n, *(self.action_space.shape or ()))
         kind = array.dtype.kind
         if array.size != math.prod(shape) or kind not in "biuf":
@@ -127,8 +125,7 @@ class PlacementEnv(gym.Env[np.ndarray, Any]):
         """Start an episode.
 
         options, for this episode: site, scheme, budget, failed (candidates that have failed, by index or name). Raises
-        ValueError where one does not fit.
-        """
+        ValueError where one does not fit."""
         super().reset(seed=seed)
         self.task.reset(np.zeros(1, np.int64), [self.np_random], options)
         observations, info = self.task.observe()
@@ -157,8 +154,7 @@ class PlacementVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     """n episodes of a task.
 
     An episode that has ended starts anew, without options, at the next step, whose reward is 0. config: of the task, or
-    its fields by name, or the task of another environment, whose scenarios are shared.
-    """
+    its fields by name, or the task of another environment, whose scenarios are shared."""
 
     metadata: ClassVar[dict[str, Any]] = {**METADATA, "autoreset_mode": AutoresetMode.NEXT_STEP}  # type: ignore[misc]
     task_type: ClassVar[type[Task]] = Task
@@ -257,8 +253,7 @@ def bird_view(objective: Objective, members: list[int]) -> Shaped[np.ndarray, "h
     """Draw the area from above (RGB, uint8), a square of the same size for every site.
 
     Shows lanes, solids and the detection area, vehicles coloured by the points on them (darker is more, pale grey
-    none), places where sensors may hang, and the chosen sensors with their fields of view.
-    """
+    none), places where sensors may hang, and the chosen sensors with their fields of view."""
     sensors, site = objective.candidates.sensors, objective.site
     places, area = np.array([sensor.position[:2] for sensor in sensors]).reshape(-1, 2), find_area(objective)
     feet = np.concatenate([[area[:2], area[2:]], places])

@@ -204,8 +204,7 @@ class SensorPoseEnv(PlacementEnv):
     rendering: "auto" looks the view of a sensor that has moved up in panoramas from its mount, made when a sensor is
     first there, and is some fifty times faster than "full", which casts every ray, as does "auto" where the range of a
     candidate ends within the site; cache: folder that keeps panoramas. `reset` takes the options site, scheme, budget
-    (up to the environment's) and failed.
-    """
+    (up to the environment's) and failed."""
 
     task_type = _PoseTask
 

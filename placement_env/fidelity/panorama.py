@@ -10,8 +10,7 @@ sensor tilted slightly more than a table is looked up in that table, with the re
 
 Sensors may be turned, tilted, raised and lowered on their mounts. Panoramas of all frames are made at every half metre
 of a mount's height when one of its sensors is first requested. Between two of these heights the view is interpolated;
-heading and tilt are looked up.
-"""
+heading and tilt are looked up."""
 
 from collections import OrderedDict
 from collections.abc import Iterable, Sequence
@@ -96,8 +95,7 @@ class Lookup(NamedTuple):
     """Table of a sensor, and its aim there.
 
     tilt, roll: of the table (rad); heading: places of azimuth; more: places of elevation by which the sensor is tilted
-    more than the table.
-    """
+    more than the table."""
 
     model: SensorModel
     tilt: float
@@ -125,8 +123,7 @@ class RayTable:
 
     first_column, columns: places of azimuth with rays; first_row: the lowest of elevation; cells, cell_rays: cells with
     rays (column after column, azimuth from the heading), for uses that need no fine grid, and number of rays in each;
-    nbytes: of memory.
-    """
+    nbytes: of memory."""
 
     def __init__(self, model: SensorModel, tilt: float, roll: float) -> None:
         turn = pose(pitch=tilt, roll=roll)[:3, :3] @ model.body_SE3_sensor[:3, :3]
@@ -207,8 +204,7 @@ class Rectangles(NamedTuple):
     """Rectangles of azimuth and elevation of the world.
 
     left, right: in places of azimuth, right up to a turn farther; low, high: in places of elevation; cos, sin: of the
-    azimuth of the middle; tan: of its elevation, but no steeper than 3.
-    """
+    azimuth of the middle; tan: of its elevation, but no steeper than 3."""
 
     left: Float32[np.ndarray, " n"]
     right: Float32[np.ndarray, " n"]
@@ -258,8 +254,7 @@ class ScoredItems(NamedTuple):
     """Scored objects among all of some frames.
 
     place: of each object its index among the scored ones, or their number if not scored; frame: of each object; items,
-    frames: numbers of scored objects and frames.
-    """
+    frames: numbers of scored objects and frames."""
 
     place: Int64[np.ndarray, " n"]
     frame: Int64[np.ndarray, " n"]
@@ -436,8 +431,7 @@ class LiveView:
     """Look at traffic from mounts, with sensors that measure all of the detection area (`seeing.choose_quick`).
 
     labels: classes (numbers) of the objects that count; cache: where panoramas are kept and shared with other
-    processes, None for this object's memory.
-    """
+    processes, None for this object's memory."""
 
     def __init__(self, traffic: Traffic, labels: Sequence[int] = (VEHICLE,), cache: Cache | None = None) -> None:
         self.traffic, self._cache = traffic, cache
@@ -450,8 +444,7 @@ class LiveView:
         """View of candidates. The first from a mount makes panoramas of all its heights.
 
         reach: "own" makes one at each sensor's own height alone, "nearest" one at the nearest half metre, for a sensor
-        whose own height has none and that none below and above are known of.
-        """
+        whose own height has none and that none below and above are known of."""
         sensors = candidates.sensors
         mounts = [candidates.mounts[index] for index in candidates.mount.tolist()]
         shares = [_between(sensor.position, mount) for sensor, mount in zip(sensors, mounts, strict=True)]

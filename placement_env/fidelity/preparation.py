@@ -1,7 +1,6 @@
 """`Preparation`: traffic, views, renders and detectors that the fidelities of one setting share, made when needed.
 
-`CasesFidelity` combines those of single cases into one, see `placement_env.cases`.
-"""
+`CasesFidelity` combines those of single cases into one, see `placement_env.cases`."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -73,8 +72,7 @@ class CasesFidelity:
         """Figures of each set for each class.
 
         The worst failure or level of one class need not be that of another; the worst error profile is that of all
-        classes together.
-        """
+        classes together."""
         found = self._at_profiles(subsets, lambda fidelity, rows: cast(ByClass, fidelity).by_class(rows))
         return ClassEstimates(*self._over_profiles(found, [each.combined(self.classes).ap for each in found]))
 
@@ -143,8 +141,7 @@ _DETECTORS: dict[tuple[str, str], Detector] = {}  # by network and text of the s
 class Preparation:
     """Shared parts of a setting's fidelities.
 
-    stride: step between the frames that count; compares: sets are compared, which is left to `quick_detector`.
-    """
+    stride: step between the frames that count; compares: sets are compared, which is left to `quick_detector`."""
 
     setting: Setting
     run: Run = Run()
@@ -197,8 +194,7 @@ class Preparation:
         """View of moving sensors, from panoramas of the mounts.
 
         None where rays must be cast: where the setting's `rendering` is "full", or the range of a candidate ends within
-        the site.
-        """
+        the site."""
         from placement_env.fidelity.panorama import LiveView
         from placement_env.fidelity.seeing import choose_quick
 
@@ -352,8 +348,7 @@ def load_shipped_detector(network: str, site: Site) -> Detector:
     """Shipped network as it detects at a site, made once for all preparations.
 
     The general one was not trained there and would take some hedge for a vehicle in every frame, so it gets the empty
-    site.
-    """
+    site."""
     from models.detector import load_detector
 
     key = network, format_site(site)

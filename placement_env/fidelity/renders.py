@@ -2,8 +2,7 @@
 
 Noise depends only on a seed, the frame's number and the sensor's pose and model, so a set of sensors measures the same
 in any order, pool or process. Errors beyond the sensors' own noise need whole images, packed separately, since they
-look at neighbouring pixels and may carry points into the crop.
-"""
+look at neighbouring pixels and may carry points into the crop."""
 
 import hashlib
 import json
@@ -42,8 +41,7 @@ class Renders:
     cache: where renders are kept and shared with other processes, None for this object's memory; noise_seed: None for
     no noise; errors: of the sensors, drawn from that seed when a cloud is requested; redrawn: anew for each block of
     `LIFE` frames, as if the sensors were mounted again, so that figures over all frames are means over many mountings;
-    else once for all frames. Pickles exclude rendered data.
-    """
+    else once for all frames. Pickles exclude rendered data."""
 
     def __init__(
         self,

@@ -80,8 +80,7 @@ def simulate_traffic(site: Site, frames: int = FRAMES, seed: int = 0) -> Traffic
 
     Parked vehicles stay for `LIFE` frames, like all: sets are compared by a bootstrap over blocks of that length,
     which a van parked there throughout would bias unnoticed. Raises ValueError for fewer frames than one, and errors of
-    `toolkit.traffic.snapshots.simulate`.
-    """
+    `toolkit.traffic.snapshots.simulate`."""
     check_whole("frames", frames, least=1)
     key = format_site(site), frames, seed
     if key not in _KEPT:

@@ -4,8 +4,7 @@ Only scored objects count. Points on an object are noise-free: those that lie on
 `toolkit.boxes.count_points` counts the same in the cropped cloud, with two exceptions: ground that relief lifts into
 the foot of a box, which is no part of the object, and points on the very faces of the box, where rounding decides.
 Points sent are their expectation under noise, which lifts half of the points on even ground above z = 0 and so into the
-crop.
-"""
+crop."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
@@ -30,8 +29,7 @@ class Visibility:
     The objects (of some classes, centred in the area) are those of F frames, frame after frame. points: on each object
     inside the crop, noise-free; distance: from the sensor to the object's centre, horizontal, m, seen or not; frame: of
     each object, ascending; boxes: of the objects; sent: expected points in the crop of each frame; far: those of them
-    horizontally beyond the radius of hybrid fusion; labels: class of each object, all vehicles if not given.
-    """
+    horizontally beyond the radius of hybrid fusion; labels: class of each object, all vehicles if not given."""
 
     points: Float32[np.ndarray, "C O"]
     distance: Float32[np.ndarray, "C O"]
@@ -103,8 +101,7 @@ class Visibility:
     ) -> "Visibility":
         """View of a recording's sensors on its objects of some classes, counted in the clouds of the first `frames`.
 
-        Points sent are counted with the noise that `toolkit.detection.evaluation` adds, None for none, as kbit are.
-        """
+        Points sent are counted with the noise that `toolkit.detection.evaluation` adds, None for none, as kbit are."""
         site, count = recording.site, min(len(recording), len(recording) if frames is None else frames)
         points, sent, far, objects = [], [], [], []
         for k in range(count):

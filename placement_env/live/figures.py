@@ -2,8 +2,7 @@
 
 The intervals are of `placement_env.analysis.intervals`, over the same draws for every variant, so that what a move
 changed has an interval of its own. They are given down to `LEAST_BLOCKS` blocks of frames, fewer than a judged set
-needs: see `docs/how-to/live.md` for how often they hold.
-"""
+needs: see `docs/how-to/live.md` for how often they hold."""
 
 import math
 from dataclasses import asdict, dataclass, field, replace
@@ -51,8 +50,7 @@ class LiveAnswer:
     worst_low, worst_high: AP left after the worst single failure, of `worst_sensor`; levels: of traffic; change,
     change_low, change_high: AP since the answer before, on the same frames; unseen, hidden: road users without a point
     on them, their number and which; probability: that each is found; problems: sentences on what cannot be built so;
-    coarse: a view was taken from half metres of height.
-    """
+    coarse: a view was taken from half metres of height."""
 
     what: str
     sensors: int

@@ -41,8 +41,7 @@ class GroundPicture:
         """Scale, turn and shift it by two points.
 
         spots: where they lie now (m); given: x, y, x, y of where they belong, or their distance alone, about the first
-        of them. Raises ValueError for points that are closer than `NEAREST`, and for other numbers.
-        """
+        of them. Raises ValueError for points that are closer than `NEAREST`, and for other numbers."""
         (start, end), middle = (complex(x, y) for x, y in spots), complex(self.x, self.y)
         if len(given) == 1:
             far = start + given[0] * (end - start) / max(abs(end - start), 1e-9)
@@ -65,8 +64,7 @@ class GroundPicture:
 def keep_picture(name: str, content: bytes, folder: Path, area: Float64[np.ndarray, "4"]) -> GroundPicture:
     """Keep a PNG or JPEG picture in a folder, as wide as an area (m) at first.
 
-    Raises ValueError for a long name, a damaged picture and one of more than `MOST_PICTURE_BYTES` or `MOST_PIXELS`.
-    """
+    Raises ValueError for a long name, a damaged picture and one of more than `MOST_PICTURE_BYTES` or `MOST_PIXELS`."""
     check_name(name)
     if len(content) > MOST_PICTURE_BYTES:
         most = f"{MOST_PICTURE_BYTES // 10**6} MB"

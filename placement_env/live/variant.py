@@ -29,8 +29,7 @@ Corners = tuple[tuple[float, float], ...]  # of an area: x and y (m) of each
 class LiveSensor:
     """Sensor on a pole. model: name in the stock; x, y: m; height: above the foot (m); heading, tilt: rad.
 
-    locked: not to be moved; failed: bought and mounted, but it sees and sends nothing.
-    """
+    locked: not to be moved; failed: bought and mounted, but it sees and sends nothing."""
 
     name: str
     model: str

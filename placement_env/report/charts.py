@@ -38,8 +38,7 @@ def interval_bars(
     """Bar of AP for each row, with its interval and the number of vehicles.
 
     alt: for screen readers in place of the title; labels: in place of the usual ones beside the bars; hatched: all
-    bars but the first, whose AP is an upright line; right: inches kept free for labels.
-    """
+    bars but the first, whose AP is an upright line; right: inches kept free for labels."""
     names, judged = [name for name, _ in rows], [each for _, each in rows]
     with canvas.house_style():
         subtitle = f"{describe_sample(judged)}{'; hatched: with failures' * hatched}"
@@ -129,8 +128,7 @@ def order_chart(order: Sequence[content.BuildStep], currency: str) -> str:
 def front_chart(options: Sequence[content.PlanOption], chosen: content.PlanOption, currency: str) -> str:
     """AP over kbit per sensor and over price.
 
-    The chosen set is marked. Judged sets have intervals; for the others the predicted AP is shown hollow.
-    """
+    The chosen set is marked. Judged sets have intervals; for the others the predicted AP is shown hollow."""
     from matplotlib.lines import Line2D
 
     dot: PlotStyle = {"marker": "o", "markersize": 6, "markeredgecolor": BAR, "linestyle": "none"}
@@ -170,8 +168,7 @@ def front_chart(options: Sequence[content.PlanOption], chosen: content.PlanOptio
 def worth_chart(worth: Sequence[content.SensorWorth]) -> str:
     """Shapley value of each sensor, and pair interactions.
 
-    An interaction above 0 means that two sensors add more together than apart.
-    """
+    An interaction above 0 means that two sensors add more together than apart."""
     with canvas.house_style():
         labels = sensor_labels([each.sensor for each in worth])
         names = [

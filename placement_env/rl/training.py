@@ -2,8 +2,7 @@
 
 MaskablePPO (sb3-contrib) trains environments with action masks, PPO (Stable-Baselines3) all others, in rounds of some
 updates. Each round starts from reset environments and generators seeded by the run's seed and its number, so a training
-that is killed and called again ends with the same weights. Checkpoints hold tensors and numbers only.
-"""
+that is killed and called again ends with the same weights. Checkpoints hold tensors and numbers only."""
 
 import time
 from collections.abc import Callable, Mapping
@@ -42,8 +41,7 @@ class Learning:
 
     envs: stepped side by side; rollout: steps of each between updates; width: of the two hidden layers, or of
     `policy_network` if candidates are chosen one after another; augment: junctions are rotated and mirrored at random
-    in every episode, so that a policy for several memorises less of them (coview's own environments only).
-    """
+    in every episode, so that a policy for several memorises less of them (coview's own environments only)."""
 
     envs: int = 16
     rollout: int = 16
@@ -74,8 +72,7 @@ def search(
     """Best set that MaskablePPO meets, trained at this objective alone, or in `EPISODES` episodes after that.
 
     Every step counts as an evaluation; without a limit `DEFAULT_STEPS` are trained. checkpoint: keeps the policy, and
-    the best set up to each round.
-    """
+    the best set up to each round."""
     if objective.setting.keep:
         raise ValueError("a policy does not know poles that must carry a sensor: say --method portfolio or swap")
     steps = DEFAULT_STEPS if seconds is None and evaluations is None else evaluations
@@ -134,8 +131,7 @@ def train_policy(
 
     `out/policy.pt` is kept; called again with the folder, training resumes. progress: called with the steps done and
     the mean return of the last 100 episodes, NaN before the first; watch: called with the infos of each step. Raises
-    ValueError without a limit and if `out` holds another training, ImportError without the libraries.
-    """
+    ValueError without a limit and if `out` holds another training, ImportError without the libraries."""
     from models.weight_files import read_checkpoint, save_atomically
 
     if steps is None and seconds is None:

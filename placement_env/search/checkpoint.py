@@ -2,8 +2,7 @@
 
 A state is one file for each part of a search: JSON values and arrays, signed over them, the question and the code with
 the folder's secret, replaced whole. A damaged or forged state, or one of another question or other code, is ignored:
-that part of the search starts anew. Other slow results (visibility, renders, detections) are in the cache.
-"""
+that part of the search starts anew. Other slow results (visibility, renders, detections) are in the cache."""
 
 import json
 import shutil
@@ -88,8 +87,7 @@ def unfinished(
     """Checkpoint of a search in a folder of its own, which is removed when the block ends normally.
 
     code: module of the search. Raises FileExistsError where the folder holds an unfinished search of another question
-    and may not be overwritten, and where another process is working in it.
-    """
+    and may not be overwritten, and where another process is working in it."""
     shards = find_unfinished(folder, question)
     with shards.lock():
         shards.open(overwrite)

@@ -5,8 +5,7 @@ without bounds), tilt between `TILT_RANGE` (0 to 1) and, where sensors may roam,
 (0 to 1 each), which mean the nearest mount where earlier sensors have left a place. Every vector is rendered: in
 panoramas of the mounts where the preparation makes these (`Preparation.live`), else by rays, which is affordable for a
 few hundred vectors. So the start should be good. Panoramas nearly always agree with rays within 3 % or 8 points of an
-object.
-"""
+object."""
 
 import time
 import warnings
@@ -53,8 +52,7 @@ def search(
     The limits hold for the moved sets, seconds for both stages; roam, checkpoint: see `improve`. If no sensor pays,
     that is the answer. Poses seen in panoramas are scored by rays in the end; the answer is the start where that is
     better. Raises ValueError for an objective without a site, and for several IoU thresholds, failures or levels of
-    traffic.
-    """
+    traffic."""
     made = objective.preparation
     if made is None:
         raise ValueError("CMA-ES moves sensors, so it needs an objective made from a site: Objective(site)")
@@ -103,8 +101,7 @@ def improve(
     of all steps are kept; without a limit 300 vectors are scored. The answer is never worse than the start, which is
     scored first. When the search has settled it restarts at the best with twice the population. `Result.best.subset`
     just counts the sensors. Raises ValueError without a sensor, where two share a mount or where the start may not be
-    built, and ImportError without `cma`.
-    """
+    built, and ImportError without `cma`."""
     if not len(start) or (np.bincount(start.mount, minlength=len(start.mounts)) > start.places).any():
         mounts = np.unique(start.mount).size
         raise ValueError(f"need sensors on mounts of their own, got {len(start)} on {mounts} mounts")
@@ -166,8 +163,7 @@ def improve(
 def build_pose_scorer(preparation: Preparation, weights: Weights = FREE, *, live: LiveView | None = None) -> PoseScorer:
     """Scorer of sensor sets by the preparation's fidelity, None where a set does not fit its mounts and links.
 
-    live: panoramas to use, None to cast rays.
-    """
+    live: panoramas to use, None to cast rays."""
     quiet = replace(preparation.run, cache=None, progress=None)
 
     def score_poses(sets: Sequence[Poses]) -> list[Score | None]:

@@ -51,8 +51,7 @@ class SearchOrder:
     budget: most sensors; verify: fidelity that scores an answer and its neighbours; judge, confidence, contenders: of a
     portfolio's race and assessment; demand: of the cheapest set; curve: the best set of every number of sensors up to
     the budget, or for every amount of money where it is limited, by a portfolio; currency: of prices, "" for those of
-    one ordinary pole; tell: takes a line with a first answer.
-    """
+    one ordinary pole; tell: takes a line with a first answer."""
 
     setting: Setting
     run: Run = Run()
@@ -140,8 +139,7 @@ class SearchOrder:
 
         Until it ends normally, the state of the search stands beside the folder, in one with the suffix `UNFINISHED`,
         where the same question resumes. Raises FileExistsError where another search is unfinished and may not be
-        overwritten.
-        """
+        overwritten."""
         if out is None:
             yield self, NOWHERE
             return
@@ -157,8 +155,7 @@ class SearchOrder:
 class Answer:
     """Answer to an order. summary: for JSON; lines: to print; met: True where any sensor is to be built.
 
-    result, chosen: of one search, and the set to hand over, which a check may have changed; points: of a curve.
-    """
+    result, chosen: of one search, and the set to hand over, which a check may have changed; points: of a curve."""
 
     objective: Objective
     summary: Summary

@@ -75,8 +75,7 @@ def fleet_named(
     and catalogue if held-out cars are asked for. held_out: see `catalogue`; mirrors: count wing mirrors into ground
     truth boxes, also of meshes where they are seen to stick out.
 
-    Raises ValueError for another name, a folder missing or given in vain, and arguments that exclude each other.
-    """
+    Raises ValueError for another name, a folder missing or given in vain, and arguments that exclude each other."""
     if name is None:
         name = "catalogue" if held_out else "own" if meshes is None else "meshes"
     if name not in FLEETS:

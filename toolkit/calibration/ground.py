@@ -5,8 +5,7 @@ A roof, a wall or a row of hedges may have more points than the ground, and the 
 points are thinned to the low end of each cell of a grid. Cells that stand above others near by, by more than `max_tilt`
 and a kerb explain, are left out. A hypothesis is scored by the cells that lie on it, less those that lie well below it,
 since nothing lies under the ground. The best plane is fitted again to the points about it, cell by cell, so that near
-rings of a lidar do not outweigh far ones (M. A. Fischler and R. C. Bolles, 1981; G. Vosselman, 2000).
-"""
+rings of a lidar do not outweigh far ones (M. A. Fischler and R. C. Bolles, 1981; G. Vosselman, 2000)."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -126,8 +125,7 @@ def support_mask(cells: _Cells, step: float, slope: float, *, others: int) -> Bo
 def lowest_mask(cells: _Cells, slope: float, step: float, *, window: float = STEP_WINDOW) -> Bool[np.ndarray, " m"]:
     """Mark cells than which none within the window (m) lies lower by more than slope and step.
 
-    Raises ValueError if the cells reach too far for an image of them.
-    """
+    Raises ValueError if the cells reach too far for an image of them."""
     from scipy.ndimage import grey_erosion
 
     if not len(cells):
@@ -180,8 +178,7 @@ class HeightMap:
 def fit_map(points: Points, *, reach: float = MAP_REACH) -> HeightMap:
     """Fit a map of heights to points with ground near z = 0.
 
-    reach: distance (m) from the middle of the points that the map covers. Raises ValueError unless it is above 0.
-    """
+    reach: distance (m) from the middle of the points that the map covers. Raises ValueError unless it is above 0."""
     if not 0 < reach < np.inf:
         raise ValueError(f"reach must be above 0 m, got {reach}")
     near = points[np.abs(points[:, 2]) < _BAND]

@@ -10,8 +10,7 @@
 A pose is world_SE3_sensor (world → sensor with `inverted`): 16 numbers (4×4 by rows), 12 (the first three rows, as
 KITTI) or 7 (qw qx qy qz tx ty tz, metres). A pose file is JSON (one pose, a list of poses, or an object {name: pose})
 or text (one pose a line, with or without its name before it, or one pose in four lines). A pose's name is its cloud's
-file name without the ending. All is float64, so that map coordinates of a million metres keep their millimetres.
-"""
+file name without the ending. All is float64, so that map coordinates of a million metres keep their millimetres."""
 
 import re
 import struct
@@ -46,8 +45,7 @@ def fuse_files(paths: Sequence[str | Path], poses: Sequence[Pose]) -> "PointClou
     """Return one float64 cloud in the poses' common frame: sensor k recorded paths[k] and stood at poses[k].
 
     Normals turn with their pose. Attributes that all files have stay; a warning names the others, see `fuse`. Raises
-    FileNotFoundError, and ValueError for a file without points or an invalid pose.
-    """
+    FileNotFoundError, and ValueError for a file without points or an invalid pose."""
     from toolkit.clouds import from_attributes, fuse
 
     if len(paths) != len(poses):

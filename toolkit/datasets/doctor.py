@@ -4,8 +4,7 @@ although its objects have left, and blind where it returns far less than usual w
 Suspected mistakes in a recording's conventions: each classic mistake is undone and the fits are compared. The
 evidence is motion. Sensors stand still, so a pixel that is nearer than in other frames shows an object. Points of such
 pixels must lie on the objects' boxes: inside them, and near their surface rather than in their core. `fit` is the share
-of moving points that do. A mistake is suspected if undoing it raises the fit clearly.
-"""
+of moving points that do. A mistake is suspected if undoing it raises the fit clearly."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace

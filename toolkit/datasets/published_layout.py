@@ -5,8 +5,7 @@
     K       [[cu, f, 0], [cv, 0, -f], [1, 0, 0]]
     object  x y z (centre), pitch roll yaw (degrees), half extents (m), class
 
-Nothing foreign leaves this file: other modules see poses `world_SE3_sensor` in the site's frame and `Objects`.
-"""
+Nothing foreign leaves this file: other modules see poses `world_SE3_sensor` in the site's frame and `Objects`."""
 
 from collections.abc import Iterable
 

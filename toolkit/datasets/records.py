@@ -35,8 +35,7 @@ class Listing(DisplayedRecording):
     """A recording of named frames, read on demand.
 
     labelled: names, times or tokens by which labels say what they belong to, also of clouds that are not there;
-    known: those that have a cloud, `names` if None. The first frame counts the others in its problems.
-    """
+    known: those that have a cloud, `names` if None. The first frame counts the others in its problems."""
 
     names: tuple[str, ...]
     load: Callable[[str], Frame]

@@ -12,8 +12,7 @@ It needs no labels and no training, only a look at the empty site, and is the ba
 5. the score grows with what had to be seen rather than assumed: the number of points and the share of length and width.
 
 `learn_cluster_detector` learns it from the empty scenes of a recording of clouds. `foreground_clusters` gathers the
-points of a frame that stand out from them into objects by DBSCAN (M. Ester and others, 1996).
-"""
+points of a frame that stand out from them into objects by DBSCAN (M. Ester and others, 1996)."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -48,8 +47,7 @@ class ClusterDetector:
     """Detector of all classes, learnt from nothing but points of the empty site, world frame. cell: edge of the cells
     that are clustered (m); reach: greatest distance between neighbouring cells of a cluster, tried from the first to
     the last while the cluster is too large for a car (m); fewest: points of a cluster; area: xmin ymin xmax ymax (m),
-    below 4 m, to which points are cropped, None for no crop.
-    """
+    below 4 m, to which points are cropped, None for no crop."""
 
     labels: ClassVar[tuple[str, ...]] = LABELS
     background: Background
@@ -61,8 +59,7 @@ class ClusterDetector:
     @staticmethod
     def learn(background_points: Points | Iterable[Float[np.ndarray, "_ 3"]]) -> "ClusterDetector":
         """Learn from clouds (n, 3) of the empty site, cropped like the points to detect in, world frame. Several sweeps
-        of the same sensors show their noise.
-        """
+        of the same sensors show their noise."""
         clouds = [background_points] if isinstance(background_points, np.ndarray) else list(background_points)
         return ClusterDetector(Background.learn(np.concatenate([np.zeros((0, 3), np.float32), *clouds])))
 
@@ -191,8 +188,7 @@ def _complete(cars: list[_Rectangle], background: Points) -> list[_Rectangle]:
 class Clusters:
     """Points that stand out, gathered into objects.
 
-    points: world frame; sensor: number of the cloud of each; of: number of the object of each, -1 for none.
-    """
+    points: world frame; sensor: number of the cloud of each; of: number of the object of each, -1 for none."""
 
     points: Float64[np.ndarray, "n 3"]
     sensor: Int64[np.ndarray, " n"]
@@ -216,8 +212,7 @@ def foreground_clusters(
 
     reach: distance (m) within which points are neighbours; fewest: neighbours, itself among them, from which on a point
     is inside an object; sigmas: spreads of the empty scene within which a measurement shows it. Raises ValueError for a
-    reach that is not above 0, fewer than one point, and a sensor without a scene.
-    """
+    reach that is not above 0, fewer than one point, and a sensor without a scene."""
     if not 0 < reach < np.inf or fewest < 1:
         raise ValueError(f"reach must be above 0 m and fewest at least 1, got {reach} and {fewest}")
     parts, sensors = [np.zeros((0, 3))], [np.zeros(0, np.int64)]
@@ -241,8 +236,7 @@ def cluster_points(
 
 def learn_cluster_detector(scenes: Scenes, frame: Frame, place: Place = Place()) -> ClusterDetector:
     """Return a detector of what stands out from the empty scenes of lidars that stand as in a frame. place: the one it
-    will detect in. Raises ValueError where the empty scenes have no point in the area.
-    """
+    will detect in. Raises ValueError where the empty scenes have no point in the area."""
     rng, sweeps, centre = np.random.default_rng(0), [], place.find_middle(frame)
     for _ in range(SWEEPS):
         parts = [transform(cloud.world_SE3_sensor, _sweep(scenes, cloud.name, rng)) for cloud in frame.clouds]
@@ -255,8 +249,7 @@ def learn_cluster_detector(scenes: Scenes, frame: Frame, place: Place = Place())
 
 def _sweep(scenes: Scenes, name: str, rng: Rng) -> Float64[np.ndarray, "n 3"]:
     """Draw a sweep of a sensor in its empty scene, in the sensor's own frame. Each pixel takes one of its two
-    measurements, as often as it was met, with its spread.
-    """
+    measurements, as often as it was met, with its spread."""
     scene, model = scenes[name].scene, scenes.grid(name).model
     other = np.isfinite(scene.second) & (rng.random(scene.first.shape) > scene.share)
     median = np.where(other, scene.second, scene.first).astype(np.float64)

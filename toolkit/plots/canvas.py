@@ -4,8 +4,7 @@ are drawn and written inside `house_style()`, so that no setting of the user aff
 Colours of all pictures: of sensors, classes, outcomes and ground, and scales for counts. Sensors, classes and
 outcomes share no colour, and any two of them differ by at least 18 in CIELAB for normal vision and for protanopia,
 deuteranopia and tritanopia as simulated by Machado et al. (2009, IEEE TVCG 15(6)); the tests check it. No meaning
-depends on colour alone: sensors have labels, outcomes lines and marks of their own, scales grow darker.
-"""
+depends on colour alone: sensors have labels, outcomes lines and marks of their own, scales grow darker."""
 
 import re
 from collections.abc import Iterator, Sequence

@@ -41,8 +41,7 @@ def draw_density_cdf(counts: Mapping[str, Int[np.ndarray, " _"]], out: Path | st
     """Draw the share of objects over their points.
 
     There is one cumulative curve for each sensor set (paper, impact of point density). The axis is linear up to `FEW`
-    points and logarithmic beyond.
-    """
+    points and logarithmic beyond."""
     with house_style():
         figure, axes = curve_axes(title or "Points on an object", len(counts))
         for number, points in enumerate(counts.values()):

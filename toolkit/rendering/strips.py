@@ -8,8 +8,7 @@ they do in `toolkit.rendering.renderer`, ray for ray; only below `STRIP_WIDTH` i
 Successive frames share strips: an object that stands where it stood, and all that may hide it, is not cast again. What
 may hide an object is taken generously: whatever overlaps with it in azimuth and elevation and begins no farther off
 than the object ends, with circles for footprints. Bodies that stick in each other are cast every time, since which of
-them a ray meets is chance.
-"""
+them a ray meets is chance."""
 
 from collections.abc import Callable
 from itertools import pairwise
@@ -86,8 +85,7 @@ class _Columns(NamedTuple):
 def cast_strips(renderer: Renderer, moment: Moment, viewpoints: Eyes, counted: Counted, windows: Sectors) -> Strips:
     """Cast the strips of some sectors of a moment's objects, one after the other.
 
-    renderer: of the site, for its static scene; windows: see `find_sectors`.
-    """
+    renderer: of the site, for its static scene; windows: see `find_sectors`."""
     columns = _columns(moment.ground, viewpoints, windows)
     item, start = windows.item.astype(np.int32), viewpoints[windows.viewpoint].astype(np.float32)
 

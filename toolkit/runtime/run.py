@@ -4,8 +4,7 @@ A command takes the smallest class that holds what it uses: `Processes` (workers
 files, `Simulation` (those, seed, frames) where traffic is simulated, `Run` (those, cache) where results are kept. Other
 usual values are the parameter's default, `run: Run = Run(frames=1000)`. tyro makes options and help of the fields. The
 same seed and frames give the same answer on one machine; cache and processes change its time alone. Fields that do not
-fit raise ValueError, a cluster without Ray ImportError.
-"""
+fit raise ValueError, a cluster without Ray ImportError."""
 
 import os
 from collections.abc import Callable, Iterable, Iterator

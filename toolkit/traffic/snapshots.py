@@ -10,8 +10,7 @@ dropped.
 A share of all may be `Strays`, road users where their class seldom is: on any lane or footway, beside walls and
 vehicles, shoulder to shoulder. Where everybody keeps to lanes of their own, a detector learns the place in place of the
 shape: a pedestrian on a lane becomes a cyclist. Strays stand or go straight on, at any heading, for as many frames as
-other road users live.
-"""
+other road users live."""
 
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass, replace
@@ -37,8 +36,7 @@ _WALKABLE = 0.3  # m above the ground; lower solids can be stepped on
 class Obstacles:
     """Static solids high enough to be in the way, indexed by place.
 
-    Heights count from the plane of the ground, as those of boxes do until a snapshot puts them on the ground.
-    """
+    Heights count from the plane of the ground, as those of boxes do until a snapshot puts them on the ground."""
 
     def __init__(self, site: Site) -> None:
         middles = np.array([solid.footprint.mean(axis=0) for solid in site.solids]).reshape(-1, 2)
@@ -59,8 +57,7 @@ class Obstacles:
 def separate(boxes: _Boxes, obstacles: Obstacles) -> tuple[_Boxes, Bool[np.ndarray, " n"], int]:
     """Separate boxes; return them, a mask of kept rows and the number of changes.
 
-    Earlier rows have precedence. A row in the way steps aside by up to 1 m across its heading, or is dropped.
-    """
+    Earlier rows have precedence. A row in the way steps aside by up to 1 m across its heading, or is dropped."""
     kept = np.ones(len(boxes), bool)
     in_the_way = np.flatnonzero(overlaps(boxes).any(axis=0) | obstacles.hit(boxes))
     if not len(in_the_way):
@@ -348,8 +345,7 @@ def simulate(
     simulation runs at a time in a process: use up or close() the iterator before the next.
 
     Raises ValueError where the site has no network, nothing can drive near its area, or an argument does not fit;
-    ImportError without SUMO; RuntimeError where another simulation is open.
-    """
+    ImportError without SUMO; RuntimeError where another simulation is open."""
     if not site.network:
         raise ValueError(f"site {site.name!r} has no network, so no traffic: import one from a map, or build_network")
     if frames < 0:

@@ -29,8 +29,7 @@ def sort_outcomes(each: Detected) -> dict[Marked, dict[str, Detections]]:
     """Detections of each outcome and class, world frame, and labelled boxes that were missed, with scores NaN.
 
     Every detection is a hit, a false alarm or ignored: beyond the area or the complete labels, or on an object that
-    does not count.
-    """
+    does not count."""
     made: dict[Marked, dict[str, Detections]] = {name: {} for name in MARKED}
     if not len(each.frame.objects):
         return {}

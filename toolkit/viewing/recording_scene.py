@@ -14,8 +14,7 @@ The page is one file of HTML that works from disk, without server or network: fr
 scene holds every frame as nodes of their own; the page shows one at a time and plays them. Points are stored once,
 whatever they are coloured by, and thinned to what a page can hold.
 
-The live view reads the recording while it is shown, with a slider for frames and switches.
-"""
+The live view reads the recording while it is shown, with a slider for frames and switches."""
 
 import secrets
 from collections.abc import Callable, Iterable, Sequence

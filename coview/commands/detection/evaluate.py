@@ -112,8 +112,7 @@ def evaluate(
 
     Args:
         dataset: Recording made by coview simulate, one of the authors' files, or clouds in any layout.
-        out: Folder for table.json and the PR curves.
-    """
+        out: Folder for table.json and the PR curves."""
     from toolkit.calibration.empty_scene import Scenes
     from toolkit.calibration.poses import TOGETHER, Corrected, find_poses
     from toolkit.calibration.registration import read_surface

@@ -95,8 +95,7 @@ def what_if(
     Example: coview what-if tjunction --drop d2 --carry d0 pole05 --add pole07 200 15 --json
 
     Args:
-        plan: Folder of a plan, or a site with sensors.
-    """
+        plan: Folder of a plan, or a site with sensors."""
     planner = open_planner(plan, stock, classes, USUAL_CASES, run)
     before = planner.finish()
     changes.apply(planner)
@@ -129,8 +128,7 @@ def live(
     Example: coview live out/plan --project out/live/main-street.json
 
     Args:
-        site: A site with or without sensors, or the folder of a plan; the page asks for a map or site when left out.
-    """
+        site: A site with or without sensors, or the folder of a plan; the page asks for a map or site when left out."""
     import webbrowser
 
     from coview.live_page import LiveSession
@@ -165,8 +163,7 @@ def open_planner(where: str, stock: StockOptions, classes: ClassOptions, cases: 
     """Open a planner at a site, or with the sensors of a plan's folder.
 
     That brings a budget, and classes, poles and frames where the options are left out. Raises ValueError and OSError
-    for what cannot be read.
-    """
+    for what cannot be read."""
     from placement_env.handover.exchange import MAP, SITE
     from placement_env.live.planner import LivePlanner
 

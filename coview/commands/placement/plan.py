@@ -129,8 +129,7 @@ def plan(
     Example: coview plan tjunction --budget 4 --min-ap 0.9 --out out/plan
 
     Args:
-        site: tjunction, roundabout, or a site file.
-    """
+        site: tjunction, roundabout, or a site file."""
     from placement_env.report.planning.planning import plan as answer, write_plan
 
     out = output.out or Path("out/plan")

@@ -70,8 +70,7 @@ def surrogate(
 
     Args:
         sites: tjunction, roundabout, or site files; none with --random-sites.
-        out: File of models to write (.json), for coview search --surrogate.
-    """
+        out: File of models to write (.json), for coview search --surrogate."""
     from coview.options import ClassOptions
     from placement_env.fidelity.hit_fit import Sampling, fit_sites
     from placement_env.fidelity.hit_model import save_models

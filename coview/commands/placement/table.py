@@ -55,8 +55,7 @@ def table(
 
     Args:
         dataset: Recording of at most 16 sensors.
-        out: Table to write (.npz).
-    """
+        out: Table to write (.npz)."""
     from models.train import commit
     from placement_env.fidelity.renders import Recorded
 

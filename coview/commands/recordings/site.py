@@ -38,8 +38,7 @@ class ImportMap:
             (light), also houses, gardens, works and parked cars (dense).
         seed: Seed of the surroundings.
         sensors: Number of cameras to place by greedy coverage, to try the site with.
-        overwrite: Replace existing files.
-    """
+        overwrite: Replace existing files."""
 
     centre: tuple[float, float]
     size: tuple[float, float]
@@ -93,8 +92,7 @@ class ExportSite:
     Attributes:
         site: tjunction, roundabout, or a site file.
         out: GeoJSON file to write.
-        overwrite: Replace existing files.
-    """
+        overwrite: Replace existing files."""
 
     site: Positional[str]
     out: Path
@@ -122,8 +120,7 @@ class RandomSite:
     Attributes:
         out: Site file to write.
         seed: Seed of the junction.
-        overwrite: Replace existing files.
-    """
+        overwrite: Replace existing files."""
 
     out: Path
     seed: int = 0
@@ -148,8 +145,7 @@ class ShowSite:
     Attributes:
         site: tjunction, roundabout, or a site file.
         out: Picture to write.
-        overwrite: Replace existing files.
-    """
+        overwrite: Replace existing files."""
 
     site: Positional[str]
     out: Path | None = None

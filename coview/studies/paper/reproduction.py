@@ -15,8 +15,7 @@ any. Densities from 0 to the maximum are cut into 200 bins of equal width; the I
 vehicles. The fit is IoU = a + b ln(points) by least squares over the bins, weighted by their vehicles, at the mean
 density of each; vehicles without a point take no part in bins and fit. A log curve keeps rising where IoU no longer
 does, so the density that a wanted IoU needs is given twice: by the fit, and by the measured mean IoU, made monotone in
-the density (isotonic regression).
-"""
+the density (isotonic regression)."""
 
 import json
 from collections.abc import Callable
@@ -133,8 +132,7 @@ def _explain_kbit(stored: StoredDetections, run: SchemeRun, paper: float) -> str
 def set_experiment(table: Table, seen: StoredDetections, site: str) -> Experiment:
     """Compare table 2: AP of all sensor sets, the best three of each size.
 
-    seen: points in the table's frames, for reasons.
-    """
+    seen: points in the table's frames, for reasons."""
     listed, origin = sensor_sets(site), table.origin
     names, count = [set_name(row.sensors) for row in listed.rows], len(listed.rows)
     sets = np.array([np.isin(np.arange(len(origin.sensors)), row.sensors) for row in listed.rows])
@@ -523,8 +521,7 @@ def run_reproduction(
     frames: of the test recording that are evaluated; detector: makes one for the recording, None for the site's shipped
     network; table: file of `coview table` with the AP of all sensor sets, None for the shipped table, or for a new one
     if that was not measured at this site with this detector; recorded: frames of the recording, at least `frames`.
-    Raises ValueError for a site that the paper has no figures for, and for arguments that do not fit.
-    """
+    Raises ValueError for a site that the paper has no figures for, and for arguments that do not fit."""
     check_paper_site(site)
     check_whole("frames", frames, least=1)
     check_whole("recorded", recorded, least=1)

@@ -3,8 +3,7 @@
 Objects centred in the site's area are to be found, by protocol `exact`. Where frames lie close together, the first
 second after traffic restarts is not scored under any condition, because late messages cannot have arrived yet.
 Intervals are a bootstrap over blocks of frames (`placement_env.analysis.intervals`) with one seed, so conditions are
-compared on the same draws. They are too narrow over frames close together, which resemble each other.
-"""
+compared on the same draws. They are too narrow over frames close together, which resemble each other."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -50,8 +49,7 @@ class StressRow:
 
     judged: AP with its interval; kbit_per_sensor: per frame, over the sensors that send; age: mean over sensors and
     frames of what the centre shows (s); label, iou: of what is to be found; amount: how much goes wrong, None if that
-    is no number; tally: the detections behind `judged`.
-    """
+    is no number; tally: the detections behind `judged`."""
 
     kind: str
     level: str
@@ -80,8 +78,7 @@ def check_kinds(kinds: Sequence[str]) -> None:
 def choose_kinds(recording: SiteRecording, kinds: Sequence[str] | None = None) -> tuple[str, ...]:
     """Return the given kinds of stress, by default all that a recording can show.
 
-    Raises ValueError for an unknown kind, and for one that needs frames closer together.
-    """
+    Raises ValueError for an unknown kind, and for one that needs frames closer together."""
     close = is_sequence(recording)
     check_kinds(kinds or ())
     for kind in kinds or ():
@@ -102,8 +99,7 @@ class KeptDetections:
 
     cache: where detections are kept, None for memory alone; on disk, an interrupted stress test resumes, and one with
     other schemes, levels or IoU thresholds detects only what is new. Raises ValueError for a cache with a path and a
-    detector without the attribute `digest`.
-    """
+    detector without the attribute `digest`."""
 
     def __init__(self, detector: Detector, cache: Cache | None = None) -> None:
         digest, self._cache, self.asked = getattr(detector, "digest", None), Cache() if cache is None else cache, 0
@@ -145,8 +141,7 @@ def run_stress(
 
     run: its seed is that of noise, errors, channels and bootstrap, its frames are the first ones of the recording; with
     its cache an interrupted run resumes; finished: called with the rows of each condition. Raises ValueError as
-    `choose_kinds` and `KeptDetections`, and for a label that the detector does not know.
-    """
+    `choose_kinds` and `KeptDetections`, and for a label that the detector does not know."""
     check_known(detector, [question.label])
     kept = KeptDetections.of(detector, run.memo)
     names = [sensor.name for sensor in recording.sensors]
@@ -209,8 +204,7 @@ class _ConditionJob:
     ) -> None:
         """Fuse one frame by every system; those that send alike share views.
 
-        Chained messages follow from frames as they were measured, whichever arrive, and restore whole images.
-        """
+        Chained messages follow from frames as they were measured, whichever arrive, and restore whole images."""
         frame, site, views = lagged.frame, self.recording.site, {}
         sending = [k for k, age in enumerate(lagged.ages) if age == age and k not in condition.silent]
         for trial in trials:

@@ -1,8 +1,7 @@
 """The junction in 3D, as a page of viser that plays in an iframe without server or network.
 
 viser's own player cannot hide one sensor with its points under a name that a reader knows. So every sensor, frame and
-kind of box is a node of its own, and the page around the scene switches nodes by messages (`Layer.node`).
-"""
+kind of box is a node of its own, and the page around the scene switches nodes by messages (`Layer.node`)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -193,8 +192,7 @@ def seen_cells(site: Site, ground: Ground, index: int) -> Mesh:
 def view_edges(sensor: Sensor, background: Float32[np.ndarray, "rows columns"]) -> scene.Segments:
     """Outline of a sensor's view of the empty site, and rays that lead to it from the sensor.
 
-    background: measurement of each ray, 0 without a return.
-    """
+    background: measurement of each ray, 0 without a return."""
     rows, columns = background.shape
     index = np.arange(rows * columns).reshape(rows, columns)
     ring = np.concatenate([index[0], index[1:, -1], index[-1, -2::-1], index[-2:0:-1, 0]])

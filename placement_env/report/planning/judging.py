@@ -10,8 +10,7 @@ The best of them has the greatest mean AP over the detector's IoU thresholds of 
 the highest. Without a requirement the answer is the cheapest set that cannot be told from it (`is_as_good`: on the same
 frames, its whole interval of the loss lies within the tolerance). With one it is the cheapest set whose AP reaches it;
 sets are judged by price until one does. If none does, it is the best set. AP is that over the cases of the plan
-(`PlanOption.counted`).
-"""
+(`PlanOption.counted`)."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -65,8 +64,7 @@ class Judge:
 
     profiles: at each error profile of the cases, matched at all their IoU thresholds; seed: of the bootstrap; levels:
     frames of each level of traffic, none if traffic is undivided; drawings: judges of the same candidates at other
-    drawings of the site, over which figures of sets are means.
-    """
+    drawings of the site, over which figures of sets are means."""
 
     profiles: tuple[Detected, ...]
     cases: Cases = USUAL_CASES
@@ -147,8 +145,7 @@ class Judge:
     ) -> tuple[list[SetJudgement], _Figures]:
         """Judge sets intact and in all cases. stage: makes a progress callback from a name.
 
-        Also returns the AP by which sets are compared in each resample, [n, resamples].
-        """
+        Also returns the AP by which sets are compared in each resample, [n, resamples]."""
         first = replace(self.cases, errors=self.cases.profiles[0])
         judged, draws = self.judge_drawn(sets, self.intact, stage("chosen set"))
         left: Sequence[Judgement | None] = [None] * len(sets)
@@ -284,8 +281,7 @@ class Choice:
 
     chosen, best: indices of the answer and of the best set; alike: of sets that cannot be told from the best, without
     the answer; confidence: with which the race of its size ended, that no set of as many sensors is better by more than
-    `AP_TOLERANCE`; None where none was run, as where sets were judged by price.
-    """
+    `AP_TOLERANCE`; None where none was run, as where sets were judged by price."""
 
     options: tuple[PlanOption, ...]
     sets: Bool[np.ndarray, "n C"]
@@ -403,8 +399,7 @@ def _find_rivals(
 ) -> Int64[np.ndarray, " k"]:
     """Places of the winner of a race and its `KEPT` - 1 likeliest rivals: by mean AP over IoU, then by rank.
 
-    The mean AP is that on the frames of the first rung, which all sets share.
-    """
+    The mean AP is that on the frames of the first rung, which all sets share."""
     tied = np.flatnonzero(ran.expected >= ran.expected[0] - LIKELY_TIE)[1:]
     means = evaluator.mean_ap(ranked[tied], order[: ran.frames.min()]) if len(tied) else np.empty(0)
     by_mean = tied[np.argsort(-means, kind="stable")]
@@ -439,8 +434,7 @@ def choose(
 ) -> tuple[int, tuple[int, ...]]:
     """Return the index of the best option, and those that cannot be told from it, itself too, cheap ones first.
 
-    draws: resampled AP of each judged option, on the same frames.
-    """
+    draws: resampled AP of each judged option, on the same frames."""
     judged = {i: counted for i in sorted(draws) if (counted := options[i].counted) is not None}
     highest = max(each.ap for each in judged.values())
     close = [i for i, each in judged.items() if each.ap >= highest - NEAR_TIE]

@@ -30,8 +30,7 @@ class Stock:
 
     candidates: "pool", "paper" for the site's own sensors, or a GeoJSON file of poles; catalogue: sensor models and
     prices, None for the paper's camera at no price; keep_out: areas where no sensor may stand; capacity_kbit: of the
-    link of every mount, None for each mount's own. Raises ValueError if a field does not fit.
-    """
+    link of every mount, None for each mount's own. Raises ValueError if a field does not fit."""
 
     candidates: str | Path = "pool"
     catalogue: SensorCatalogue | None = None
@@ -50,8 +49,7 @@ class Stock:
     def __call__(self, site: Site) -> Candidates:
         """Candidates with prices and links.
 
-        Raises `NoCandidates` if no pole or pose is left, ValueError and OSError for a damaged file.
-        """
+        Raises `NoCandidates` if no pole or pose is left, ValueError and OSError for a damaged file."""
         found = choose_candidates(site, self.candidates, catalogue=self.catalogue, keep_out=self.keep_out)
         price = None if self.catalogue is None else self.catalogue.pole_price
         return with_terms(found, 1.0 if price is None else price, self.capacity_kbit)
@@ -88,8 +86,7 @@ class Question:
     the traffic gets as many frames as it takes, None for a fixed number; drawings: of what no map knows at the site,
     over which sets are searched, compared and judged.
 
-    Raises ValueError in one line if a field does not fit.
-    """
+    Raises ValueError in one line if a field does not fit."""
 
     setting: Setting
     run: Run = Run()

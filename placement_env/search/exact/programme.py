@@ -9,8 +9,7 @@ Either the worth of the reached levels is maximal, or the set is as cheap as pos
 of threshold 1 an object is covered or not; several make steps of a hit's probability, which a surrogate says grows with
 the evidence Σ n_i ^ norm. Steps above the curve make the programme worth no less than the truth, so anything it proves
 impossible is impossible; steps that cut it in the middle are near the truth. Where every pole has one place, its price
-is part of the sensor's.
-"""
+is part of the sensor's."""
 
 import math
 from collections.abc import Sequence
@@ -82,8 +81,7 @@ class Prices(NamedTuple):
     """Prices in exact whole units, rounded down; the limit is rounded up, so no set within the money is excluded.
 
     each: of the candidates, with their mounts where these have one place; shared: of a mount with more, paid once;
-    most: limit on the total; unit: price of one.
-    """
+    most: limit on the total; unit: price of one."""
 
     each: Int64[np.ndarray, " C"]
     shared: Int64[np.ndarray, " C"]
@@ -181,8 +179,7 @@ def _whole(figures: np.ndarray, unit: float) -> Int64[np.ndarray, " C"]:
 class Levels(NamedTuple):
     """Levels of evidence and their worth: `known` is what each candidate adds to each object, in whole numbers.
 
-    threshold, gain: of each level of each object; parties: rows of worth that an object counts in; the least counts.
-    """
+    threshold, gain: of each level of each object; parties: rows of worth that an object counts in; the least counts."""
 
     known: Int64[np.ndarray, "C O"]
     threshold: Int64[np.ndarray, "J O"]
@@ -217,8 +214,7 @@ class Programme:
     """Integer programme over sets of at most `budget` candidates.
 
     failing: 1 for the worth that survives the failure of any one sensor (levels of threshold 1 alone); lost: cases of
-    candidates without which worth is counted, the least of them, for levels of any threshold.
-    """
+    candidates without which worth is counted, the least of them, for levels of any threshold."""
 
     levels: Levels
     budget: int
@@ -237,8 +233,7 @@ class Programme:
 def levels_of_hits(powers: Float[np.ndarray, "C O"], model: HitModel, *, above: bool) -> Levels:
     """Steps of each object's hit probability, from n ^ norm of each candidate and object, without the floor.
 
-    above: no step lies below the curve, else each cuts it in the middle.
-    """
+    above: no step lies below the curve, else each cuts it in the middle."""
     count = powers.shape[1]
     e = (np.log(1 / (1 / np.array(HIT_STEPS) - 1)) - model.intercept) / max(model.density, 1e-9)
     needed = np.expm1(np.clip(model.norm * e, 1e-12, 500.0))

@@ -8,8 +8,7 @@ World frame: the lidar's, x forward, y left, z up, about 1.73 m above the ground
 - Rectified camera ← lidar is R0_rect · Tr_velo_to_cam, and neither rotation is exactly one.
 - Only what camera 2 shows is labelled, the lidar sees all round. `DontCare` marks regions of the image in which nobody
   labelled: its box is -1 -1 -1 -1000 -1000 -1000 -10 and no object.
-- calib names differ between the benchmarks (R0_rect: and R_rect, Tr_velo_to_cam: and Tr_velo_cam).
-"""
+- calib names differ between the benchmarks (R0_rect: and R_rect, Tr_velo_to_cam: and Tr_velo_cam)."""
 
 import struct
 from collections.abc import Iterable

@@ -7,8 +7,7 @@ own, and is counted.
 - Between two transforms of a moving frame the pose is interpolated; before the first and after the last it is theirs.
 - A frame is one round of the topics: it ends when a topic comes again. Its time is that of its first cloud.
 - A point's fields lie anywhere in its point_step bytes, in either byte order; `t`, `time` or `timestamp` is its time.
-- There are no labels in a bag. Reading needs the package rosbags.
-"""
+- There are no labels in a bag. Reading needs the package rosbags."""
 
 import warnings
 from collections.abc import Iterable, Iterator, Mapping
