@@ -221,17 +221,18 @@ def stack(batch: list[Batch]) -> Batch:
     return Batch(collate(voxels), torch.cat(labels), torch.cat(boxes))
 
 
-def jitter_objects(
-    points: _Points, boxes: _Boxes, rng: Rng, *, yaw: float = np.deg2rad(18.0), shift: float = 0.5
-) -> tuple[np.ndarray, np.ndarray]:
-    """Turn each object with its points by up to ±yaw (rad), and shift it by N(0, shift) (m) in the plane.
+MOST_TURN = np.deg2rad(18.0)
+
+
+def jitter_objects(points: _Points, boxes: _Boxes, rng: Rng) -> tuple[np.ndarray, np.ndarray]:
+    """Turn each object with its points by up to ±18°, and shift it by N(0, 0.5) (m) in the plane.
 
     An object that would then touch another stays put (paper, training process)."""
     points, boxes = points.copy(), boxes.copy()
     reach = np.linalg.norm(boxes[:, 3:5], axis=1) / 2
     owned = points_in_boxes(points, boxes)
     for index in range(len(boxes)):
-        turn, move = rng.uniform(-yaw, yaw), rng.normal(0, shift, 2)
+        turn, move = rng.uniform(-MOST_TURN, MOST_TURN), rng.normal(0, 0.5, 2)
         old = boxes[index, :2].copy()
         others = np.arange(len(boxes)) != index
         if (np.linalg.norm(boxes[others, :2] - (old + move), axis=1) < reach[others] + reach[index]).any():

@@ -168,13 +168,9 @@ def frames_for_width(frames: int, width: float, wanted: float) -> int:
 
 
 def is_as_good(
-    figures: Float64[np.ndarray, " resamples"],
-    best: Float64[np.ndarray, " resamples"],
-    blocks: float,
-    *,
-    tolerance: float = AP_TOLERANCE,
+    figures: Float64[np.ndarray, " resamples"], best: Float64[np.ndarray, " resamples"], blocks: float
 ) -> bool:
-    """True if a figure is surely within the tolerance of the best: the whole interval of the paired loss is.
+    """True if a figure is surely within `AP_TOLERANCE` of the best: the whole interval of the paired loss is.
 
     Two figures whose intervals overlap may still differ; on the same frames the loss has an interval of its own.
 
@@ -183,7 +179,7 @@ def is_as_good(
     >>> is_as_good(best - 0.001, best, 15), is_as_good(best - 0.02, best, 15), is_as_good(best, best, 9)
     (True, False, False)
     """
-    return bool(percentiles(best - figures, blocks).high <= tolerance)
+    return bool(percentiles(best - figures, blocks).high <= AP_TOLERANCE)
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,7 @@ above or from the nearer one; `refine` makes what is missing, a panorama at a ti
 of which `suggest` chooses. One thread may refine while another moves."""
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from threading import RLock
 from typing import Any
@@ -36,7 +36,6 @@ from placement_env.objective import Score
 from placement_env.report.planning.question import Stock
 from placement_env.setting import Rendering, Setting
 from toolkit.runtime.run import Run
-from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
 
 LIVE_FRAMES, LIVE_SEED = 60, 3
@@ -62,29 +61,22 @@ class LivePlanner:
     """Plan by hand.
 
     site: a site, its name or file, or a setting: its fidelity must be the surrogate, its candidates are the stock (the
-    site's pool without any); frames, seed: of the traffic; sensors: those that hang at first, the site's own if None;
+    site's pool without any); frames, seed: of the traffic;
     run: cache and more, in place of frames and seed. Raises ValueError where the setting has no surrogate."""
 
     def __init__(
-        self,
-        site: Setting | Site | str,
-        frames: int = LIVE_FRAMES,
-        seed: int = LIVE_SEED,
-        *,
-        sensors: Sequence[Sensor] | None = None,
-        run: Run | None = None,
+        self, site: Setting | Site | str, frames: int = LIVE_FRAMES, seed: int = LIVE_SEED, *, run: Run | None = None
     ) -> None:
         setting = site if isinstance(site, Setting) else Setting(site)
         stock, place = setting.candidates, setting.place
-        hang = place.sensors if sensors is None else tuple(sensors)
         sold = stock if isinstance(stock, Stock) else Stock()
         self.catalogue, self.currency = sold.catalogue, sold.currency
-        self.yard = Yard.of(place, _offer(setting), hang, sold.keep_out)
+        self.yard = Yard.of(place, _offer(setting), place.sensors, sold.keep_out)
         self._lock = RLock()
         self.first = setting
         self.tell: Callable[[bool], None] = lambda dragging: None  # called after every change, before its answer
         self._open(setting, run or Run(frames=frames, seed=seed))
-        start = self.yard.place(hang)
+        start = self.yard.place(place.sensors)
         self.variants: dict[str, Variant] = {"A": start}
         self.picture: GroundPicture | None = None  # under the scene
         self.current = "A"

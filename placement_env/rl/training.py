@@ -192,24 +192,16 @@ def restore_rounds(folder: Path, rounds: Rounds) -> KeptState | None:
 
 
 def rollout(
-    policy: "OnPolicyAlgorithm",
-    env: AnyEnv,
-    *,
-    episodes: int = 1,
-    seed: int = 0,
-    seconds: float | None = None,
-    options: Info | None = None,
+    policy: "OnPolicyAlgorithm", env: AnyEnv, *, episodes: int = 1, seed: int = 0, options: Info | None = None
 ) -> Result:
     """Best set that a policy meets in some episodes from the same reset, the first with the likeliest actions."""
     import torch
 
-    limits, masked = Limits(seconds, None), _has_masks(env)
+    limits, masked = Limits(None, None), _has_masks(env)
     torch.manual_seed(seed)
     best: Score | None = None
     sensors: tuple[Sensor, ...] = ()
     for episode in range(episodes):
-        if episode and limits.spent:
-            break
         observation, _ = env.reset(seed=seed, options=options)
         ended = False
         while not ended:

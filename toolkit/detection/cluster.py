@@ -24,7 +24,7 @@ import open3d as o3d
 
 from toolkit.arrays import Float, Float64, Int64, Points, Rng
 from toolkit.boxes import count_points, nms
-from toolkit.calibration.empty_scene import SIGMAS, Scenes
+from toolkit.calibration.empty_scene import Scenes
 from toolkit.calibration.ground import level
 from toolkit.datasets.dataset import CoopDataset
 from toolkit.detection.background import SWEEPS, Background, empty_sweeps
@@ -205,26 +205,20 @@ class Clusters:
         return self.points[self.of == number]
 
 
-def foreground_clusters(
-    sample: Frame, scenes: Scenes, *, reach: float = CLUSTER_REACH, fewest: int = FEWEST, sigmas: float = SIGMAS
-) -> Clusters:
+def foreground_clusters(sample: Frame, scenes: Scenes) -> Clusters:
     """Gather the points of all clouds of a frame that stand out from their empty scenes into objects.
 
-    reach: distance (m) within which points are neighbours; fewest: neighbours, itself among them, from which on a point
-    is inside an object; sigmas: spreads of the empty scene within which a measurement shows it. Raises ValueError for a
-    reach that is not above 0, fewer than one point, and a sensor without a scene."""
-    if not 0 < reach < np.inf or fewest < 1:
-        raise ValueError(f"reach must be above 0 m and fewest at least 1, got {reach} and {fewest}")
+    Raises ValueError for a sensor without a scene."""
     parts, sensors = [np.zeros((0, 3))], [np.zeros(0, np.int64)]
     for number, cloud in enumerate(sample.clouds):
         if not len(cloud.points):
             continue
         image, scene = scenes.image(cloud), scenes[cloud.name].scene
-        out = ~scene.shows(image.measurement, sigmas).ravel()[image.cells] & image.inside
+        out = ~scene.shows(image.measurement).ravel()[image.cells] & image.inside
         parts.append(cloud.in_world()[out])
         sensors.append(np.full(int(out.sum()), number, np.int64))
     points = np.concatenate(parts)
-    return Clusters(points, np.concatenate(sensors), cluster_points(points, reach=reach, fewest=fewest))
+    return Clusters(points, np.concatenate(sensors), cluster_points(points))
 
 
 def cluster_points(

@@ -115,8 +115,6 @@ def test_detectors_that_learnt_no_label_have_boxes_or_refuse(every):
     np.testing.assert_allclose(boxes[:, :2], CARS[:, :2], atol=0.4)
     np.testing.assert_allclose(boxes[:, 3:6], CARS[:, 3:6], atol=0.5)
     scenes = Scenes(every)
-    with pytest.raises(ValueError, match=r"reach must be above 0 m and fewest at least 1, got 0\.0 and 5"):
-        foreground_clusters(every[0], scenes, reach=0.0)
     stranger = Frame.of_clouds("0", (SensorCloud("c", np.ones((9, 3), np.float32), np.eye(4)),), Objects.empty())
     with pytest.raises(ValueError, match="empty scenes of a, b, none of c"):
         foreground_clusters(stranger, scenes)
