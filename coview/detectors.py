@@ -265,6 +265,4 @@ def parse_detector(name: str, site: "Site | None" = None) -> NamedDetector:
 def check_digest(name: str, detector: "Detector", remedy: str) -> None:
     """Raise ValueError for a detector without a digest."""
     if not hasattr(detector, "digest"):
-        raise ValueError(
-            f"detector {name} needs an attribute digest, a text that changes with all it depends on{remedy}"
-        )
+        raise ValueError(f"detector {name} needs an attribute digest, a text that changes with all it uses{remedy}")

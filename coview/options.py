@@ -85,9 +85,7 @@ class CandidateOptions:
             raise ValueError(f"site {site.name!r} has no sensors of its own: say --candidates pool")
         for option, given in (("--model", self.model), ("--sensors", self.sensors)):
             if self.candidates == "paper" and given:
-                raise ValueError(
-                    f"{option} is for --candidates pool or a file of poles: the site's own sensors have theirs"
-                )
+                raise ValueError(f"{option} is for --candidates pool or a file of poles: a site's sensors have theirs")
         if self.model and self.sensors is not None:
             raise ValueError("--model and --sensors both say what may be mounted: leave one of them out")
         barred = () if self.keep_out is None else load_keep_out(self.keep_out, site)

@@ -24,7 +24,7 @@ from models.network.faces import FaceNetworks
 from models.network.grid import Voxels, voxelise
 from models.network.voxelnet import HeightFold, Prediction, VoxelFeatures, VoxelNet
 from models.weight_files import load_weights
-from toolkit.arrays import Points
+from toolkit.arrays import Float, Points
 from toolkit.objects import Detections
 from toolkit.runtime.files import parse_json, write_bytes, write_text
 
@@ -120,9 +120,7 @@ class OnnxDetector(VoxelNetDetector):
             raise ValueError(f"{path} and {card.name} make no detector: {' '.join(str(error).split())[:200]}") from None
         if area is not None and (wanted := tuple(float(side) for side in area)) != self.area:
             own, got = (" ".join(f"{side:g}" for side in corners) for corners in (self.area, wanted))
-            raise ValueError(
-                f"{path} is for the area {own} alone, got {got}: give --area {own}, or export it for yours"
-            )
+            raise ValueError(f"{path} is for the area {own}, got {got}: give --area {own}, or export it for yours")
 
     def _open(self, card: object, score_threshold: float | None, nms_threshold: float | None) -> None:
         """Take over the card, and try the network."""
@@ -182,7 +180,7 @@ class OnnxDetector(VoxelNetDetector):
         except Exception as error:  # of ONNX Runtime, which share no class
             raise ValueError(f"{self.name} fails with a cloud of {len(cloud)} points ({error})") from None
 
-    def _inside(self, cloud: Points) -> Points:
+    def _inside(self, cloud: Points) -> Float[np.ndarray, "_ 3"]:
         (xmin, ymin, xmax, ymax), (low, high) = self.area, self.config.height
         return cloud[((cloud > (xmin, ymin, low)) & (cloud < (xmax, ymax, high))).all(axis=1)]
 

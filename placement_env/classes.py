@@ -57,9 +57,7 @@ class Classes:
             )
         check_choice("combine", self.combine, get_args(Combine))
         if self.combine == "worst" and len(set(weights)) > 1:
-            raise ValueError(
-                f"the worst class takes no weights, got {self.weights}: leave them out, or combine by mean"
-            )
+            raise ValueError(f"the worst class takes no weights, got {self.weights}: omit them, or combine by mean")
         ious = ious or (None,) * len(names)
         if len(ious) != len(names):
             raise ValueError(f"there must be an IoU for each of {', '.join(names)}, got {self.ious}")

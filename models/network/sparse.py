@@ -17,7 +17,7 @@ from torch.nn import functional as F
 from models.network import voxelnet
 from models.network.grid import Voxels
 from models.network.voxelnet import Head, HeightFold, MiddleLayers, Prediction, RegionProposal, VoxelNet
-from toolkit.arrays import Bool, Float32, Int64
+from toolkit.arrays import Bool, Float, Float32, Int64
 
 
 class SparseVoxelNet(nn.Module):
@@ -105,7 +105,7 @@ class FoldedRegionProposal(nn.Module):
         self.outputs = make_conv(torch.cat([layer.weight for layer in maps]), biases)
         self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
-    def forward(self, x: Float32[Tensor, "B C H W"]) -> Prediction:
+    def forward(self, x: Float[Tensor, "B C H W"]) -> Prediction:
         """Raw maps."""
         maps, x = [], x.to(self.outputs.weight.dtype)
         for block, order in zip(self.blocks, self.order, strict=True):
@@ -129,7 +129,7 @@ class PlainJoin(nn.Module):
                 for layer, bias in zip(layers, (shift, None, None), strict=True)
             )
 
-    def forward(self, maps: Sequence[Tensor]) -> Float32[Tensor, "B K H W"]:
+    def forward(self, maps: Sequence[Tensor]) -> Float[Tensor, "B K H W"]:
         """Return the feature map of the head."""
         layers: Any = self.upsample
         first, *others = layers
@@ -159,7 +159,7 @@ class LinearHead(nn.Module):
         weight = torch.cat((_compose(coarse.weight, at_coarse), ones, ones.new_zeros(ONES - 1, *ones.shape[1:])))
         self.coarse = make_conv(weight, None, 4, 1, transposed=True)
 
-    def forward(self, maps: Sequence[Tensor]) -> Float32[Tensor, "B K H W"]:
+    def forward(self, maps: Sequence[Tensor]) -> Float[Tensor, "B K H W"]:
         """Return the feature map of the head."""
         fine, middle, coarse = maps
         coarse = torch.cat((coarse, coarse.new_ones(len(coarse), ONES, *coarse.shape[2:])), 1)
@@ -167,7 +167,7 @@ class LinearHead(nn.Module):
         return x.add_(self.middle(middle)).add_(self.coarse(coarse)).relu_()
 
 
-def cell_by_cell(conv: nn.Module, x: Float32[Tensor, "B C H W"]) -> Float32[Tensor, "B K H W"]:
+def cell_by_cell(conv: nn.Module, x: Float[Tensor, "B C H W"]) -> Float[Tensor, "B K H W"]:
     """Compute a 1x1 convolution by the convolution library.
 
     On one CPU thread torch would choose a plain matrix product, which takes about twice as long. Compilers and
@@ -224,7 +224,7 @@ class SparseColumns(nn.Module):
 
     def forward(
         self, features: Float32[Tensor, "v C"], voxels: Voxels, shape: tuple[int, int, int] | None = None
-    ) -> Float32[Tensor, "B K h w"]:
+    ) -> Float[Tensor, "B K h w"]:
         """Return the map after the ReLU, channels last in memory. shape: of the grid, if not the network's own."""
         nx, ny, _ = shape = shape or self.shape
         column, key = voxelnet.columns(voxels, shape)
@@ -305,7 +305,7 @@ class SparseMiddle(nn.Module):
         width, levels = empty.shape[1:3]
         self.channel_order = torch.arange(width * levels).view(width, levels).T.reshape(-1)
 
-    def forward(self, features: Float32[Tensor, "v C"], voxels: Voxels) -> Float32[Tensor, "B K H W"]:
+    def forward(self, features: Float32[Tensor, "v C"], voxels: Voxels) -> Float[Tensor, "B K H W"]:
         """Return the map seen from above."""
         plane = Plane(voxels.items, *self.shape[:2])
         item, ix, iy, iz = voxels.cells.unbind(1)

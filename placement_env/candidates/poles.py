@@ -89,9 +89,7 @@ def load_poles(path: str | Path, site: Site, catalogue: SensorCatalogue | None =
     if not poles:
         raise ValueError(f"{where}: holds no pole: give a GeoJSON with Point or MultiPoint features")
     if len(poles) > MOST_POLES:
-        raise ValueError(
-            f"{where}: holds {len(poles)} poles, more than {MOST_POLES}: leave out those far from the site"
-        )
+        raise ValueError(f"{where}: holds {len(poles)} poles, more than {MOST_POLES}: leave out those far off")
     for place, _, _, row in poles:
         if not isinstance(row, list) or len(row) not in (2, 3) or not all(map(_is_number, row)):
             raise ValueError(f"{place}.geometry.coordinates must be two or three finite numbers, got {str(row)[:60]}")

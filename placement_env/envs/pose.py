@@ -92,9 +92,7 @@ class _PoseScenarios(EpisodeSource):
         usable = np.array([c for c in range(len(candidates)) if c not in failed], np.int64)
         mounts = np.unique(candidates.mount[usable])
         if len(mounts) < budget:
-            raise ValueError(
-                f"{len(mounts)} mounts have a sensor that has not failed, too few for a budget of {budget}"
-            )
+            raise ValueError(f"{len(mounts)} mounts have a sensor that works, too few for a budget of {budget}")
         chosen = [
             int(rng.choice(usable[candidates.mount[usable] == mount]))
             for mount in np.sort(rng.choice(mounts, budget, replace=False))

@@ -152,7 +152,7 @@ class Fitted(NamedTuple):
 
 
 def fit_detected(
-    found: Sequence[tuple[Visibility, Detected, Bool[np.ndarray, "n C"]]],
+    found: Sequence[tuple[Visibility, Detected, Bool[np.ndarray, "_ _"]]],
     *,
     source: str,
     ious: Sequence[float] = (),

@@ -100,9 +100,7 @@ def lay_grid(
     area = site.area
     sides = area[2:] - area[:2]
     if not 0 < cell <= sides.min() / 1.5:
-        raise ValueError(
-            f"cell must be positive and fit twice into the area of {sides[0]:g} x {sides[1]:g} m, got {cell:g}"
-        )
+        raise ValueError(f"cell must be positive and fit twice into {sides[0]:g} x {sides[1]:g} m, got {cell:g}")
     if (sides / cell).prod() > MOST_CELLS:
         raise ValueError(
             f"cells of {cell:g} m make a grid of more than {MOST_CELLS} for {sides[0]:g} x {sides[1]:g} m: "

@@ -76,7 +76,8 @@ class Variant:
         try:
             sensors = tuple(LiveSensor(**check_row(LiveSensor, each)) for each in found["sensors"])
             areas = tuple(map(check_area, found.get("keep_out", ())))
-            return Variant(sensors, tuple(Mount(**each) for each in found["poles"]), areas)
+            poles = ({**each, "position": np.array(each["position"], np.float64)} for each in found["poles"])
+            return Variant(sensors, tuple(Mount(**each) for each in poles), areas)
         except (TypeError, KeyError) as error:
             raise ValueError(f"a variant needs whole sensors and poles, got {error}") from None
 

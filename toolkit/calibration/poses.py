@@ -193,7 +193,7 @@ OBJECT_FRAMES = 40  # searched for road users
 
 
 def align_clouds(
-    clouds: Sequence[Points], sensors: Sequence[Sensor], *, held: Sequence[int] = (), more: "MorePairs | None" = None
+    clouds: list[np.ndarray], sensors: Sequence[Sensor], *, held: Sequence[int] = (), more: "MorePairs | None" = None
 ) -> tuple[FoundPose, ...]:
     """Fit the poses of sensors to each other by clouds of the same standing scene, each in its sensor's frame.
 

@@ -458,7 +458,7 @@ def furnish(
     return solids, bays
 
 
-def _fill_bays(plot: Plot, bays: Bays, rng: Rng) -> Bays:
+def _fill_bays(plot: Plot, bays: Bays, rng: Rng) -> Float64[np.ndarray, "left 3"]:
     """Put skips, containers and the like in some bays, close to vehicles that park; return the bays left."""
     filled = rng.random(len(bays)) < rng.uniform(0.0, 0.3)
     for x, y, yaw in bays[filled]:

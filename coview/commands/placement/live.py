@@ -170,9 +170,7 @@ def open_planner(where: str, stock: StockOptions, classes: ClassOptions, cases: 
     folder, most = Path(where), math.inf
     if folder.is_dir():
         if not (folder / SITE).is_file() or not (folder / "plan.json").is_file():
-            raise FileNotFoundError(
-                f"{where} is no folder of a plan: it needs plan.json and {SITE}, as coview plan writes"
-            )
+            raise FileNotFoundError(f"{where} is no folder of a plan: it needs plan.json and {SITE} of coview plan")
         asked = read_json(folder / "plan.json")["question"]
         where = str(folder / SITE)
         named = asked["candidates"] in ("pool", "paper")

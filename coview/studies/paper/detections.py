@@ -120,9 +120,7 @@ def detect_runs(
     frames are kept. Raises ValueError for a detector without `digest`, or if fewer frames were recorded."""
     digest = getattr(detector, "digest", None)
     if digest is None:
-        raise ValueError(
-            f"detections are kept under the detector's digest, {type(detector).__name__} has none: add one"
-        )
+        raise ValueError(f"detections are kept by the detector's digest, {type(detector).__name__} has none: add one")
     if not 1 <= frames <= renders.frames:
         raise ValueError(f"frames must be from 1 to the {renders.frames} recorded, got {frames}")
     runs = tuple(dict.fromkeys(runs))

@@ -311,9 +311,7 @@ def density_experiment(stored: StoredDetections, site: str, basis: str) -> Exper
     """Compare point densities of the best sensor sets."""
     sets = sensor_sets(site).best["early"]
     stated = comparison.DENSITY_STATEMENTS[site]
-    paper: dict[tuple[str, comparison.SensorSet], comparison.Statement] = {
-        (each.of, each.sensors): each for each in stated
-    }
+    paper = {(each.of, each.sensors): each for each in stated}
     rows = []
     for of, below in (("no points", 1), (f"below {FEW} points", FEW)):
         for sensors in sets:
@@ -532,9 +530,7 @@ def run_reproduction(
     try:
         simulate_dataset(site, path, run=run, fleet=fleet_named("catalogue"))
     except FileExistsError:
-        raise FileExistsError(
-            f"{path} is damaged or not the test recording: remove it, or give another --out"
-        ) from None
+        raise FileExistsError(f"{path} is damaged or no test recording: remove it, or give another --out") from None
     with CoopDataset(path) as recording:
         if detector is None:
             from models.detector import load_site_detector

@@ -42,9 +42,7 @@ class Stock:
         if self.capacity_kbit == 0:
             raise ValueError("capacity_kbit must be above 0: leave it out for each mount's own")
         if self.candidates == "paper" and self.catalogue is not None:
-            raise ValueError(
-                "the site's own sensors have their models: give a catalogue with a pool or a file of poles"
-            )
+            raise ValueError("the site's own sensors have their models: give a catalogue with a pool or poles")
 
     def __call__(self, site: Site) -> Candidates:
         """Candidates with prices and links.

@@ -26,9 +26,7 @@ from toolkit.runtime.files import read_bytes, write_bytes, write_text
 
 _OTHER_NAMES = {"R_rect": "R0_rect", "R_rect_00": "R0_rect", "Tr_velo_cam": "Tr_velo_to_cam"}
 IMAGE = 1242, 375  # pixels, used without an image
-NONE_SHOWN = (
-    "labels lie all outside the image, so that none counts: P2, R0_rect or Tr_velo_to_cam are of another camera"
-)
+NONE_SHOWN = "labels lie all outside the image: P2, R0_rect or Tr_velo_to_cam are of another camera"
 _CAMERA = invert(BODY_SE3_CAMERA)  # camera_SE3_lidar of what is written
 _FOCAL = 721.5377  # of the camera that is written where a recording has none
 

@@ -102,9 +102,7 @@ class DifferenceReader:
             raise ValueError(f"a difference has at least {_REFERS.size} bytes of content, got {len(content)}")
         back, goes_on, checksum = _REFERS.unpack_from(content)
         if not back or goes_on > 1:
-            raise ValueError(
-                f"a message refers 1 to {MOST_BACK} messages back and goes on or not, got {back}, {goes_on}"
-            )
+            raise ValueError(f"a message refers 1 to {MOST_BACK} back and goes on or not, got {back}, {goes_on}")
         reference = self._reference
         if reference is None or reference.number != header.number - back or reference.checksum != checksum:
             has = "none" if reference is None else f"what message {reference.number} left"

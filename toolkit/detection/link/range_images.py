@@ -79,9 +79,7 @@ def decode_boxes(content: bytes, sensor: Sensor) -> Detections:
         raise ValueError(f"{count} boxes must end the message, got {len(content) - start} more bytes")
     for name, place, most in (("yaw", _YAW, TURN - 1), ("scores", _SCORE, SCORES)):
         if not (columns[place].min() >= 0 and columns[place].max() <= most):
-            raise ValueError(
-                f"{name} must be sent as 0 to {most}, got {columns[place].min()} to {columns[place].max()}"
-            )
+            raise ValueError(f"{name} must be 0 to {most}, got {columns[place].min()} to {columns[place].max()}")
     yaw = (columns[_YAW] + TURN // 2) % TURN - TURN // 2
     boxes = np.column_stack([*(column * BOX_STEP for column in columns[:6]), yaw * (2 * np.pi / TURN)])
     _check_reach(check_boxes(boxes), sensor)
