@@ -11,8 +11,7 @@ It needs no labels and no training, only a look at the empty site, and is the ba
    usual size, to where the empty site is hidden now; boxes stand on the ground of the empty site;
 5. the score grows with what had to be seen rather than assumed: the number of points and the share of length and width.
 
-`learn_cluster_detector` learns it from the empty scenes of a recording of clouds. `foreground_clusters` gathers the
-points of a frame that stand out from them into objects by DBSCAN (M. Ester and others, 1996)."""
+`learn_cluster_detector` learns it from the empty scenes of a recording of clouds."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -39,7 +38,6 @@ LONGEST_CAR, WIDEST_CAR, TALLEST_CAR = 5.8, 2.4, 2.5  # m, larger is heavy
 LENGTH_SEEN = 0.75 * CAR[0]  # m; a longer car shows both ends and needs no completion
 DOUBT = 10.0  # weight of a cluster's points on a completed side, in points of free ground
 OVERLAP = 0.1  # IoU above which the worse of two cars is dropped
-CLUSTER_REACH, FEWEST = 0.8, 5  # m between neighbours of one object; points of an object
 
 
 @dataclass(frozen=True)
@@ -182,50 +180,6 @@ def _complete(cars: list[_Rectangle], background: Points) -> list[_Rectangle]:
     columns = [(*way.centre, 0.0, *np.maximum(way.size - 0.3, 0.1), 100.0, way.yaw) for way in ways]
     cost = count_points(background, np.array(columns).reshape(-1, 7)) + DOUBT * np.array(doubts)
     return [ways[a + int(cost[a:b].argmin())] for a, b in pairwise(first)]
-
-
-@dataclass(frozen=True, eq=False)
-class Clusters:
-    """Points that stand out, gathered into objects.
-
-    points: world frame; sensor: number of the cloud of each; of: number of the object of each, -1 for none."""
-
-    points: Float64[np.ndarray, "n 3"]
-    sensor: Int64[np.ndarray, " n"]
-    of: Int64[np.ndarray, " n"]
-
-    def __len__(self) -> int:
-        """Number of objects."""
-        return int(self.of.max(initial=-1)) + 1
-
-    def __getitem__(self, number: int) -> Float64[np.ndarray, "m 3"]:
-        """Points of an object."""
-        if not 0 <= number < len(self):
-            raise IndexError(f"there are {len(self)} objects, got number {number}")
-        return self.points[self.of == number]
-
-
-def foreground_clusters(sample: Frame, scenes: Scenes) -> Clusters:
-    """Gather the points of all clouds of a frame that stand out from their empty scenes into objects.
-
-    Raises ValueError for a sensor without a scene."""
-    parts, sensors = [np.zeros((0, 3))], [np.zeros(0, np.int64)]
-    for number, cloud in enumerate(sample.clouds):
-        if not len(cloud.points):
-            continue
-        image, scene = scenes.image(cloud), scenes[cloud.name].scene
-        out = ~scene.shows(image.measurement).ravel()[image.cells] & image.inside
-        parts.append(cloud.in_world()[out])
-        sensors.append(np.full(int(out.sum()), number, np.int64))
-    points = np.concatenate(parts)
-    return Clusters(points, np.concatenate(sensors), cluster_points(points))
-
-
-def cluster_points(
-    points: Float64[np.ndarray, "n 3"], *, reach: float = CLUSTER_REACH, fewest: int = FEWEST
-) -> Int64[np.ndarray, " n"]:
-    """Number of each point's object by DBSCAN, -1 for none."""
-    return _dbscan(points - points.mean(axis=0), reach, fewest) if len(points) else np.zeros(0, np.int64)
 
 
 def learn_cluster_detector(scenes: Scenes, frame: Frame, place: Place = Place()) -> ClusterDetector:
