@@ -311,7 +311,7 @@ def density_experiment(stored: StoredDetections, site: str, basis: str) -> Exper
     """Compare point densities of the best sensor sets."""
     sets = sensor_sets(site).best["early"]
     stated = comparison.DENSITY_STATEMENTS[site]
-    paper = {(each.of, each.sensors): each for each in stated}
+    paper = {(str(each.of), each.sensors): each for each in stated}
     rows = []
     for of, below in (("no points", 1), (f"below {FEW} points", FEW)):
         for sensors in sets:

@@ -402,7 +402,7 @@ def test_registrations_know_the_deviations_and_need_three_tenths_of_the_points(m
 
     monkeypatch.setattr("toolkit.calibration.registration.register", register)
     points, deviations = np.zeros((2, 3)), np.ones(2)
-    surface = poses.reference_fit.Surface(np.zeros((1, 3)), np.ones((1, 3)), np.zeros(1))
+    surface = Surface(np.zeros((1, 3)), np.ones((1, 3)), np.zeros(1))
     for is_found in (True, False):
         each = poses.find_pose(points, TRUE[0], surface, deviation=deviations)
         assert (each.registration is not None) is is_found
