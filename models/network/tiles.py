@@ -24,7 +24,7 @@ from models.config import VoxelNetConfig
 from models.network.grid import Voxels, grid_cells, thin_voxels
 from models.network.sparse import PlainJoin, SparseColumns, SparseVoxelNet, cell_by_cell, make_conv
 from models.network.voxelnet import Prediction
-from toolkit.arrays import Bool, Float32, Int64
+from toolkit.arrays import Bool, Float, Float32, Int64
 
 
 class PlacedClouds(NamedTuple):
@@ -114,7 +114,7 @@ class PointsByTile(NamedTuple):
         return self.row[torch.from_numpy(place).to(self.row.device)], item
 
 
-_Bank = Float32[Tensor, "n t t K"]  # values of n tiles, of t x t cells each
+_Bank = Float[Tensor, "n t t K"]  # values of n tiles, of t x t cells each
 SIZES = 20, 24, 28  # cells of the head's map along a tile; multiples of the two following strides together
 AT_ONCE = 64  # tiles that a layer processes together
 MOST_ENTRIES = 2000  # of a layer held in memory, some 200 kB each with those of the layer before
@@ -328,7 +328,7 @@ class TiledVoxelNet:
         return x
 
 
-def _cells(conv: nn.Module, x: _Bank) -> Float32[Tensor, "n t t L"]:
+def _cells(conv: nn.Module, x: _Bank) -> Float[Tensor, "n t t L"]:
     """Convolve tiles with a 1x1 kernel, stacked as one map."""
     y = cell_by_cell(conv, x.flatten(0, 1)[None].permute(0, 3, 1, 2)).permute(0, 2, 3, 1)
     return y.reshape(*x.shape[:3], -1)

@@ -68,7 +68,7 @@ class TrainingOptions:
     overwrite: bool = False
 
     def __post_init__(self) -> None:
-        for name in (
+        for name in [
             "voxel",
             "epochs",
             "seconds",
@@ -77,7 +77,7 @@ class TrainingOptions:
             "validate_frames",
             "threads",
             "checkpoint_s",
-        ):
+        ]:
             value = getattr(self, name)
             if value is not None and not 0 < value < float("inf"):
                 raise ValueError(f"{option(name)} must be above 0, got {value}")

@@ -23,7 +23,7 @@ from placement_env.envs.config import EnvConfig, build_config
 from placement_env.envs.scenario import STATIC, EpisodeSource, Options, find_area
 from placement_env.envs.state import DYNAMIC, GLOBAL, Info, State
 from placement_env.objective import Objective
-from toolkit.arrays import Bool, Float32, Float64, Int64, Shaped
+from toolkit.arrays import Bool, Float32, Float64, Int64, Mask, Shaped
 from toolkit.boxes import footprints
 from toolkit.plots import canvas, plan_view as above
 
@@ -34,9 +34,7 @@ if TYPE_CHECKING:
 RENDER_MODES = ["rgb_array", "ansi"]
 METADATA = {"render_modes": RENDER_MODES, "render_fps": 2}
 AnyEnv = gym.Env[Any, Any]
-Ends = tuple[
-    Float64[np.ndarray, " n"], Bool[np.ndarray, " n"], Bool[np.ndarray, " n"]
-]  # rewards, terminated, truncated
+Ends = tuple[Float64[np.ndarray, " n"], Mask, Mask]  # rewards, terminated, truncated
 Picture = Shaped[np.ndarray, "height width 3"] | str
 
 
