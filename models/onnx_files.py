@@ -184,7 +184,7 @@ class OnnxDetector(VoxelNetDetector):
         (xmin, ymin, xmax, ymax), (low, high) = self.area, self.config.height
         return cloud[((cloud > (xmin, ymin, low)) & (cloud < (xmax, ymax, high))).all(axis=1)]
 
-    def batch(self, clouds: Iterable[Points]) -> list[Detections]:
+    def batch(self, clouds: Iterable[np.ndarray]) -> list[Detections]:
         """Detect in several clouds, one after another."""
         return [self._detect(cloud) if len(self._inside(cloud)) else Detections.empty() for cloud in clouds]
 

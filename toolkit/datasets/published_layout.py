@@ -157,9 +157,7 @@ def expand_image(
     return image
 
 
-def measured(
-    images: Iterable[tuple[Float[np.ndarray, "height width"], int]],
-) -> list[Float32[np.ndarray, "rows columns"]]:
+def measured(images: Iterable[tuple[Float[np.ndarray, "_ _"], int]]) -> list[Float32[np.ndarray, "rows columns"]]:
     """Measured pixels of published depth images and the steps between them, 0 without a return."""
     with np.errstate(over="ignore"):
         depths = [np.asarray(image[::stride, ::stride], np.float32) for image, stride in images]

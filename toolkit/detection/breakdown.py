@@ -74,17 +74,17 @@ def nuscenes_ap(curve: Curve) -> float:
 
 
 def by_centre(
-    detections: Iterable[Detections], truths: Iterable[Objects], counted: Iterable[Mask], distance: float, label: int
+    detected: Iterable[Detections], truths: Iterable[Objects], counted: Iterable[np.ndarray], within: float, label: int
 ) -> Matched:
-    """Match detections of a class by distance of centres (m) on the ground. A detection that hits only uncounted
-    objects does not count."""
+    """Match detections of a class whose centres lie `within` some metres on the ground. A detection that hits only
+    uncounted objects does not count."""
     scores, hits, total = [np.zeros(0)], [np.zeros(0, bool)], 0
-    for found, there, mask in zip(detections, truths, counted, strict=True):
+    for found, there, mask in zip(detected, truths, counted, strict=True):
         found, rows = found[found.labels == label], there.labels == label
         found, sought = found[np.argsort(-found.scores, kind="stable")], np.asarray(mask)[rows]
         away = np.linalg.norm(found.boxes[:, None, :2] - there.boxes[rows, :2], axis=2)
-        near = away < distance
-        hit = greedy(np.where(near & sought, np.exp(-away), 0.0), np.exp(-distance)) >= 0
+        near = away < within
+        hit = greedy(np.where(near & sought, np.exp(-away), 0.0), np.exp(-within)) >= 0
         ignored = ~hit & (near & ~sought).any(axis=1)
         scores.append(found.scores[~ignored])
         hits.append(hit[~ignored])

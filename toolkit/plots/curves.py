@@ -19,7 +19,7 @@ _Curves = Mapping[str, tuple[Sequence[float] | np.ndarray, Sequence[float] | np.
 
 
 def draw_pr_curves(
-    curves: Mapping[str, tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]], out: Path | str, *, title: str = ""
+    curves: Mapping[str, tuple[Float[np.ndarray, " _"], Float[np.ndarray, " _"]]], out: Path | str, *, title: str = ""
 ) -> None:
     """Draw precision over recall."""
     axes: PlotStyle = {"xlabel": "recall", "ylabel": "precision", "xlim": (0, 1.01), "ylim": (0, 1.01)}
