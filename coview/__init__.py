@@ -90,8 +90,7 @@ def search(
 
     method: portfolio, exhaustive, greedy, swap, cpsat or another of `placement_env.search`; seconds, evaluations:
     limits, None for as many as the method takes by itself. Raises ValueError for a method that cannot search this
-    objective, ImportError if its package is missing.
-    """
+    objective, ImportError if its package is missing."""
     from placement_env.search.methods import METHODS, load_search
 
     if method not in METHODS:
@@ -102,8 +101,7 @@ def search(
 def make(name: str = "SensorSelect", **settings: Any) -> "gymnasium.Env[Any, Any]":
     """Make an environment: SensorSelect, SensorSubset or SensorPose.
 
-    settings: of its configuration, such as site="tjunction" and budget=3. Raises ImportError without Gymnasium.
-    """
+    settings: of its configuration, such as site="tjunction" and budget=3. Raises ImportError without Gymnasium."""
     try:
         import gymnasium
     except ImportError:
@@ -115,8 +113,7 @@ def make(name: str = "SensorSelect", **settings: Any) -> "gymnasium.Env[Any, Any
 def live(site: "Setting | str", *, frames: int = 60, seed: int = 3, port: int = 8090) -> "coview.live_page.LiveSession":
     """Serve a page where sensors of a site or setting are moved by hand; in Jupyter it shows in the cell.
 
-    Raises ValueError where no surrogate scores the setting, ImportError without viser.
-    """
+    Raises ValueError where no surrogate scores the setting, ImportError without viser."""
     from coview.live_page import LiveSession
     from placement_env.live.planner import LivePlanner
 

@@ -1,7 +1,5 @@
 """Checks of single arguments, in the words of the command line."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Literal

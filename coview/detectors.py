@@ -6,10 +6,7 @@ Behind the name may stand, in any order,
                   whose scenery is known means that too, `general-background` the bare network
     +phases4      a network on four shifted grids, whose boxes are averaged
     +bfloat16     a network in coarser numbers, in half the time, where the processor has instructions for them; `coview
-                  detect` does so by itself, unless +float32 stands there
-"""
-
-from __future__ import annotations
+                  detect` does so by itself, unless +float32 stands there"""
 
 import re
 import warnings
@@ -39,17 +36,16 @@ class CloudDetector:
 
     network: the detector of level points; level: "map" or "plane" puts each cloud on level ground first, and boxes come
     back in the cloud's own frame. With None the ground is taken to be at z = 0, and a warning says where the ground of
-    the first cloud lies if that is elsewhere.
-    """
+    the first cloud lies if that is elsewhere."""
 
-    def __init__(self, network: VoxelNetDetector, level: Literal["map", "plane"] | None = None) -> None:
+    def __init__(self, network: "VoxelNetDetector", level: Literal["map", "plane"] | None = None) -> None:
         if level not in ("map", "plane", None):
             raise ValueError(f'level must be "map", "plane" or None, got {level!r}')
         self.network, self.level, self._checked = network, level, level is not None
         self.labels, self.area, self.name = network.labels, network.area, network.name
         self.digest = network.digest if level is None else f"{network.digest} {level}"
 
-    def __call__(self, cloud: object, /) -> Detections:
+    def __call__(self, cloud: object, /) -> "Detections":
         """Detect in one cloud. Raises ValueError for what is no cloud, or where no ground is found to level."""
         from dataclasses import replace
 
@@ -68,7 +64,7 @@ class CloudDetector:
             self._warn(points)
         return self.network(points)
 
-    def unions(self, clouds: Sequence[np.ndarray], unions: np.ndarray) -> Sequence[Detections]:
+    def unions(self, clouds: "Sequence[np.ndarray]", unions: "np.ndarray") -> "Sequence[Detections]":
         """Detect in each union of clouds, rows of a mask."""
         from toolkit.points import join_clouds
 
@@ -76,7 +72,7 @@ class CloudDetector:
             return self.network.unions(clouds, unions)
         return [self(join_clouds(clouds, union)) for union in unions]
 
-    def _warn(self, points: np.ndarray) -> None:
+    def _warn(self, points: "np.ndarray") -> None:
         from toolkit.calibration.ground import level_warning
 
         said = level_warning(points)
@@ -98,8 +94,7 @@ def load_detector(
     """Load a detector by shipped name ("tjunction", "roundabout", "general") or path of its weights.
 
     level: see `CloudDetector`; the rest: see `models.load_detector`, which returns the bare network. Raises
-    FileNotFoundError for unknown weights, ValueError if they are damaged or for another place.
-    """
+    FileNotFoundError for unknown weights, ValueError if they are damaged or for another place."""
     from models import detector
 
     if Path(name).suffix == ".onnx":
@@ -122,7 +117,7 @@ class NamedDetector(NamedTuple):
     phases: int = 1
     bfloat16: bool = False
 
-    def tune(self, detector: Detector) -> Detector:
+    def tune(self, detector: "Detector") -> "Detector":
         """Return a detector on the grids and in the numbers asked for. Raises ValueError for one that has no grid."""
         from toolkit.objects import quick_detector
 
@@ -134,14 +129,13 @@ class NamedDetector(NamedTuple):
 
 
 def recording_detector(
-    name: str | None, recording: Recording, place: Place | None = None, scenes: Scenes | None = None
-) -> Detector:
+    name: str | None, recording: "Recording", place: "Place | None" = None, scenes: "Scenes | None" = None
+) -> "Detector":
     """Return the detector for a recording: cluster, which learns its empty site, or one of `site_detector`.
 
     name: None for cluster at a known site, else general; +background: that of the site, or where the site has no
     scenery, of what the recording shows behind all that moves; place: where it will detect, if not at the site itself;
-    scenes: empty ones to learn from.
-    """
+    scenes: empty ones to learn from."""
     from toolkit.detection.background import KnownBackground, recording_background
     from toolkit.detection.cluster import ClusterDetector, learn_cluster_detector
     from toolkit.detection.place import Place
@@ -170,7 +164,7 @@ def recording_detector(
     return KnownBackground(place_detector(name.replace(BACKGROUND, ""), place), learnt.background)
 
 
-def _check_long(recording: Recording) -> None:
+def _check_long(recording: "Recording") -> None:
     """Raise ValueError for a recording in which vehicles that wait cannot be told from the scene."""
     number, seconds = len(recording), recording[len(recording) - 1].time - recording[0].time
     if number < FEWEST_FRAMES or 0 < seconds < SHORTEST:
@@ -181,11 +175,10 @@ def _check_long(recording: Recording) -> None:
         )
 
 
-def check_detector(name: str, place: Place | None = None) -> None:
+def check_detector(name: str, place: "Place | None" = None) -> None:
     """Raise FileNotFoundError for a name that stands for no detector, before any work.
 
-    place: where it will detect. Raises ValueError if its area is not that of the weights.
-    """
+    place: where it will detect. Raises ValueError if its area is not that of the weights."""
     bare = parse_detector(name).bare
     if bare not in ("voxelnet", CLUSTER) and ":" not in bare:
         from models.detector import weights_file
@@ -204,12 +197,11 @@ def check_detector(name: str, place: Place | None = None) -> None:
         place_detector(bare, place)
 
 
-def site_detector(name: str, site: Site) -> Detector:
+def site_detector(name: str, site: "Site") -> "Detector":
     """Return a detector for a site.
 
     name: voxelnet for the site's own shipped network, a shipped name, a file of weights or in ONNX, or
-    package.module:callable, and what may stand behind it; +background: of the site's scenery.
-    """
+    package.module:callable, and what may stand behind it; +background: of the site's scenery."""
     asked = parse_detector(name, site)
     detector = _bare_detector(asked, site)
     if not asked.known:
@@ -219,7 +211,7 @@ def site_detector(name: str, site: Site) -> Detector:
     return add_background(detector, site)
 
 
-def _bare_detector(asked: NamedDetector, site: Site) -> Detector:
+def _bare_detector(asked: NamedDetector, site: "Site") -> "Detector":
     """Detector for a site that knows no background."""
     from models.detector import load_detector, load_site_detector
 
@@ -238,7 +230,7 @@ def _bare_detector(asked: NamedDetector, site: Site) -> Detector:
     return asked.tune(found)
 
 
-def place_detector(name: str, place: Place) -> Detector:
+def place_detector(name: str, place: "Place") -> "Detector":
     """Return a detector for frames of any recording, of points counted from the middle of the place."""
     import numpy as np
 
@@ -256,7 +248,7 @@ def place_detector(name: str, place: Place) -> Detector:
 _BEHIND = re.compile(r"(.+?)((?:\+background|-background|\+phases\d{1,3}|\+bfloat16|\+float32)*)")
 
 
-def parse_detector(name: str, site: Site | None = None) -> NamedDetector:
+def parse_detector(name: str, site: "Site | None" = None) -> NamedDetector:
     """Parse a detector's name.
 
     >>> parse_detector("general+phases4+background"), parse_detector("general-background").known
@@ -270,9 +262,7 @@ def parse_detector(name: str, site: Site | None = None) -> NamedDetector:
     return NamedDetector(bare, known, int(phases[1]) if phases else 1, coarse)
 
 
-def check_digest(name: str, detector: Detector, remedy: str) -> None:
+def check_digest(name: str, detector: "Detector", remedy: str) -> None:
     """Raise ValueError for a detector without a digest."""
     if not hasattr(detector, "digest"):
-        raise ValueError(
-            f"detector {name} needs an attribute digest, a text that changes with all it depends on{remedy}"
-        )
+        raise ValueError(f"detector {name} needs an attribute digest, a text that changes with all it uses{remedy}")

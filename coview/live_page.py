@@ -3,10 +3,7 @@
 viser shows the scene, drags and controls, the same in every browser that has the address; tables are HTML of ours.
 Whatever a handle or control asks for is done by one thread, the latest position of a drag first. A second thread
 refines what is coarse while nobody moves anything, a third does what takes long: suggestions, searches, the detector,
-reports.
-"""
-
-from __future__ import annotations
+reports."""
 
 import secrets
 import threading
@@ -70,7 +67,7 @@ class LivePage:
     _wanted: Handle
     _frame: Handle
 
-    def __init__(self, server: ViserServer, planner: LivePlanner, project: ProjectFile | None, folder: Path) -> None:
+    def __init__(self, server: "ViserServer", planner: LivePlanner, project: ProjectFile | None, folder: Path) -> None:
         self.server, self.planner, self.project, self.folder = server, planner, project, folder
         self._jobs: deque[Callable[[], None]] = deque()
         self._long: deque[Callable[[], None]] = deque()
@@ -252,7 +249,7 @@ class LivePage:
         def choose(label: str, options: Iterable[str], at_first: str, value: str) -> Handle:
             return gui.add_dropdown(label, tuple(dict.fromkeys((at_first, *options, value))), initial_value=value)
 
-        def name(setting: Setting) -> str:
+        def name(setting: "Setting") -> str:
             return next((k for k, names in CLASSES.items() if names == setting.counted.names), "as given")
 
         classes = choose("Classes", CLASSES, name(first), name(now))
@@ -261,7 +258,7 @@ class LivePage:
         errors = choose("Errors if measured", PROFILES, first.cases.names[0], now.cases.names[0])
         limit = gui.add_number("Budget (0: none)", 0.0 if np.isinf(now.most_price) else now.most_price, min=0)
 
-        def ask() -> LiveAnswer:
+        def ask() -> "LiveAnswer":
             return self.planner.ask(
                 classes=CLASSES.get(classes.value, first.classes),
                 cases=replace(self.planner.asked.cases, iou=float(iou.value), errors=(errors.value,)),
@@ -296,7 +293,7 @@ class LivePage:
         self._show_note()
         self._draw_areas()
 
-    def _close_area(self) -> LiveAnswer:
+    def _close_area(self) -> "LiveAnswer":
         corners = tuple((float(x), float(y)) for x, y, _ in self._spots)
         self._spots, self._await_spot = [], None
         return self.planner.set_keep_out((*self.planner.variant.keep_out, corners))
@@ -385,14 +382,14 @@ class LivePage:
         if not self._filling:
             then()
 
-    def _change(self, change: Callable[..., LiveAnswer], *arguments: Any) -> None:
+    def _change(self, change: "Callable[..., LiveAnswer]", *arguments: Any) -> None:
         self.do(lambda: self._show(change(*arguments)))
 
     def _move_typed(self) -> None:
         name, aim = self._name, np.deg2rad([self._heading.value, self._tilt.value]).tolist()
         self._change(self.planner.move, name, *aim, self._height.value)
 
-    def _add(self) -> LiveAnswer:
+    def _add(self) -> "LiveAnswer":
         site, pole = self.planner.yard.site, self.planner.yard.mounts[self._pole.value]
         x, y = (site.area[:2] + site.area[2:]) / 2 - pole.position[:2]
         return self.planner.add(pole.name, float(np.arctan2(y, x)), model=self._model.value)
@@ -411,7 +408,7 @@ class LivePage:
 
         self._later("comparing poses", job)
 
-    def _accept_best(self) -> LiveAnswer:
+    def _accept_best(self) -> "LiveAnswer":
         if not self._ghosts:
             raise ValueError("nothing is suggested: ask for a suggestion first")
         best, self._ghosts = self._ghosts[0], []
@@ -443,7 +440,7 @@ class LivePage:
 
     # drawing
 
-    def _show(self, answer: LiveAnswer) -> None:
+    def _show(self, answer: "LiveAnswer") -> None:
         self._answer, self._note = answer, ""
         if answer.what:
             self._ghosts, self._measured = [], ""
@@ -714,8 +711,7 @@ class LivePage:
 class LiveSession:
     """A live planner that is served. In Jupyter it shows itself in the cell. url: for browsers of this machine.
 
-    planner: or a function that makes one with its project of the name or file of a site, which the page asks for.
-    """
+    planner: or a function that makes one with its project of the name or file of a site, which the page asks for."""
 
     planner: LivePlanner
     page: LivePage

@@ -1,7 +1,5 @@
 """First page of the live planner: open a map extract or a site, from where planning starts."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from contextlib import suppress
@@ -27,7 +25,7 @@ SIZE = (80.0, 60.0)  # m
 class StartPage:
     """Panel that opens a map or site. then: gets the name or file of a site; folder: for uploads and imported sites."""
 
-    def __init__(self, server: ViserServer, folder: Path, then: Callable[[str], None]) -> None:
+    def __init__(self, server: "ViserServer", folder: Path, then: Callable[[str], None]) -> None:
         self._folder, self._then, self._busy = folder, then, Lock()
         gui = server.gui
         gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(68, 99, 246))
@@ -89,8 +87,7 @@ class StartPage:
 def find_middle(path: Path) -> tuple[float, float]:
     """Middle of a map by its own bounds: longitude and latitude, or x and y (m) in OpenDRIVE.
 
-    Raises ValueError for a map that states none, OSError where it cannot be read.
-    """
+    Raises ValueError for a map that states none, OSError where it cannot be read."""
     ends = {"bounds": ("minlon", "maxlon", "minlat", "maxlat"), "header": ("west", "east", "south", "north")}
     with suppress(ElementTree.ParseError, KeyError):
         for _, part in ElementTree.iterparse(path, events=("start",)):

@@ -1,7 +1,5 @@
 """HTML of the live planner's panel: the hint, figures, notes and the table of variants. Names are escaped."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from html import escape
 from typing import TYPE_CHECKING
@@ -36,7 +34,7 @@ MAP_KEY = (
 )
 
 
-def figures_html(answer: LiveAnswer) -> str:
+def figures_html(answer: "LiveAnswer") -> str:
     """Figures of an answer, each with unit, interval and number."""
     change = ""
     if answer.change:
@@ -75,7 +73,7 @@ def figures_html(answer: LiveAnswer) -> str:
     )
 
 
-def details_html(answer: LiveAnswer) -> str:
+def details_html(answer: "LiveAnswer") -> str:
     """Share found at each level of traffic, and the load of each link."""
     rows = "".join(
         f'<tr><td>{escape(link.pole)}</td><td align="right">{link.mbit_s:.1f}, at most {link.peak_mbit_s:.1f} of '
@@ -86,14 +84,14 @@ def details_html(answer: LiveAnswer) -> str:
     return f'<div style="{_BOX}">{_bars("Found, by traffic (95 %), N", answer.levels)}{links}</div>'
 
 
-def _fullest(answer: LiveAnswer) -> str:
+def _fullest(answer: "LiveAnswer") -> str:
     if not answer.links:
         return "none"
     link = max(answer.links, key=lambda each: each.share)
     return f"{link.share:.0%} of {link.capacity_mbit_s:g} Mbit/s, {escape(link.pole)}"
 
 
-def _bars(title: str, rows: Iterable[FoundShare]) -> str:
+def _bars(title: str, rows: "Iterable[FoundShare]") -> str:
     lines = []
     for row in rows:
         width = 0.0 if np.isnan(row.recall) else 100 * row.recall
@@ -116,7 +114,7 @@ def note_html(busy: str, note: str) -> str:
     return f'<div style="{_BOX};min-height:1.4em">{"<br>".join(said)}</div>'
 
 
-def site_html(site: Site) -> str:
+def site_html(site: "Site") -> str:
     """Streets and buildings from above, hidden, for `map_html` to draw on."""
     drawn = [(lane, GROUND["lanes"]) for lane in site.lanes]
     drawn += [(solid.footprint, SOLID[solid.kind]) for solid in site.solids if solid.kind in ("building", "pond")]
@@ -124,7 +122,7 @@ def site_html(site: Site) -> str:
     return f'<svg width="0" height="0" style="position:absolute"><g id="live-site">{shapes}</g></svg>'
 
 
-def map_html(site: Site, sensors: Iterable[tuple[Sensor, bool]]) -> str:
+def map_html(site: "Site", sensors: "Iterable[tuple[Sensor, bool]]") -> str:
     """Small map of sensors, each with its field of view, faint where it has failed, to the north."""
     xmin, ymin, xmax, ymax = site.area.tolist()
     shapes = []
@@ -146,7 +144,7 @@ def _path(corners: Iterable[Iterable[float]]) -> str:
     return f"M{' '.join(f'{x:.1f},{-y:.1f}' for x, y in corners)}Z"
 
 
-def variants_html(answers: Mapping[str, LiveAnswer], current: str, maps: Mapping[str, str]) -> str:
+def variants_html(answers: "Mapping[str, LiveAnswer]", current: str, maps: Mapping[str, str]) -> str:
     """Table of the variants side by side. maps: of each, as `map_html` draws them."""
     rows = []
     for name, each in answers.items():

@@ -1,7 +1,5 @@
 """Command line: find a command, call it, return its code."""
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Callable, Sequence

@@ -1,9 +1,6 @@
 """Groups of options that commands share. Each dataclass is a group in --help, with the texts of its fields.
 
-`placement_env.cases.Cases`, `placement_env.setting.Weights` and `toolkit.runtime.run.Run` are groups of options too.
-"""
-
-from __future__ import annotations
+`placement_env.cases.Cases`, `placement_env.setting.Weights` and `toolkit.runtime.run.Run` are groups of options too."""
 
 import math
 from dataclasses import dataclass
@@ -83,15 +80,12 @@ class CandidateOptions:
     def build(self, site: Site) -> tuple[Candidates, str]:
         """Return the candidates at a site, and the currency of their prices, "" for prices in ordinary poles.
 
-        Raises ValueError where the options do not fit, and what the files raise.
-        """
+        Raises ValueError where the options do not fit, and what the files raise."""
         if self.candidates == "paper" and not site.sensors:
             raise ValueError(f"site {site.name!r} has no sensors of its own: say --candidates pool")
         for option, given in (("--model", self.model), ("--sensors", self.sensors)):
             if self.candidates == "paper" and given:
-                raise ValueError(
-                    f"{option} is for --candidates pool or a file of poles: the site's own sensors have theirs"
-                )
+                raise ValueError(f"{option} is for --candidates pool or a file of poles: a site's sensors have theirs")
         if self.model and self.sensors is not None:
             raise ValueError("--model and --sensors both say what may be mounted: leave one of them out")
         barred = () if self.keep_out is None else load_keep_out(self.keep_out, site)
@@ -149,8 +143,7 @@ class SettingOptions:
 def load_own_detector(name: str | None, site: Site, run: Run) -> Detector | None:
     """Load the detector that --detector names at a site, None for the shipped one.
 
-    Raises ValueError where its detections are to be kept and it does not say what they depend on.
-    """
+    Raises ValueError where its detections are to be kept and it does not say what they depend on."""
     if name is None:
         return None
     detector = site_detector(name, site)

@@ -1,7 +1,5 @@
 """Output of commands: exit codes, results and errors, and checks of paths before long work."""
 
-from __future__ import annotations
-
 import json
 import os
 import sys
@@ -47,8 +45,7 @@ def print_result(result: object, text: str, *, as_json: bool) -> None:
 def check_file(out: Path | None, *, inputs: Iterable[Path] = (), overwrite: bool = False) -> None:
     """Check that a command may write a file, if any.
 
-    Raises ValueError if `out` is an input, OSError if it cannot be written or exists without `overwrite`.
-    """
+    Raises ValueError if `out` is an input, OSError if it cannot be written or exists without `overwrite`."""
     if out is not None:
         check_output(out, inputs=inputs, overwrite=overwrite)
         if out.is_dir():
@@ -76,8 +73,7 @@ def claim(out: Path, asked: object, check: Callable[..., None], *, overwrite: bo
     """Check `out` by `check(overwrite=...)`, and keep other runs out of it until the block ends.
 
     A killed run leaves a note of what was asked. The same question may replace what that run wrote without `overwrite`,
-    and the block is told whether it may.
-    """
+    and the block is told whether it may."""
     check(overwrite=True)
     place = out.resolve()
     beside = not place.is_dir() or os.access(place.parent, os.W_OK)

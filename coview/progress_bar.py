@@ -1,7 +1,5 @@
 """Progress of long work on stderr: a bar in a terminal, else a line now and then; nothing where JSON is asked for."""
 
-from __future__ import annotations
-
 import sys
 import time
 from collections.abc import Iterator
@@ -19,7 +17,7 @@ EVERY_S = 10.0  # between two lines where there is no terminal
 class Bar:
     """Progress bar of absolute counts, as of the toolkit's callbacks."""
 
-    def __init__(self, bar: tqdm[object], hidden: bool, unit: str = "") -> None:
+    def __init__(self, bar: "tqdm[object]", hidden: bool, unit: str = "") -> None:
         self._bar, self._hidden, self._stage = bar, hidden, unit
         self._done = self._first = 0
         self._began = time.monotonic()

@@ -1,7 +1,5 @@
 """Recordings that commands read, and their shared options."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Sized
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -36,7 +34,7 @@ class Opening:
         return [*([self.poses] if self.poses else []), *site_file(self.site)]
 
     @contextmanager
-    def open(self, path: Path) -> Iterator[Recording]:
+    def open(self, path: Path) -> "Iterator[Recording]":
         """Open a recording. Raises what `open_recording` raises, with the option that helps."""
         from toolkit.datasets.dataset import UnknownSite
         from toolkit.datasets.published_layout import InvalidObjects
@@ -66,8 +64,8 @@ class Opening:
 
 
 def count_passing(
-    frames: Iterable[Frame], problems: dict[str, int], progress: Callable[[int], None]
-) -> Iterator[Frame]:
+    frames: "Iterable[Frame]", problems: dict[str, int], progress: Callable[[int], None]
+) -> "Iterator[Frame]":
     """Yield frames, report progress, and add up what reading left out."""
     from toolkit.datasets.records import add_problem
 
@@ -79,7 +77,7 @@ def count_passing(
 
 
 @contextmanager
-def open_recording(path: Path, site: str | None, *, drop_invalid: bool = False) -> Iterator[CoopDataset]:
+def open_recording(path: Path, site: str | None, *, drop_invalid: bool = False) -> "Iterator[CoopDataset]":
     """Open a recording of a known site."""
     with Opening(site=site, drop_invalid=drop_invalid).open(path) as recording:
         if recording.site is None:

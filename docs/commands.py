@@ -1,7 +1,5 @@
 """Sphinx directive `commands`: the command line, from the parsers that `coview --help` shows."""
 
-from __future__ import annotations
-
 import warnings
 from argparse import SUPPRESS, ArgumentParser
 from collections.abc import Iterator

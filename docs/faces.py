@@ -4,11 +4,12 @@ Docstrings here are plain text. `as_rst` hands them to Sphinx as what they mean:
 they are, and words in backticks as code, which links to the entry of what it names where there is one.
 """
 
-from __future__ import annotations
-
+import ast
 import inspect
 import re
+import textwrap
 from collections.abc import Iterator
+from contextlib import suppress
 from importlib import import_module
 from itertools import groupby
 from types import ModuleType
@@ -191,14 +192,32 @@ def signature(member: Any) -> str | None:
         found = inspect.signature(member)
     except (TypeError, ValueError):
         return None
-    parameters = [p.replace(annotation=_written(p.annotation)) for p in found.parameters.values()]
-    returned = inspect.Signature.empty if inspect.isclass(member) else _written(found.return_annotation)
+    written = {name: _AsWritten(text) for name, text in _annotations(member).items()}
+    parameters = [p.replace(annotation=written.get(p.name, p.annotation)) for p in found.parameters.values()]
+    returned = inspect.Signature.empty if inspect.isclass(member) else written.get("return", found.return_annotation)
     return str(found.replace(parameters=parameters, return_annotation=returned))
 
 
-def _written(annotation: Any) -> Any:
-    text = getattr(annotation, "__forward_arg__", annotation)
-    return _AsWritten(text) if isinstance(text, str) else annotation
+def _annotations(member: Any) -> dict[str, str]:
+    """Annotations of a function, or of a class's fields and constructor, as they stand in the source."""
+    parts: list[Any] = []
+    for part in reversed(member.__mro__) if inspect.isclass(member) else [member]:
+        with suppress(TypeError, OSError):  # built in, or made without source
+            parts += ast.parse(textwrap.dedent(inspect.getsource(inspect.unwrap(part)))).body
+    written: dict[str, ast.expr | None] = {}
+    for part in parts:
+        for node in part.body if isinstance(part, ast.ClassDef) else [part]:
+            if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
+                written[node.target.id] = node.annotation
+            elif isinstance(node, ast.FunctionDef) and (node is part or node.name in ("__init__", "__new__")):
+                a = node.args
+                all_of = (*a.posonlyargs, *a.args, *a.kwonlyargs, *filter(None, (a.vararg, a.kwarg)))
+                written |= {"return": node.returns, **{each.arg: each.annotation for each in all_of}}
+    return {
+        name: node.value if isinstance(node, ast.Constant) and isinstance(node.value, str) else ast.unparse(node)
+        for name, node in written.items()
+        if node is not None
+    }
 
 
 def _signature(

@@ -1,7 +1,6 @@
 """Detection: VoxelNet, its training and its weights.
 
-Needs torch, numpy, h5py and shapely only, each loaded when used.
-"""
+Needs torch, numpy, h5py and shapely only, each loaded when used."""
 
 from lazy_loader import attach_stub
 

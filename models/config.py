@@ -1,7 +1,5 @@
 """`VoxelNetConfig`: the shape and meaning of a network."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, fields
@@ -138,14 +136,14 @@ class VoxelNetConfig:
             raise ValueError(f"thresholds must be one per label or empty, got {self.thresholds} for {self.labels}")
 
     @classmethod
-    def published(cls, site: str, **changes: Any) -> VoxelNetConfig:
+    def published(cls, site: str, **changes: Any) -> "VoxelNetConfig":
         """Return the paper's network for "tjunction" or "roundabout", in the site's own frame."""
         if site not in SITE_AREAS:
             raise ValueError(f"the published networks are for {' and '.join(SITE_AREAS)}, got {site!r}")
         return cls(**{"area": SITE_AREAS[site], "voxel_size": _VOXEL_SIZES[site], **changes})
 
     @classmethod
-    def light(cls, area: Iterable[SupportsFloat], **changes: Any) -> VoxelNetConfig:
+    def light(cls, area: Iterable[SupportsFloat], **changes: Any) -> "VoxelNetConfig":
         """Return the CPU default for any area: a quarter of the width, the height folded, no 3x3 head."""
         return cls(**{"area": tuple(float(side) for side in area), **_LIGHT, **changes})
 
@@ -199,7 +197,7 @@ class VoxelNetConfig:
         return {name: value for name, value in asdict(self).items() if name not in young or value != defaults[name]}
 
     @classmethod
-    def from_dict(cls, values: object) -> VoxelNetConfig:
+    def from_dict(cls, values: object) -> "VoxelNetConfig":
         """Build a configuration from `to_dict`'s values, as JSON gives them back. Raises ValueError for others."""
         known = asdict(_EXAMPLE)
         if not isinstance(values, dict):

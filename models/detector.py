@@ -1,7 +1,5 @@
 """`VoxelNetDetector`: a trained network as the toolkit's `Detector`."""
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
@@ -100,19 +98,18 @@ class VoxelNetDetector:
         own = digest_detector(self._weights, self.config.to_dict(), least, self.nms_threshold)
         return own if self.phases == 1 else f"{own} on {self.phases} grids"
 
-    def shift_grids(self, phases: int) -> VoxelNetDetector:
+    def shift_grids(self, phases: int) -> "VoxelNetDetector":
         """Same detector on several grids, shifted by parts of a cell: where one grid lies matters less.
 
         Boxes of one class that overlap are averaged, and have the greatest of their scores. Raises ValueError for fewer
-        than one grid, or more than `MOST_PHASES`.
-        """
+        than one grid, or more than `MOST_PHASES`."""
         if not 1 <= phases <= MOST_PHASES:
             raise ValueError(f"phases must be 1 to {MOST_PHASES} grids, got {phases}: 4 is usual for real clouds")
         other = copy.copy(self)
         other.phases, other.name = phases, f"{self.name}+phases{phases}"
         return other
 
-    def quick(self) -> VoxelNetDetector:
+    def quick(self) -> "VoxelNetDetector":
         """Same detector with coarser numbers in about half the time where the processor has them, else itself."""
         if not is_quick_at_bfloat16(self.device) or not isinstance(getattr(self, "network", None), SparseVoxelNet):
             return self
@@ -151,8 +148,7 @@ class VoxelNetDetector:
         """Detect in many unions of the same clouds, such as all sets of a site's sensors.
 
         The results are those of each union's points, to the rounding of float32, in much less time where most clouds
-        reach only a part of the area (`models.network.tiles`).
-        """
+        reach only a part of the area (`models.network.tiles`)."""
         found: dict[int, Detections] = {}
         if clouds and len(unions) and self._tiled is not None and self.phases == 1:
             plan = self._tiled.plan([torch.as_tensor(cloud).float().to(self.device) for cloud in clouds], unions)
@@ -202,8 +198,7 @@ def load_detector(
 
     site: the site that the weights must be for. area: xmin ymin xmax ymax (m, world frame) of detection; weights of one
     site have their own area, general ones go anywhere. Raises FileNotFoundError for unknown weights, ValueError if they
-    are damaged or for another place.
-    """
+    are damaged or for another place."""
     network, header = load_weights(weights_file(name))
     trained_for = header.site or "general"
     if site is not None and trained_for not in (site, "general"):

@@ -1,10 +1,7 @@
 """Networks as ONNX files, ours and anybody's, each with a card, NAME.json, beside NAME.onnx: see docs/how-to/onnx.md.
 
 The card is a JSON object of values of `VoxelNetConfig`, of which `area` and `labels` are required, of `decoded` (does
-the network return boxes, or maps), and if wanted of `nms_threshold` and of the `sha256` of the file.
-"""
-
-from __future__ import annotations
+the network return boxes, or maps), and if wanted of `nms_threshold` and of the `sha256` of the file."""
 
 import base64
 import json
@@ -27,7 +24,7 @@ from models.network.faces import FaceNetworks
 from models.network.grid import Voxels, voxelise
 from models.network.voxelnet import HeightFold, Prediction, VoxelFeatures, VoxelNet
 from models.weight_files import load_weights
-from toolkit.arrays import Points
+from toolkit.arrays import Float, Points
 from toolkit.objects import Detections
 from toolkit.runtime.files import parse_json, write_bytes, write_text
 
@@ -61,8 +58,7 @@ def export_onnx(name: str | Path, out: Path, area: Iterable[SupportsFloat] | Non
     """Write shipped weights or a weights file as ONNX, its card beside it.
 
     area: xmin ymin xmax ymax (m), for weights that go anywhere. Raises ImportError without onnxscript, ValueError for
-    weights of another area.
-    """
+    weights of another area."""
     network, header = load_weights(weights_file(name))
     if area is not None:
         xmin, ymin, xmax, ymax = (float(side) for side in area)
@@ -102,8 +98,7 @@ class OnnxDetector(VoxelNetDetector):
 
     area: xmin ymin xmax ymax (m) of detection, None for the card's own. Raises FileNotFoundError without file or card;
     ValueError, in one line, for those that are damaged or do not fit each other, or the area, and for a network that
-    fails with a cloud; ImportError without onnxruntime.
-    """
+    fails with a cloud; ImportError without onnxruntime."""
 
     def __init__(
         self,
@@ -125,9 +120,7 @@ class OnnxDetector(VoxelNetDetector):
             raise ValueError(f"{path} and {card.name} make no detector: {' '.join(str(error).split())[:200]}") from None
         if area is not None and (wanted := tuple(float(side) for side in area)) != self.area:
             own, got = (" ".join(f"{side:g}" for side in corners) for corners in (self.area, wanted))
-            raise ValueError(
-                f"{path} is for the area {own} alone, got {got}: give --area {own}, or export it for yours"
-            )
+            raise ValueError(f"{path} is for the area {own}, got {got}: give --area {own}, or export it for yours")
 
     def _open(self, card: object, score_threshold: float | None, nms_threshold: float | None) -> None:
         """Take over the card, and try the network."""
@@ -187,11 +180,11 @@ class OnnxDetector(VoxelNetDetector):
         except Exception as error:  # of ONNX Runtime, which share no class
             raise ValueError(f"{self.name} fails with a cloud of {len(cloud)} points ({error})") from None
 
-    def _inside(self, cloud: Points) -> Points:
+    def _inside(self, cloud: Points) -> Float[np.ndarray, "_ 3"]:
         (xmin, ymin, xmax, ymax), (low, high) = self.area, self.config.height
         return cloud[((cloud > (xmin, ymin, low)) & (cloud < (xmax, ymax, high))).all(axis=1)]
 
-    def batch(self, clouds: Iterable[Points]) -> list[Detections]:
+    def batch(self, clouds: Iterable[np.ndarray]) -> list[Detections]:
         """Detect in several clouds, one after another."""
         return [self._detect(cloud) if len(self._inside(cloud)) else Detections.empty() for cloud in clouds]
 

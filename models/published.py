@@ -1,10 +1,7 @@
 """Checkpoints of the paper's authors, checked and run on its two sites.
 
 A `checkpoint_*.pth` of the paper's code lives in CARLA's left-handed map, relative to a reference point. This module
-keeps those axes, and turns clouds on their way in and boxes on their way out.
-"""
-
-from __future__ import annotations
+keeps those axes, and turns clouds on their way in and boxes on their way out."""
 
 import re
 from collections.abc import Callable
@@ -36,12 +33,11 @@ _UP_LAST = [0, 2, 1]  # their x, up, y as our x, y, z
 
 def load_published(
     path: str | Path, site: str, *, decoding: Decoding = "exact", device: str | torch.device = "cpu"
-) -> PublishedDetector:
+) -> "PublishedDetector":
     """Load the detector of a published checkpoint for "tjunction" or "roundabout".
 
     decoding: see `PublishedDetector`. No code of the file is executed. Raises FileNotFoundError, and ValueError for any
-    other file.
-    """
+    other file."""
     if site not in REFERENCE:
         raise ValueError(f"the published networks are for {' and '.join(REFERENCE)}, got {site!r}")
     network = VoxelNet(replace(VoxelNetConfig.published(site), area=AREA[site]))
@@ -59,8 +55,7 @@ class PublishedDetector:
 
     decoding: "exact" keeps scores above 0.1 and suppresses by a footprint IoU of 0.1. "published" first does what the
     published code does: of the 2000 best anchors, boxes whose upright rectangles overlap by more than 0.3 are
-    suppressed, and the 300 best stay.
-    """
+    suppressed, and the 300 best stay."""
 
     def __init__(
         self,
@@ -92,8 +87,7 @@ class PublishedDetector:
     ) -> tuple[Float32[Tensor, "1 4 H W"], Float32[Tensor, "1 14 H W"]]:
         """Return raw maps: channels 2 · anchor + {background, vehicle}, and 7 · anchor + residual.
 
-        points: in the site's frame, or (x, -y, z) of CARLA's map. H runs along CARLA's x, W along its y.
-        """
+        points: in the site's frame, or (x, -y, z) of CARLA's map. H runs along CARLA's x, W along its y."""
         cloud = to_network(np.asarray(points, np.float32), self.site, frame)
         maps = self.network(voxelise(torch.from_numpy(cloud).to(self.device), self.config))
         return maps.class_logits.contiguous(), maps.residuals.contiguous()

@@ -1,9 +1,6 @@
 """Training on a bare machine, as `coview train` without pictures: packed recordings in, a weights file out.
 
-python -m models.train tjunction --data train.packed --validate test.packed --out runs/tjunction
-"""
-
-from __future__ import annotations
+python -m models.train tjunction --data train.packed --validate test.packed --out runs/tjunction"""
 
 import subprocess
 import sys
@@ -37,8 +34,7 @@ def run(
     """Train or resume with the options of `coview train`; return the weights file and the last validation figures.
 
     site: a built-in one, a site file, "general", or None for the area that the data shares. Raises what `train` raises,
-    and FileExistsError if the folder holds other weights, or another run trains there.
-    """
+    and FileExistsError if the folder holds other weights, or another run trains there."""
     preset = options.preset or ("general" if site == "general" else "fast")
     device = options.device or ("cuda" if torch.cuda.is_available() else "cpu")
     place = None if site in (None, "general") else load_site(site)
@@ -90,8 +86,7 @@ def run(
 def second_stages(options: TrainingOptions, start: VoxelNet | None) -> tuple[tuple[str, ...], tuple[str, ...], bool]:
     """Return classes, classes with measured faces, and whether to calibrate, by default as in `start`.
 
-    Raises ValueError for faces of other classes.
-    """
+    Raises ValueError for faces of other classes."""
     classes, faces = options.classes, options.faces
     if classes is None:
         classes = ("vehicle",) if start is None else start.config.labels

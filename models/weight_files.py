@@ -1,10 +1,7 @@
 """Files of weights and checkpoints: written whole, read without executing anything.
 
 Weights are safetensors files: tensors, and a header that says what they are and where they come from. Checkpoints are
-`torch.save` files of plain tensors and numbers.
-"""
-
-from __future__ import annotations
+`torch.save` files of plain tensors and numbers."""
 
 import hashlib
 import json
@@ -40,8 +37,7 @@ class Header:
 def save_weights(path: str | Path, network: VoxelNet, header: Header) -> None:
     """Write a network's weights, complete or not at all.
 
-    Raises ValueError for a weight that is not finite: such a network is of no use.
-    """
+    Raises ValueError for a weight that is not finite: such a network is of no use."""
     from safetensors.torch import save
 
     tensors = {name: tensor.detach().cpu().contiguous() for name, tensor in network.state_dict().items()}
@@ -61,8 +57,7 @@ def load_weights(path: str | Path) -> tuple[VoxelNet, Header]:
     """Load the network of a weights file, ready for inference, and its header.
 
     Raises FileNotFoundError; ValueError, in one line, if the file is damaged, of another kind, or of another size than
-    its configuration says.
-    """
+    its configuration says."""
     from safetensors import SafetensorError, safe_open
 
     path = Path(path)
@@ -140,8 +135,7 @@ _TORCH_RAISES = (
 def load_tensors(path: str | Path, device: str = "cpu") -> object:
     """Read tensors and plain values that `torch.save` wrote.
 
-    Raises FileNotFoundError; ValueError, in one line, if the file is damaged or holds anything else.
-    """
+    Raises FileNotFoundError; ValueError, in one line, if the file is damaged or holds anything else."""
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"no checkpoint at {path}")
@@ -161,8 +155,7 @@ def save_atomically(path: Path, state: dict[str, object]) -> None:
 def read_checkpoint(path: Path, device: str = "cpu", *, identity: Mapping[str, object] | None = None) -> dict[str, Any]:
     """Read a checkpoint without executing anything in it.
 
-    Raises ValueError if it is damaged, or of a run with other settings than those of `identity`, by name.
-    """
+    Raises ValueError if it is damaged, or of a run with other settings than those of `identity`, by name."""
     try:
         state = load_tensors(path, device)
     except ValueError as error:

@@ -9,10 +9,7 @@ figure of m sets in all of them is an array [profile, level, iou, set]; the axes
     error profiles   the profile of least AP gives all figures of a set, or the mean over profiles
 
 Resamples of a paired bootstrap are reduced in the same way, each by itself, as a trailing axis. Fields that do not fit
-raise ValueError.
-"""
-
-from __future__ import annotations
+raise ValueError."""
 
 import warnings
 from collections.abc import Iterable
@@ -173,8 +170,7 @@ class Cases:
     def expand(self, sets: Bool[np.ndarray, "n C"]) -> tuple[Bool[np.ndarray, "m C"], Int64[np.ndarray, " m"]]:
         """Sets followed by what each failure leaves of them, and the set that each row belongs to.
 
-        A set that may lose all its sensors has one case, the empty set.
-        """
+        A set that may lose all its sensors has one case, the empty set."""
         rows, owners = [*sets], list(range(len(sets)))
         for n, row in enumerate(sets) if self.failing else ():
             members = np.flatnonzero(row)

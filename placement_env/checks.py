@@ -1,7 +1,5 @@
 """Rules for numbers that users give, each in one place."""
 
-from __future__ import annotations
-
 from collections.abc import Collection
 from numbers import Real
 from typing import TypeGuard

@@ -7,10 +7,7 @@ The figure of a sensor set is the weighted mean of those of its classes,
 
 over the classes that have anything to find; recall is combined like AP. A detection counts from the usual IoU of its
 class: the objective's for vehicles and heavy vehicles, `SMALL_IOU` for cyclists and pedestrians, whose boxes lose far
-more IoU by the same few centimetres (as in KITTI and Waymo); or from a given one.
-"""
-
-from __future__ import annotations
+more IoU by the same few centimetres (as in KITTI and Waymo); or from a given one."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -60,9 +57,7 @@ class Classes:
             )
         check_choice("combine", self.combine, get_args(Combine))
         if self.combine == "worst" and len(set(weights)) > 1:
-            raise ValueError(
-                f"the worst class takes no weights, got {self.weights}: leave them out, or combine by mean"
-            )
+            raise ValueError(f"the worst class takes no weights, got {self.weights}: omit them, or combine by mean")
         ious = ious or (None,) * len(names)
         if len(ious) != len(names):
             raise ValueError(f"there must be an IoU for each of {', '.join(names)}, got {self.ious}")

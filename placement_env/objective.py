@@ -5,10 +5,7 @@ Reward = AP − λ_comm · kbit per sensor − λ_price · price.
 kbit per sensor is the paper's measure of communication (section IV-A): the data that each sensor of a set sends in a
 frame, averaged over frames and sensors. A set is feasible when its mounts have room for its sensors, no sensor sends
 more than the link of its mount carries (where the scheme sends points), its mounts and sensors cost no more than the
-money available, and every mount that must carry a sensor has one.
-"""
-
-from __future__ import annotations
+money available, and every mount that must carry a sensor has one."""
 
 import json
 from collections.abc import Callable, Iterable
@@ -75,8 +72,7 @@ class Objective:
 
     visibility: what the candidates see, for a setting with a custom fidelity. Without it, each candidate is scored
     alone to find how much it sends. stride: step between the frames of the run that count. `watch`, where it is set, is
-    told better sets as searches find them. Raises ValueError where the fidelity cannot score the setting this way.
-    """
+    told better sets as searches find them. Raises ValueError where the fidelity cannot score the setting this way."""
 
     def __init__(
         self, setting: Setting | Site | str, run: Run = Run(), *, visibility: Visibility | None = None, stride: int = 1
@@ -103,7 +99,7 @@ class Objective:
     @classmethod
     def of_moved(
         cls, preparation: Preparation, candidates: Candidates, visibility: Visibility, weights: Weights
-    ) -> Objective:
+    ) -> "Objective":
         """Objective of other candidates, whose visibility is known, in a preparation's traffic."""
         fidelity = preparation.at(candidates, visibility).fidelity()
         setting = replace(preparation.setting, candidates=candidates, fidelity=fidelity, weights=weights)
@@ -127,7 +123,7 @@ class Objective:
         """Most that a set may cost."""
         return self.setting.most_price
 
-    def weighed(self, weights: Weights, *, most_price: float | None = None) -> Objective:
+    def weighed(self, weights: Weights, *, most_price: float | None = None) -> "Objective":
         """Same objective with other weights, a price limit where given, and its own memory."""
         other = copy(self)
         most = self.most_price if most_price is None else most_price
@@ -285,8 +281,7 @@ class Objective:
     def next_allowed(self, subset: Bool[np.ndarray, " C"] | Members) -> Bool[np.ndarray, " C"]:
         """Mask of candidates to add next: on mounts that must carry a sensor until all do, which leave money for these.
 
-        Then any that is allowed.
-        """
+        Then any that is allowed."""
         mount = self.candidates.mount
         bare = np.setdiff1d(self.kept, mount[self._row(subset)])
         if not len(bare):

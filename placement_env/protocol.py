@@ -1,7 +1,5 @@
 """`Fidelity`: a way to score sensor sets, from counting points to running the detector."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from typing import Literal, NamedTuple, Protocol, runtime_checkable
 
@@ -20,7 +18,7 @@ class Estimate(NamedTuple):
     recall: Float64[np.ndarray, " n"]
     kbit: Float64[np.ndarray, " n"]
 
-    def without_nan(self) -> Estimate:
+    def without_nan(self) -> "Estimate":
         """Figures with 0 where nothing was to be found."""
         return Estimate(np.nan_to_num(self.ap), np.nan_to_num(self.recall), self.kbit)
 

@@ -4,10 +4,7 @@
 sets are scored on a few frames, the best 1/eta of them on eta times as many, and so on; the last few are scored on all
 frames. The frames come in random order, because neighbours in time show nearly the same traffic. `race_until` drops a
 set only where the frames show that it is worse, and ends as soon as a stated confidence is reached (racing in the sense
-of Maron and Moore 1994, with a bootstrap over blocks of frames instead of Hoeffding's bound).
-"""
-
-from __future__ import annotations
+of Maron and Moore 1994, with a bootstrap over blocks of frames instead of Hoeffding's bound)."""
 
 import math
 from collections.abc import Callable
@@ -29,8 +26,7 @@ class Race:
     """Course of a race.
 
     winners: rows of the best sets, best first, including ties with the last; scores: of each, from all frames; spent,
-    full: set-frames scored, and those that scoring all sets on all frames would take.
-    """
+    full: set-frames scored, and those that scoring all sets on all frames would take."""
 
     winners: Int64[np.ndarray, " k"]
     scores: Float64[np.ndarray, " k"]
@@ -56,8 +52,7 @@ class Contest:
 
     ranking: rows of all different sets, best first, dropped ones last; figures: of each in that order, from the frames
     it was scored on; frames: number of these; confidence: that no set beats the first by more than the tolerance;
-    spent: set-frames scored; expected: likeliest figure of each, given these frames and the predictions.
-    """
+    spent: set-frames scored; expected: likeliest figure of each, given these frames and the predictions."""
 
     ranking: Int64[np.ndarray, " k"]
     figures: Float64[np.ndarray, " k"]
@@ -114,8 +109,7 @@ class RaceRules:
 
     confidence: level to reach; tolerance: a lead that does not count; first, eta: frames of the first rung, and the
     factor by which later ones grow; least: frames before which no confidence ends it; most: set-frames, beyond which
-    only the best go on, and a single one need not.
-    """
+    only the best go on, and a single one need not."""
 
     confidence: float = 0.95
     tolerance: float = 0.01

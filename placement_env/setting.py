@@ -1,9 +1,6 @@
 """`Setting`: what is asked, whatever the way to compute it: site, candidates, fusion, cases, fidelity and costs.
 
-With a `toolkit.runtime.run.Run` it makes what scores sets: `placement_env.objective.Objective(setting, run)`.
-"""
-
-from __future__ import annotations
+With a `toolkit.runtime.run.Run` it makes what scores sets: `placement_env.objective.Objective(setting, run)`."""
 
 import math
 from collections.abc import Callable, Iterable
@@ -132,7 +129,7 @@ class Setting:
                 "keep fewer poles"
             )
 
-    def with_fidelity(self, fidelity: FidelityName) -> Setting:
+    def with_fidelity(self, fidelity: FidelityName) -> "Setting":
         """Same question for another fidelity, without files and errors that it does not know."""
         cases = self.cases if fidelity == "detector" else replace(self.cases, errors=USUAL_CASES.errors)
         surrogate, table = (getattr(self, name) if name == fidelity else None for name in ("surrogate", "table"))

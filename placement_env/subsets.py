@@ -1,7 +1,5 @@
 """Sets of candidates as rows of booleans: all of them, and sums over the members of many at once."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np

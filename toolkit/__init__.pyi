@@ -14,7 +14,7 @@ from .datasets.recordings import ReadRecording as ReadRecording, Reads as Reads
 from .datasets.recordings import open_recording as open_recording, write_recording as write_recording
 from .datasets.simulation import simulate_dataset as simulate_dataset
 from .detection.background import KnownBackground as KnownBackground, site_background as site_background
-from .detection.cluster import ClusterDetector as ClusterDetector, foreground_clusters as foreground_clusters
+from .detection.cluster import ClusterDetector as ClusterDetector
 from .detection.codec import Codec as Codec, PaperCodec as PaperCodec, RangeImage as RangeImage
 from .detection.evaluation import (
     Comparison as Comparison,

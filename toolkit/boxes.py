@@ -12,10 +12,7 @@ Corners 0 1 2 3 are the bottom, counter-clockwise from front left; 4 5 6 7 stand
 
 Areas of overlap are exact, not sampled. In the second box's own frame that box is |x| <= l/2, |y| <= w/2, and the
 overlap is the sum of ∫ clamp(y, ±w/2) dx over the four edges of the first (Green's theorem, with y cut to the box): a
-closed form without branches, for all pairs at once. GEOS agrees to 1e-9 (see the tests) and takes 60 times longer.
-"""
-
-from __future__ import annotations
+closed form without branches, for all pairs at once. GEOS agrees to 1e-9 (see the tests) and takes 60 times longer."""
 
 from typing import Literal
 
@@ -115,16 +112,11 @@ def footprint_overlap(a: ArrayLike, b: ArrayLike) -> Float64[np.ndarray, "n m"]:
 
 
 def nms(
-    boxes: ArrayLike,
-    scores: ArrayLike,
-    iou_threshold: float,
-    metric: Overlap = "bev",
-    *,
-    labels: ArrayLike | None = None,
+    boxes: ArrayLike, scores: ArrayLike, iou_threshold: float, *, labels: ArrayLike | None = None
 ) -> Int64[np.ndarray, " kept"]:
     """Greedy non-maximum suppression: indices of the kept boxes, best first.
 
-    A box is dropped if its IoU with a better kept box, of the same label if `labels` are given, is greater than
+    A box is dropped if its `iou_bev` with a better kept box, of the same label if `labels` are given, is greater than
     `iou_threshold`. Of equal scores the earlier one is better. Raises ValueError for a NaN score, a missing score or
     label, or a threshold outside 0..1.
 
@@ -150,12 +142,12 @@ def nms(
             i, j = _near(boxes[kept], boxes[rows])
             same = alike[kept[i]] == alike[rows[j]]
             i, j = kept[i[same]], rows[j[same]]
-            rows = np.setdiff1d(rows, j[_iou_pairs(boxes[i], boxes[j], metric) > iou_threshold])
-        kept = np.append(kept, rows[_keep_best(boxes[rows], alike[rows], iou_threshold, metric)])
+            rows = np.setdiff1d(rows, j[_iou_pairs(boxes[i], boxes[j], "bev") > iou_threshold])
+        kept = np.append(kept, rows[_keep_best(boxes[rows], alike[rows], iou_threshold)])
     return best_first[kept]
 
 
-def _keep_best(boxes: np.ndarray, alike: np.ndarray, iou_threshold: float, metric: Overlap) -> np.ndarray:
+def _keep_best(boxes: np.ndarray, alike: np.ndarray, iou_threshold: float) -> np.ndarray:
     """Mask of the boxes, best first, that `nms` keeps."""
     keep = np.ones(len(boxes), bool)
     i, j = _near(boxes, boxes)
@@ -166,7 +158,7 @@ def _keep_best(boxes: np.ndarray, alike: np.ndarray, iou_threshold: float, metri
         beaten[j] = True
         by_best = ~beaten[i]
         rivals = j[by_best]
-        keep[rivals[_iou_pairs(boxes[i[by_best]], boxes[rivals], metric) > iou_threshold]] = False
+        keep[rivals[_iou_pairs(boxes[i[by_best]], boxes[rivals], "bev") > iou_threshold]] = False
         open_yet = ~by_best & keep[i] & keep[j]
         i, j = i[open_yet], j[open_yet]
     return keep
@@ -189,8 +181,7 @@ def rows_in_boxes(points: ArrayLike, boxes: ArrayLike) -> list[Int64[np.ndarray,
     """Rows of the points in each box (`points_in_boxes`), in no order.
 
     Points are sorted by their slice along x, so that a box looks at its own slices only. Those few are measured from
-    the box's centre in float64, which keeps map coordinates of a million metres exact.
-    """
+    the box's centre in float64, which keeps map coordinates of a million metres exact."""
     points, boxes = _points(points), check_boxes(boxes)
     if not len(boxes):
         return []

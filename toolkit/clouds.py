@@ -6,10 +6,7 @@ int32, the number of the sensor that measured each point. Further attributes (`c
 `voxel_down_sample` makes every sensor 0: use `down_sample`.
 
 Files: ply and pcd (binary), and npz keep the attributes bit for bit; ASCII ply rounds positions to 6 digits; xyz, pts
-and the legacy `open3d.geometry.PointCloud` lose `sensor`.
-"""
-
-from __future__ import annotations
+and the legacy `open3d.geometry.PointCloud` lose `sensor`."""
 
 import warnings
 from collections.abc import Callable, Iterable, Mapping
@@ -66,8 +63,7 @@ def sensor_numbers(cloud: PointCloud) -> Int32[np.ndarray, " n"]:
 
 def from_attributes(attributes: Mapping[str, np.ndarray], sensor_id: int | None = None) -> PointCloud:
     """Return a cloud of positions (n, 3) and other attributes of n rows. All points get `sensor_id` if given, else
-    their own `sensor`, 0 without one. Raises ValueError if the lengths differ.
-    """
+    their own `sensor`, 0 without one. Raises ValueError if the lengths differ."""
     own = attributes.get("sensor", np.zeros(1)) if sensor_id is None else np.full(1, sensor_id)
     number = own.reshape(-1).astype(np.int32)
     points = attributes["positions"]
@@ -89,8 +85,7 @@ def attributes(cloud: PointCloud) -> dict[str, np.ndarray]:
 
 def fuse(clouds: Iterable[PointCloud]) -> PointCloud:
     """Join the points of all clouds, in order, each with the number of its sensor. Attributes that all clouds have
-    stay; a warning names those that only some have, or have in another width. Clouds without points do not count.
-    """
+    stay; a warning names those that only some have, or have in another width. Clouds without points do not count."""
     parts = [attributes(cloud) for cloud in clouds]
     parts = [part for part in parts if len(part.get("positions", ()))]
     if not parts:
@@ -136,8 +131,7 @@ def down_sample(cloud: PointCloud, voxel_m: float) -> PointCloud:
 
 def crop(cloud: PointCloud, area: Area, height: float | None = None, *, floor: float = 0.0) -> PointCloud:
     """Keep the points inside an area, at floor < z < height. area: a site, or xmin, ymin, xmax, ymax (m); height: by
-    default the site's own, else 4 m (paper section II-B). If the site slopes, z counts from its plane.
-    """
+    default the site's own, else 4 m (paper section II-B). If the site slopes, z counts from its plane."""
     if np.isnan(floor):
         raise ValueError("floor must be a number of metres, got NaN")
     return _select(cloud, Crop.of(area, height).holds(positions(cloud), floor))
@@ -150,8 +144,7 @@ def points_per_box(cloud: PointCloud | Points, boxes: Float[np.ndarray, "m 7"]) 
 
 def save(cloud: PointCloud, path: str | Path) -> None:
     """Write a cloud as ply, pcd or npz, whole or not at all. Raises OSError if that is impossible, and ValueError for
-    another kind of file and for a cloud without points, which these formats cannot hold.
-    """
+    another kind of file and for a cloud without points, which these formats cannot hold."""
     path = Path(path)
     if not len(positions(cloud)):
         raise ValueError(f"the cloud for {path.name} has no points: is the area where the sensors are?")
@@ -176,8 +169,7 @@ def save(cloud: PointCloud, path: str | Path) -> None:
 
 def load(path: str | Path) -> PointCloud:
     """Read a ply, pcd or npz with all its attributes, sensor 0 where it names none. Raises FileNotFoundError, and
-    ValueError for a file without a cloud.
-    """
+    ValueError for a file without a cloud."""
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"no such cloud file: {path}")

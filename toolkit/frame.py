@@ -2,10 +2,7 @@
 
 A `Frame` may come from anywhere. A measurement is an image of ranges or a cloud; both give points. The world frame is
 right-handed, x and y level, z up, in metres. If the sensors stand still it is the site's; on a vehicle it is the
-vehicle's, and `map_SE3_world` places it in the map. Each reader in `toolkit.datasets.layouts` states its own.
-"""
-
-from __future__ import annotations
+vehicle's, and `map_SE3_world` places it in the map. Each reader in `toolkit.datasets.layouts` states its own."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -36,8 +33,7 @@ class SensorCloud:
 
     points: (n, 3) m, in the sensor's own frame or in the world frame, as `frame` says. world_SE3_sensor: pose of the
     sensor. time: of each point, seconds from the frame's time; intensity: as the set gives it; ring: number of the
-    laser. None where the set has none.
-    """
+    laser. None where the set has none."""
 
     name: str
     points: Float32[np.ndarray, "n 3"]
@@ -60,7 +56,7 @@ class SensorCloud:
         points = self.points.astype(np.float64)
         return points if self.frame == "sensor" else transform(invert(self.world_SE3_sensor), points)
 
-    def in_own_frame(self) -> SensorCloud:
+    def in_own_frame(self) -> "SensorCloud":
         """Return the cloud in the sensor's own frame."""
         if self.frame == "sensor":
             return self
@@ -112,8 +108,7 @@ class Rectangle(Region):
 @dataclass(frozen=True, eq=False)
 class ImageWedge(Region):
     """Labels are complete in what one camera sees, but for `ignored` rectangles (left, top, right, bottom; DontCare) of
-    its image. projection: world → pixels, homogeneous.
-    """
+    its image. projection: world → pixels, homogeneous."""
 
     kind = "image"
     projection: Float64[np.ndarray, "3 4"]
@@ -241,7 +236,7 @@ class Frame(Displayed):
         *,
         time: float = np.nan,
         **more: Any,
-    ) -> Frame:
+    ) -> "Frame":
         """Return a labelled frame of clouds. more: other fields."""
         more |= {"categories": categories, "counts": counts, "others": OtherObjects() if others is None else others}
         if away := _count_away(clouds, objects):
@@ -286,11 +281,11 @@ class Frame(Displayed):
         """Points of all sensors, one after the other, world frame."""
         return np.concatenate([np.zeros((0, 3)), *(cloud.in_world() for cloud in self.clouds)])
 
-    def with_clouds(self, clouds: Sequence[SensorCloud]) -> Frame:
+    def with_clouds(self, clouds: Sequence[SensorCloud]) -> "Frame":
         """Return the frame with other clouds as its measurements."""
         return replace(self, sensors=_cloud_sensors(clouds), measurements=tuple(clouds), shifts=())
 
-    def seen_by(self, sensors: Sequence[int | str]) -> Frame:
+    def seen_by(self, sensors: Sequence[int | str]) -> "Frame":
         """Return the frame with some sensors; ValueError for unknown ones."""
         chosen = sorted(select_sensors(self.sensors, sensors))
         if len(chosen) == len(self.sensors):
@@ -299,7 +294,7 @@ class Frame(Displayed):
         shifts = tuple(self.shifts[k] for k in chosen) if self.shifts else ()
         return replace(self, sensors=seeing, measurements=measurements, shifts=shifts)
 
-    def of(self, rows: Shaped[np.ndarray, " k"]) -> Frame:
+    def of(self, rows: Shaped[np.ndarray, " k"]) -> "Frame":
         """Return the frame with some objects (mask or indices)."""
         rows = np.arange(len(self.objects))[rows]
         categories = tuple(self.categories[k] for k in rows) if self.categories else ()
@@ -384,8 +379,7 @@ def select_sensors(available: Sequence[Sensor], wanted: Sequence[int | str] | No
     """Return the positions of some sensors in `available`.
 
     wanted: names or numbers, None for all. Raises ValueError for an unknown sensor, one chosen twice, and names that
-    two sensors share.
-    """
+    two sensors share."""
     names = [sensor.name for sensor in available]
     if len(set(names)) < len(names):
         raise ValueError(f"every sensor needs a name of its own, got {', '.join(names)}: rename those that share one")
@@ -450,8 +444,7 @@ class RecordingView(DisplayedRecording):
 def empty_scene(frames: Sequence[Frame], sample: int = 100) -> Frame:
     """Return each sensor's measurement behind all that moves: the farthest return of each pixel. sample: frames at
     most, spread over all. Nothing returned counts as farthest, so a pixel that ever sees the sky is 0. Raises
-    ValueError without frames.
-    """
+    ValueError without frames."""
     if not len(frames):
         raise ValueError("the empty scene needs a frame, got none")
     farthest: list[np.ndarray] = []

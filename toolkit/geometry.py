@@ -1,7 +1,5 @@
 """Rigid motions as 4×4 float64 arrays: `world_SE3_sensor` turns sensor coordinates into world coordinates."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import SupportsFloat
 

@@ -1,7 +1,5 @@
 """Triangle meshes from a few solids: lofts, tubes, ellipsoids, boxes and extruded polygons, all wound outwards."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from functools import lru_cache
 from typing import NamedTuple
@@ -36,8 +34,7 @@ def merge(meshes: Iterable[Mesh]) -> Mesh:
 
 def loft(rings: Float[np.ndarray, "s p 3"]) -> Mesh:
     """Skin over s closed rings of p points each, with both ends capped. Outwards where a ring runs counter-clockwise
-    seen against the direction in which the rings follow each other.
-    """
+    seen against the direction in which the rings follow each other."""
     s, p, _ = rings.shape
     vertices = np.concatenate([rings.reshape(-1, 3), rings[0].mean(0)[None], rings[-1].mean(0)[None]])
     return Mesh(vertices.astype(np.float64), _loft_triangles(s, p).copy())

@@ -1,7 +1,5 @@
 """Objects and detections of one frame."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Protocol, TypeVar, runtime_checkable
@@ -78,7 +76,7 @@ class Objects(_Rows):
         vars(self).update(boxes=boxes, **checked)
 
     @staticmethod
-    def empty() -> Objects:
+    def empty() -> "Objects":
         """No objects."""
         return Objects(np.zeros((0, 7)))
 
@@ -101,12 +99,12 @@ class Detections(_Rows):
         vars(self).update(boxes=boxes, scores=scores, labels=_labels(self.labels, len(boxes)))
 
     @staticmethod
-    def empty() -> Detections:
+    def empty() -> "Detections":
         """No detections."""
         return Detections(np.zeros((0, 7)), np.zeros(0))
 
     @staticmethod
-    def merge(parts: Iterable[Detections]) -> Detections:
+    def merge(parts: "Iterable[Detections]") -> "Detections":
         """Merge several lists of detections, in order."""
         parts = [Detections.empty(), *parts]
         columns = zip(*((p.boxes, p.scores, p.labels) for p in parts), strict=True)
@@ -116,8 +114,7 @@ class Detections(_Rows):
 @runtime_checkable
 class Detector(Protocol):
     """Anything that turns the points of one frame into detections, both in the world frame. Optional attributes:
-    `labels`, names of the classes it knows, and `digest`, a text that changes with all it depends on.
-    """
+    `labels`, names of the classes it knows, and `digest`, a text that changes with all it depends on."""
 
     def __call__(self, points: Float32[np.ndarray, "n 3"], /) -> Detections:
         """Detect."""

@@ -4,10 +4,7 @@ PCD is read as text, binary and LZF-compressed, every field kept, and written as
 one name, such as the paddings `_` that PCL and ROS write, for one field, and writes past the end of its memory. PLY is
 read as text and in both orders of bytes; Open3D's reader ends the process at a long comment, and takes whatever its
 memory holds for points where a word stands among the numbers.
-https://pointclouds.org/documentation/tutorials/pcd_file_format.html http://paulbourke.net/dataformats/ply/
-"""
-
-from __future__ import annotations
+https://pointclouds.org/documentation/tutorials/pcd_file_format.html http://paulbourke.net/dataformats/ply/"""
 
 import math
 import re
@@ -87,8 +84,7 @@ class _Header(NamedTuple):
 
 def read_pcd(path: str | Path) -> Attributes:
     """Read the attributes of a PCD file's points (`name_attributes`), colours as uint8. Raises ValueError, in one line,
-    where the file is damaged, cut off or has no x, y and z.
-    """
+    where the file is damaged, cut off or has no x, y and z."""
     content = plain_file(path).read_bytes()
     try:
         header, body = _header(content)
@@ -301,8 +297,7 @@ class _Element(NamedTuple):
 
 def read_ply(path: str | Path) -> Attributes:
     """Read the attributes of a PLY file's points (`name_attributes`), its `vertex` element. Raises ValueError, in one
-    line, where the file is damaged, cut off, longer than its header says, or has no x, y and z.
-    """
+    line, where the file is damaged, cut off, longer than its header says, or has no x, y and z."""
     content = plain_file(path).read_bytes()
     try:
         order, elements, start = _ply_header(content)

@@ -2,10 +2,7 @@
 
 This is the fast path of every evaluation; `toolkit.clouds` offers the same on Open3D clouds. The rays of a sensor are
 turned into the world once and kept, so that a frame costs one multiplication, one addition and one comparison per
-coordinate (paper equations 1 and 2 and the crop of section II-B).
-"""
-
-from __future__ import annotations
+coordinate (paper equations 1 and 2 and the crop of section II-B)."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -38,13 +35,12 @@ def frame_points(
     sensors: indices or names, None for all; area: a site, or xmin, ymin, xmax, ymax (m); points with 0 < z < height
     stay, by default the site's own height, else 4 m; z counts from the plane of a site that slopes. rng draws the
     sensors' noise; without one the measurements are taken as they are. Raises ValueError for an unknown sensor or an
-    empty area.
-    """
+    empty area."""
     crop = Crop.of(area, height)
     return [crop_sensor(frame, index, crop, rng) for index in select_sensors(frame.sensors, sensors)]
 
 
-def crop_sensor(frame: Frame, index: int, crop: Crop, rng: Rng | None = None) -> Float32[np.ndarray, "_ 3"]:
+def crop_sensor(frame: Frame, index: int, crop: "Crop", rng: Rng | None = None) -> Float32[np.ndarray, "_ 3"]:
     """Points of one sensor inside a crop, see `frame_points`."""
     sensor, measurement = frame.sensors[index], frame.measurements[index]
     if isinstance(measurement, SensorCloud):
@@ -64,7 +60,7 @@ class Crop(NamedTuple):
     slope: Slope = LEVEL
 
     @staticmethod
-    def of(place: Area, height: float | None = None) -> Crop:
+    def of(place: Area, height: float | None = None) -> "Crop":
         """Crop of a site or an area below `height`, by default the site's own, else 4 m (paper section II-B)."""
         if height is not None and np.isnan(height):
             raise ValueError("height must be a number of metres, got NaN")
@@ -135,8 +131,7 @@ def has_centre_inside(boxes: BoxRows, area: Float64[np.ndarray, "4"]) -> Mask:
 def is_beyond(points: Points, sensor: Sensor | Pose, radius: float, metric: Distance = "horizontal") -> Mask:
     """Mask of points outside a circle of `radius` (m) about a sensor or a camera's pose (paper section II-E).
     "horizontal" measures in the world's horizontal plane, as the paper says; "published" in the plane of the sensor's
-    forward and sideways axes, tilted with it, as its code does.
-    """
+    forward and sideways axes, tilted with it, as its code does."""
     if not radius >= 0:
         raise ValueError(f"radius must be at least 0 m, got {radius}")
     if metric == "horizontal":  # a sensor stands where its body does

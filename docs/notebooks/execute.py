@@ -1,7 +1,5 @@
 """Run the notebooks beside this file anew, and keep their outputs: `python docs/notebooks/execute.py [NAME...]`."""
 
-from __future__ import annotations
-
 import re
 import shutil
 import sys

@@ -1,7 +1,5 @@
 """Draw the pictures of the documentation that no command draws: `python docs/pictures/draw.py [FOLDER]`."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory

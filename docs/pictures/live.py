@@ -3,8 +3,6 @@
 live.png: a map of what is seen, and a suggestion; live.webp: some 30 s of use, four pictures a second.
 """
 
-from __future__ import annotations
-
 import shutil
 import sys
 from io import BytesIO

@@ -3,10 +3,7 @@
 A score says how sure the network is: the probability of the anchor's class, lowered by the IoU predicted for the box,
 and calibrated. Boxes suppress only boxes of their own class, so a person on a bicycle may be found as a cyclist and as
 a pedestrian, and the cab of a truck as a vehicle. Each of two such rivals keeps the part of its score that calibration
-(`models.training.second_stage`) found to be true.
-"""
-
-from __future__ import annotations
+(`models.training.second_stage`) found to be true."""
 
 import math
 from collections.abc import Sequence
@@ -33,8 +30,7 @@ _SURE_LOGIT, _ROUNDING = 8.0, 0.01  # logits above the first are rounded by more
 class Candidates(NamedTuple):
     """Boxes of anchors (m), and their score for each label or 0.
 
-    item: in the batch, ascending; place: number of the anchor in its map.
-    """
+    item: in the batch, ascending; place: number of the anchor in its map."""
 
     item: Int64[Tensor, " n"]
     place: Int64[Tensor, " n"]
@@ -68,8 +64,7 @@ def all_candidates(
 ) -> Candidates:
     """Return the boxes of anchors above a label's threshold; scores for labels below theirs are 0.
 
-    corner: first cell of the map in each item, if the items are tiles of it; anything beyond the map is left out.
-    """
+    corner: first cell of the map in each item, if the items are tiles of it; anything beyond the map is left out."""
     count = len(config.anchor_labels)
     logits, residuals = (per_anchor(each, count) for each in prediction[:2])
     direction, quality = (None if each is None else per_anchor(each, count) for each in prediction[2:])
@@ -127,8 +122,7 @@ def suppress(
 def average_boxes(candidates: Detections, kept: Int64[np.ndarray, " k"], iou_threshold: float) -> Detections:
     """Average each kept box with candidates of its class that overlap it.
 
-    Weights are squared scores: neighbouring anchors err independently ("box voting", Gidaris and Komodakis 2015).
-    """
+    Weights are squared scores: neighbouring anchors err independently ("box voting", Gidaris and Komodakis 2015)."""
     boxes, best = candidates.boxes, candidates.boxes[kept]
     together = (iou_bev(best, boxes) > iou_threshold) & (candidates.labels[kept][:, None] == candidates.labels)
     weights = np.where(together, candidates.scores**2, 0.0)
@@ -161,8 +155,7 @@ def strongest_rivals(found: Detections, config: VoxelNetConfig) -> Float[np.ndar
 def apply_rivals(found: Detections, config: VoxelNetConfig) -> Detections:
     """Lower scores where other classes claim the place, by `config.rivalry`.
 
-    score = sigmoid(slope · logit(score) + intercept - Σ weight of a label · score of its strongest rival).
-    """
+    score = sigmoid(slope · logit(score) + intercept - Σ weight of a label · score of its strongest rival)."""
     if not config.rivalry or not len(found):
         return found
     own = {label_index(name): row for row, name in enumerate(config.labels)}

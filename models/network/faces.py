@@ -9,10 +9,7 @@ beyond it, in steps of 4 cm and three zones:
 
 From these counts and those of the opposite face a tiny network per sort of face (end, side, top) says how far outwards
 the face belongs (m), and how far off that may be. A face stays where the answer is no nearer than the box already is,
-as where there are no points.
-"""
-
-from __future__ import annotations
+as where there are no points."""
 
 from collections.abc import Sequence
 from typing import NamedTuple

@@ -4,10 +4,7 @@ Boxes are residuals to anchors (paper, section III-D; Zhou and Tuzel 2018), of a
 
     Δx, Δy over √(l_a² + w_a²)    Δz over h_a    ln(l/l_a), ln(w/w_a), ln(h/h_a)    then the yaw, δ = ψ - ψ_a:
     published head:  δ                                    (a box and its half turn have far apart residuals)
-    quality head:    sin 2δ, cos 2δ and a direction bit   (they have the same residuals; the bit tells them apart)
-"""
-
-from __future__ import annotations
+    quality head:    sin 2δ, cos 2δ and a direction bit   (they have the same residuals; the bit tells them apart)"""
 
 import math
 from collections.abc import Sequence
@@ -32,7 +29,7 @@ class Voxels(NamedTuple):
     cells: Int64[Tensor, "v 4"]  # batch item, and the voxel's indices along x, y and z
     items: int = 1  # clouds in the batch
 
-    def to(self, device: str | torch.device) -> Voxels:
+    def to(self, device: str | torch.device) -> "Voxels":
         """Move the voxels to another device."""
         return Voxels(self.points.to(device), self.voxel.to(device), self.cells.to(device), self.items)
 

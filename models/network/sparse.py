@@ -5,8 +5,6 @@ exist for occupied voxels only, 3D convolutions run on reached cells (`SparseMid
 convolution on occupied columns (`SparseColumns`). BatchNorm and the linear layers before the published head are folded.
 """
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Sequence
 from itertools import product
@@ -19,7 +17,7 @@ from torch.nn import functional as F
 from models.network import voxelnet
 from models.network.grid import Voxels
 from models.network.voxelnet import Head, HeightFold, MiddleLayers, Prediction, RegionProposal, VoxelNet
-from toolkit.arrays import Bool, Float32, Int64
+from toolkit.arrays import Bool, Float, Float32, Int64
 
 
 class SparseVoxelNet(nn.Module):
@@ -57,7 +55,7 @@ class SparseVoxelNet(nn.Module):
         """Return what `network.eval()(voxels)` would return."""
         return self.rpn(self.middle(self.features(voxels), voxels))
 
-    def halve(self) -> SparseVoxelNet:
+    def halve(self) -> "SparseVoxelNet":
         """Copy whose proposal part, which takes most of the time, computes in bfloat16."""
         other = copy.deepcopy(self)
         other.rpn.to(torch.bfloat16).to(memory_format=torch.channels_last)  # type: ignore[call-overload]
@@ -107,7 +105,7 @@ class FoldedRegionProposal(nn.Module):
         self.outputs = make_conv(torch.cat([layer.weight for layer in maps]), biases)
         self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
-    def forward(self, x: Float32[Tensor, "B C H W"]) -> Prediction:
+    def forward(self, x: Float[Tensor, "B C H W"]) -> Prediction:
         """Raw maps."""
         maps, x = [], x.to(self.outputs.weight.dtype)
         for block, order in zip(self.blocks, self.order, strict=True):
@@ -131,7 +129,7 @@ class PlainJoin(nn.Module):
                 for layer, bias in zip(layers, (shift, None, None), strict=True)
             )
 
-    def forward(self, maps: Sequence[Tensor]) -> Float32[Tensor, "B K H W"]:
+    def forward(self, maps: Sequence[Tensor]) -> Float[Tensor, "B K H W"]:
         """Return the feature map of the head."""
         layers: Any = self.upsample
         first, *others = layers
@@ -146,8 +144,7 @@ class LinearHead(nn.Module):
 
     Everything before that convolution is linear, so a transposed one (kernel and stride k) and the 3x3 one are together
     one transposed convolution of kernel k + 2, stride k and padding 1, on a map with a quarter or a sixteenth of the
-    cells. Their biases, which the 3x3 convolution misses beyond the border, enter through channels of ones.
-    """
+    cells. Their biases, which the 3x3 convolution misses beyond the border, enter through channels of ones."""
 
     def __init__(self, rpn: RegionProposal, head: Head) -> None:
         super().__init__()
@@ -162,7 +159,7 @@ class LinearHead(nn.Module):
         weight = torch.cat((_compose(coarse.weight, at_coarse), ones, ones.new_zeros(ONES - 1, *ones.shape[1:])))
         self.coarse = make_conv(weight, None, 4, 1, transposed=True)
 
-    def forward(self, maps: Sequence[Tensor]) -> Float32[Tensor, "B K H W"]:
+    def forward(self, maps: Sequence[Tensor]) -> Float[Tensor, "B K H W"]:
         """Return the feature map of the head."""
         fine, middle, coarse = maps
         coarse = torch.cat((coarse, coarse.new_ones(len(coarse), ONES, *coarse.shape[2:])), 1)
@@ -170,12 +167,11 @@ class LinearHead(nn.Module):
         return x.add_(self.middle(middle)).add_(self.coarse(coarse)).relu_()
 
 
-def cell_by_cell(conv: nn.Module, x: Float32[Tensor, "B C H W"]) -> Float32[Tensor, "B K H W"]:
+def cell_by_cell(conv: nn.Module, x: Float[Tensor, "B C H W"]) -> Float[Tensor, "B K H W"]:
     """Compute a 1x1 convolution by the convolution library.
 
     On one CPU thread torch would choose a plain matrix product, which takes about twice as long. Compilers and
-    exporters do not know the library's convolution.
-    """
+    exporters do not know the library's convolution."""
     plain = torch.compiler.is_compiling() or not torch.backends.mkldnn.is_available()  # type: ignore[no-untyped-call]
     if plain or x.device.type != "cpu":
         return conv(x)  # type: ignore[no-any-return,unused-ignore]
@@ -215,8 +211,7 @@ class SparseColumns(nn.Module):
 
     The convolution `first` (3x3, stride 2, padding 1) sends a column to one, two or four cells of its map, depending on
     whether its row and column are even or odd. Each of the nine taps serves the columns of one such kind and sends no
-    two of them to the same cell. Cells without a column hold the bias.
-    """
+    two of them to the same cell. Cells without a column hold the bias."""
 
     def __init__(self, fold: HeightFold, first: nn.Conv2d) -> None:
         super().__init__()
@@ -229,7 +224,7 @@ class SparseColumns(nn.Module):
 
     def forward(
         self, features: Float32[Tensor, "v C"], voxels: Voxels, shape: tuple[int, int, int] | None = None
-    ) -> Float32[Tensor, "B K h w"]:
+    ) -> Float[Tensor, "B K h w"]:
         """Return the map after the ReLU, channels last in memory. shape: of the grid, if not the network's own."""
         nx, ny, _ = shape = shape or self.shape
         column, key = voxelnet.columns(voxels, shape)
@@ -293,8 +288,7 @@ class SparseMiddle(nn.Module):
     A convolution is linear: its output is that of an empty grid plus that of the difference between its input and an
     empty grid's. The difference is zero wherever no point reaches, so only rows of reached cells are kept and
     multiplied. An empty grid's response varies only at its borders, so a small empty grid tells all of it. Channels are
-    last in memory, level by level (`channel_order`).
-    """
+    last in memory, level by level (`channel_order`)."""
 
     def __init__(self, middle: MiddleLayers) -> None:
         super().__init__()
@@ -311,7 +305,7 @@ class SparseMiddle(nn.Module):
         width, levels = empty.shape[1:3]
         self.channel_order = torch.arange(width * levels).view(width, levels).T.reshape(-1)
 
-    def forward(self, features: Float32[Tensor, "v C"], voxels: Voxels) -> Float32[Tensor, "B K H W"]:
+    def forward(self, features: Float32[Tensor, "v C"], voxels: Voxels) -> Float[Tensor, "B K H W"]:
         """Return the map seen from above."""
         plane = Plane(voxels.items, *self.shape[:2])
         item, ix, iy, iz = voxels.cells.unbind(1)

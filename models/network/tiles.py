@@ -9,10 +9,7 @@ a tile that three of eight sensors see, there are 8 values, not 255. Layer by la
     patch     a tile of the layer before, with a border of one cell from the tiles around it
 
 A convolution of all patches gives the entries of the next layer. The maps equal those of one union after the other, to
-the rounding of float32.
-"""
-
-from __future__ import annotations
+the rounding of float32."""
 
 from collections.abc import Callable, Iterator, Sequence
 from itertools import product
@@ -27,7 +24,7 @@ from models.config import VoxelNetConfig
 from models.network.grid import Voxels, grid_cells, thin_voxels
 from models.network.sparse import PlainJoin, SparseColumns, SparseVoxelNet, cell_by_cell, make_conv
 from models.network.voxelnet import Prediction
-from toolkit.arrays import Bool, Float32, Int64
+from toolkit.arrays import Bool, Float, Float32, Int64
 
 
 class PlacedClouds(NamedTuple):
@@ -41,7 +38,7 @@ class PlacedClouds(NamedTuple):
     clouds: int
 
     @staticmethod
-    def of(clouds: Sequence[Float32[Tensor, "_ 3"]], config: VoxelNetConfig) -> PlacedClouds:
+    def of(clouds: Sequence[Float32[Tensor, "_ 3"]], config: VoxelNetConfig) -> "PlacedClouds":
         """Place points given in the frame of the grid, m."""
         kept, indices = zip(*(grid_cells(cloud, config) for cloud in clouds), strict=True)
         number = torch.arange(len(clouds), device=kept[0].device)
@@ -62,8 +59,7 @@ class PlacedClouds(NamedTuple):
         """Find the points that `voxelise` leaves out of unions, in voxels with more than `most`.
 
         Returns the number of the way each union is thinned, 0 for none, and the points left out, ascending, as that
-        number · points + row of the point.
-        """
+        number · points + row of the point."""
         rows = torch.nonzero(self.crowd > most)[:, 0]
         concerned = torch.bincount(self.cloud[rows], minlength=self.clouds).cpu().numpy() > 0
         alike, number = np.unique(unions & concerned, axis=0, return_inverse=True)
@@ -77,7 +73,7 @@ class PlacedClouds(NamedTuple):
                 dropped.append(some[~keep] + len(dropped) * len(self.points))
         return thinning[number.ravel()], torch.cat(dropped)
 
-    def by_tile(self, grid: tuple[int, int], size: int, before: int) -> PointsByTile:
+    def by_tile(self, grid: tuple[int, int], size: int, before: int) -> "PointsByTile":
         """Sort points by tile. A tile has `size` columns along x and y, and `before` columns of the tiles before it."""
         (tx, ty), (from_x, from_y) = (self.cells[:, :2] // size).T, (self.cells[:, :2] % size).T
         rows, keys = [], []
@@ -118,7 +114,7 @@ class PointsByTile(NamedTuple):
         return self.row[torch.from_numpy(place).to(self.row.device)], item
 
 
-_Bank = Float32[Tensor, "n t t K"]  # values of n tiles, of t x t cells each
+_Bank = Float[Tensor, "n t t K"]  # values of n tiles, of t x t cells each
 SIZES = 20, 24, 28  # cells of the head's map along a tile; multiples of the two following strides together
 AT_ONCE = 64  # tiles that a layer processes together
 MOST_ENTRIES = 2000  # of a layer held in memory, some 200 kB each with those of the layer before
@@ -168,7 +164,7 @@ class UnionPlan(NamedTuple):
     thinning: Int64[np.ndarray, " U"]
     dropped: Int64[Tensor, " k"]
 
-    def part(self, some: slice) -> UnionPlan:
+    def part(self, some: slice) -> "UnionPlan":
         """Select some of the unions."""
         return self._replace(unions=self.unions[some], thinning=self.thinning[some])
 
@@ -245,8 +241,7 @@ class TiledVoxelNet:
     def __call__(self, plan: UnionPlan) -> Iterator[tuple[slice, Entries, Iterator[TilePredictions]]]:
         """Yield groups of unions, as large as memory allows.
 
-        Each is a slice of the unions, the entries of the head's tiles, and the head's maps for all of them.
-        """
+        Each is a slice of the unions, the entries of the head's tiles, and the head's maps for all of them."""
         count = len(plan.unions)
         while count > 1 and len(plan.part(slice(count)).entries(-1).tile) > MOST_ENTRIES:
             count = (count + 1) // 2
@@ -333,7 +328,7 @@ class TiledVoxelNet:
         return x
 
 
-def _cells(conv: nn.Module, x: _Bank) -> Float32[Tensor, "n t t L"]:
+def _cells(conv: nn.Module, x: _Bank) -> Float[Tensor, "n t t L"]:
     """Convolve tiles with a 1x1 kernel, stacked as one map."""
     y = cell_by_cell(conv, x.flatten(0, 1)[None].permute(0, 3, 1, 2)).permute(0, 2, 3, 1)
     return y.reshape(*x.shape[:3], -1)

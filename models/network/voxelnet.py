@@ -3,10 +3,7 @@
     Voxels ─▶ VoxelFeatures ─(v, C)─▶ MiddleLayers | HeightFold ─(B, C, H, W)─▶ RegionProposal ─▶ Head ─▶ Prediction
 
 B clouds, v occupied voxels, D heights, H cells along x, W cells along y. This is the network as it is trained;
-`models.network.sparse` computes the same in less time once it is trained.
-"""
-
-from __future__ import annotations
+`models.network.sparse` computes the same in less time once it is trained."""
 
 import math
 from collections import OrderedDict
@@ -136,8 +133,7 @@ class MiddleLayers(nn.Module):
 class HeightFold(nn.Module):
     """Light middle: a sum over a column's voxels, with a linear map per height.
 
-    It equals a 1x1 convolution of the grid with its height folded into channels, at the cost of the occupied voxels.
-    """
+    It equals a 1x1 convolution of the grid with its height folded into channels, at the cost of the occupied voxels."""
 
     def __init__(self, config: VoxelNetConfig) -> None:
         super().__init__()

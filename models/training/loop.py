@@ -1,10 +1,7 @@
 """Training loop that resumes after a kill, on CPU and CUDA.
 
 Step s of a run always sees the same examples, so weights, optimiser, schedule and step number are the whole state. The
-log is a CSV file in long format: step, epoch, name, value.
-"""
-
-from __future__ import annotations
+log is a CSV file in long format: step, epoch, name, value."""
 
 import csv
 import time
@@ -61,8 +58,7 @@ def make_config(area: Area, preset: str, size: str = "light", classes: Sequence[
     """Return the network that a preset trains for an area, light or published in size, with the head of its loss.
 
     The light one knows no absolute coordinates, so it learns on a `window` of the area; `models.detector.relocate` puts
-    the result on all of it.
-    """
+    the result on all of it."""
     head: dict[str, Any] = {"head": "quality", "anchor_z": 0.8, "quality_power": 1.0, "averaging": 0.75}
     if PRESETS[preset].loss == "published":
         head = {"head": "published", "anchor_z": 1.6, "quality_power": 0.0, "averaging": 0.0}
@@ -196,8 +192,7 @@ def train(
     default; validate: called with the network after each epoch, and its figures are logged; progress: called with the
     step, the number of steps, and the losses of the step or the figures of `validate`. With `Machine.seconds` the cycle
     of the learning rate follows the clock, which resuming sets back to the last checkpoint, and the number of steps
-    is an estimate. Raises ValueError if preset and network do not fit, or if `out` holds a run with other settings.
-    """
+    is an estimate. Raises ValueError if preset and network do not fit, or if `out` holds a run with other settings."""
     machine = machine or Machine()
     device, bfloat16, seconds = machine.device, machine.bfloat16, machine.seconds
     if seconds is not None and preset.schedule != "one-cycle":

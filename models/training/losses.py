@@ -1,7 +1,5 @@
 """Targets of the anchors and losses (Zhou and Tuzel 2018, section 2.2): the published one, and one with quality."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import partial
 from typing import NamedTuple
@@ -83,8 +81,7 @@ def assign_by_kind(
 ) -> Assignment:
     """Match anchors to objects of their own class; owners are rows of `boxes`.
 
-    asked: objects that should be found; negatives on the others of that class are ignored.
-    """
+    asked: objects that should be found; negatives on the others of that class are ignored."""
     parts, first = [], 0
     for kind in kinds:
         last, own = first + len(kind.yaws), labels == label_index(kind.label)
@@ -122,8 +119,7 @@ def _snap_size(boxes: np.ndarray) -> np.ndarray:
 def paper_loss(prediction: Prediction, labels: _Labels, boxes: _Targets, anchors: Tensor) -> dict[str, Tensor]:
     """Published loss of sampled anchors: cross-entropy, and smooth L1 (σ = 3) of residuals.
 
-    labels: of an `Assignment`; boxes: target of each positive anchor; anchors: (H, W, A, 7).
-    """
+    labels: of an `Assignment`; boxes: target of each positive anchor; anchors: (H, W, A, 7)."""
     count = anchors.shape[2]
     logits = per_anchor(prediction.class_logits, count)
     counted = torch.nonzero(labels != IGNORED, as_tuple=True)
@@ -141,8 +137,7 @@ def quality_loss(
     """Loss of class, box, direction and predicted IoU.
 
     Focal loss (Lin et al. 2017) for the class; smooth L1 of residuals and 1 - IoU for the box. A class's sums are
-    divided by the number of its positive anchors. classes: class of each anchor of a cell (None: one class).
-    """
+    divided by the number of its positive anchors. classes: class of each anchor of a cell (None: one class)."""
     if prediction.direction_logits is None or prediction.quality_logits is None:
         raise ValueError('the quality loss needs a network with head="quality"')
     count = anchors.shape[2]
@@ -170,12 +165,10 @@ def quality_loss(
     }
 
 
-def focal_loss(
-    logits: Float[Tensor, "*n"], positive: Bool[Tensor, "*n"], counted: Shaped[Tensor, "*n"], *, alpha: float = 0.25
-) -> Tensor:
+def focal_loss(logits: Float[Tensor, "*n"], positive: Bool[Tensor, "*n"], counted: Shaped[Tensor, "*n"]) -> Tensor:
     """Sum α (1 - p)² · cross-entropy · `counted` over anchors, where p is the probability of the truth."""
     signed = torch.where(positive, logits, -logits)
-    weight = torch.where(positive, alpha, 1 - alpha) * counted
+    weight = torch.where(positive, 0.25, 0.75) * counted
     return -(weight * torch.sigmoid(-signed) ** 2.0 * F.logsigmoid(signed)).sum()
 
 
@@ -183,8 +176,7 @@ def nearly_aligned_iou(boxes: Float[Tensor, "n 7"], wanted: Float[Tensor, "n 7"]
     """3D IoU of box pairs, differentiable in any overlap, and exact for equal yaws.
 
     A yaw difference δ takes a quarter of the other side times sin δ off each shared side: the first-order loss of two
-    rectangles turned about a common centre.
-    """
+    rectangles turned about a common centre."""
     cos, sin = torch.cos(wanted[:, 6]), torch.sin(wanted[:, 6])
     dx, dy, dz = (boxes - wanted)[:, :3].unbind(1)
     gap = torch.stack((dx * cos + dy * sin, dy * cos - dx * sin, dz), 1).abs()

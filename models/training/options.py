@@ -1,10 +1,7 @@
 """`TrainingOptions`: the one list of arguments of `coview train` and `python -m models.train`.
 
 The second runs on a machine that has no more than torch, numpy, h5py, safetensors, scipy, shapely and tqdm, so its
-parser is made here with the standard library, from the same fields and the same texts.
-"""
-
-from __future__ import annotations
+parser is made here with the standard library, from the same fields and the same texts."""
 
 import re
 from argparse import ArgumentParser, BooleanOptionalAction
@@ -46,8 +43,7 @@ class TrainingOptions:
         threads: Threads of PyTorch; fewer are faster beside other programs.
         workers: Processes that prepare examples.
         checkpoint_s: Seconds between checkpoints.
-        overwrite: Replace another training in the folder.
-    """
+        overwrite: Replace another training in the folder."""
 
     data: Path
     out: Path
@@ -74,7 +70,7 @@ class TrainingOptions:
     overwrite: bool = False
 
     def __post_init__(self) -> None:
-        for name in (
+        for name in [
             "voxel",
             "epochs",
             "seconds",
@@ -84,7 +80,7 @@ class TrainingOptions:
             "validate_frames",
             "threads",
             "checkpoint_s",
-        ):
+        ]:
             value = getattr(self, name)
             if value is not None and not 0 < value < float("inf"):
                 raise ValueError(f"{option(name)} must be above 0, got {value}")

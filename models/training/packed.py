@@ -16,8 +16,6 @@ arrays that need numpy and h5py alone:
                                 each sensor begin and the last ones end, (p, 3) the points in 1/512 m, on level ground
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import partial
@@ -47,8 +45,7 @@ Area = tuple[float, float, float, float]  # xmin ymin xmax ymax, m
 class PackedFrames:
     """Packed file in memory. Points and objects of frame k are in its site's frame.
 
-    Raises FileNotFoundError; ValueError if the file is damaged or not a packed file.
-    """
+    Raises FileNotFoundError; ValueError if the file is damaged or not a packed file."""
 
     def __init__(self, path: Path | str) -> None:
         if not Path(path).is_file():
@@ -100,7 +97,7 @@ class PackedFrames:
     def __len__(self) -> int:
         return len(self._rig_of_frame)
 
-    def rig(self, k: int) -> Rig:
+    def rig(self, k: int) -> "Rig":
         """Sensors of frame k and their crop."""
         return self.rigs[self._rig_of_frame[k]]
 
@@ -126,8 +123,7 @@ class PackedFrames:
     def points(self, k: int, rng: Rng | None, sensors: Iterable[int] | None = None) -> list[Float32[np.ndarray, "_ 3"]]:
         """Points of frame k inside the crop, of each chosen sensor (None: all), on level ground.
 
-        rng: of fresh noise, None for none.
-        """
+        rng: of fresh noise, None for none."""
         rig, clouds = self.rig(k), []
         for s in range(len(rig.sensors)) if sensors is None else sensors:
             if self.is_recorded(k):
@@ -159,7 +155,7 @@ class Rig:
         height: float,
         empty: Iterable[np.ndarray],
         slope: Slope = LEVEL,
-    ) -> Rig:
+    ) -> "Rig":
         """Build a rig from images of the empty site."""
         sensors, (xmin, ymin, xmax, ymax) = tuple(sensors), (float(side) for side in area)
         rig = Rig(sensors, (xmin, ymin, xmax, ymax), float(height), (), (), slope)
@@ -176,8 +172,7 @@ class Rig:
     ) -> tuple[_Points, Shaped[np.ndarray, " n"], Float32[np.ndarray, " n"]]:
         """Noisy points in the crop, their pixels and measurements.
 
-        Pixels `changed` have measured this (0: nothing), the others the empty site.
-        """
+        Pixels `changed` have measured this (0: nothing), the others the empty site."""
         rows, columns = self.sensors[s].model.shape
         still = np.ones(rows * columns, bool)
         still[changed] = False

@@ -1,7 +1,5 @@
 """Writer of packed files (`models.training.packed`). Only pixels that differ from the empty site are written."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
@@ -57,8 +55,7 @@ def recording(
     """Return frames of fixed sensors, each read when it is written.
 
     area: xmin ymin xmax ymax (m), height: of the crop (m); empty: measurements of the empty site per sensor, None to
-    take them from the frames; count: only the first frames; slope: of the ground (m per m, x and y).
-    """
+    take them from the frames; count: only the first frames; slope: of the ground (m per m, x and y)."""
     empty = empty_scene(frames).images if empty is None else empty
     rig = Rig.seeing(frames[0].sensors, area, height, empty, slope)
     chosen = range(min(len(frames), len(frames) if count is None else count))
@@ -126,8 +123,7 @@ def change(rig: Rig, frame: Frame) -> Change:
 def pack(recordings: Iterable[PackedRecording], out: Path, *, progress: _Progress | None = None) -> int:
     """Write a packed file, complete or not at all, and return its number of frames.
 
-    Raises ValueError without any frame, OSError if the disk is full.
-    """
+    Raises ValueError without any frame, OSError if the disk is full."""
     with writing(out) as unfinished, hdf5_file(unfinished) as (file, check):
         return _write(file, recordings, check, progress)
 

@@ -1,9 +1,6 @@
 """Training examples: a packed frame with fresh noise, augmented and voxelised, and its targets.
 
-Augmentations of whole scenes are sensors with errors, fewer points, and ground that is a little off zero or slopes.
-"""
-
-from __future__ import annotations
+Augmentations of whole scenes are sensors with errors, fewer points, and ground that is a little off zero or slopes."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -122,7 +119,7 @@ class Batch(NamedTuple):
     labels: Tensor  # (B, H, W, A), see `models.training.losses`
     boxes: Tensor  # (B, H, W, A, 7), targets of positive anchors
 
-    def to(self, device: torch.device | str) -> Batch:
+    def to(self, device: torch.device | str) -> "Batch":
         """Move the batch to another device."""
         return Batch(self.voxels.to(device), self.labels.to(device), self.boxes.to(device))
 
@@ -212,8 +209,7 @@ def read_points(frames: PackedFrames, k: int, rng: Rng, *, subsets: float, error
     """Read points of frame k in the crop.
 
     subsets: chance of a random set of sensors instead of all; errors: chance of random errors instead of the sensor
-    models' own noise.
-    """
+    models' own noise."""
     total, sensors = len(frames.rig(k).sensors), None
     if subsets and rng.random() < subsets:
         sensors = sorted(rng.choice(total, int(rng.integers(1, total + 1)), replace=False).tolist())
@@ -229,18 +225,18 @@ def stack(batch: list[Batch]) -> Batch:
     return Batch(collate(voxels), torch.cat(labels), torch.cat(boxes))
 
 
-def jitter_objects(
-    points: _Points, boxes: _Boxes, rng: Rng, *, yaw: float = np.deg2rad(18.0), shift: float = 0.5
-) -> tuple[np.ndarray, np.ndarray]:
-    """Turn each object with its points by up to ±yaw (rad), and shift it by N(0, shift) (m) in the plane.
+MOST_TURN = np.deg2rad(18.0)
 
-    An object that would then touch another stays put (paper, training process).
-    """
+
+def jitter_objects(points: _Points, boxes: _Boxes, rng: Rng) -> tuple[np.ndarray, np.ndarray]:
+    """Turn each object with its points by up to ±18°, and shift it by N(0, 0.5) (m) in the plane.
+
+    An object that would then touch another stays put (paper, training process)."""
     points, boxes = points.copy(), boxes.copy()
     reach = np.linalg.norm(boxes[:, 3:5], axis=1) / 2
     owned = points_in_boxes(points, boxes)
     for index in range(len(boxes)):
-        turn, move = rng.uniform(-yaw, yaw), rng.normal(0, shift, 2)
+        turn, move = rng.uniform(-MOST_TURN, MOST_TURN), rng.normal(0, 0.5, 2)
         old = boxes[index, :2].copy()
         others = np.arange(len(boxes)) != index
         if (np.linalg.norm(boxes[others, :2] - (old + move), axis=1) < reach[others] + reach[index]).any():

@@ -2,10 +2,7 @@
 
 Calibration turns scores into shares of true detections and finds thresholds above which nearly all are true. Faces are
 fitted to boxes as detected and to boxes displaced at random, by more than the detector's errors on vehicles it knows.
-So the points must count, not the first stage's sizes.
-"""
-
-from __future__ import annotations
+So the points must count, not the first stage's sizes."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -61,8 +58,7 @@ def detect_frames(
 ) -> list[tuple[Detections, Objects, Mask]]:
     """Detect in the first `count` frames (None: all) by early fusion.
 
-    Returns detections, truth and a mask of objects centred in the frame's area. subsets, errors: see `read_points`.
-    """
+    Returns detections, truth and a mask of objects centred in the frame's area. subsets, errors: see `read_points`."""
     training = network.training
     detector_in, results = detector_by_area(network, device), []
     for k in range(min(len(frames), count or len(frames))):
@@ -80,8 +76,7 @@ def average_precision(
     """AP3D of early fusion over the first `count` frames (None: all), in the protocol "exact".
 
     Names are "AP@0.7" and so on for vehicles, "pedestrian AP@0.5" and so on for others; classes without objects are
-    left out. seed: of the sensors' noise.
-    """
+    left out. seed: of the sensors' noise."""
     judged = detect_frames(network, frames, count=count, seed=seed, device=device)
     detections, truths, counted = zip(*judged, strict=True)
     figures: dict[str, float] = {}
@@ -100,8 +95,7 @@ def widen(network: VoxelNet, config: VoxelNetConfig) -> VoxelNet:
     """Return a network widened to the classes of `config`.
 
     Weights of shared classes are taken over, with their anchors; anchors of new classes start at random, always the
-    same. A network of the same classes without a second stage is returned unchanged.
-    """
+    same. A network of the same classes without a second stage is returned unchanged."""
     known = network.config
     if known.labels == config.labels and not known.faces:
         return network
@@ -152,8 +146,7 @@ _LEAST_SLOPE = 0.05
 def platt(scores: _Scores, hits: Mask, rivals: Float[np.ndarray, "n L"] | None = None) -> tuple[float, ...]:
     """Fit slope, intercept and the weights (at least 0) of rivals' scores to hits (Platt 1999).
 
-    They make sigmoid(slope · logit(score) + intercept - Σ weight · rival) the likeliest share of true detections.
-    """
+    They make sigmoid(slope · logit(score) + intercept - Σ weight · rival) the likeliest share of true detections."""
     rivals = np.zeros((len(scores), 0)) if rivals is None else rivals
     rows = np.column_stack([logit(scores), np.ones(len(scores)), -rivals])
     wanted = np.eye(1, rows.shape[1])[0]
@@ -254,8 +247,7 @@ def face_examples(
     """Collect examples of the first `count` frames (None: all).
 
     Half of them are seen by a random subset of the sensors, some by sensors with errors. network: detects them, without
-    a second stage; None for randomly displaced boxes alone.
-    """
+    a second stage; None for randomly displaced boxes alone."""
     detector_in = None if network is None else detector_by_area(network, score_threshold=LOWEST_SCORE)
     rows, offsets = ({sort: list[np.ndarray]() for sort in SORTS} for _ in range(2))
     wanted = [label_index(label) for label in labels]
@@ -311,8 +303,7 @@ def fit_faces(
     """Train the three networks, `STEPS` steps each, on the offsets' Laplace likelihood.
 
     Returns the mean error (m) of each sort of face before and after, over the examples. Raises ValueError for a sort
-    without examples.
-    """
+    without examples."""
     figures: dict[str, float] = {}
     steps = STEPS if steps is None else steps
     for number, sort in enumerate(SORTS):

@@ -3,10 +3,7 @@
 A junction is a node from which roads go to three neighbours or more; the nodes of a roundabout count as one. An
 approach is an edge that ends in a junction, with the edges before it back to the previous junction; one that leaves a
 junction without reaching another is an exit. Edges within a roundabout or a node belong to the junction. Streets have
-the names that the network gives them.
-"""
-
-from __future__ import annotations
+the names that the network gives them."""
 
 from collections import defaultdict
 from dataclasses import dataclass

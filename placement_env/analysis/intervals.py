@@ -8,10 +8,7 @@ interval holds the middle share of the figures of the draws (percentile bootstra
 ask (expanded percentiles; Hesterberg 2015); fewer than `FEWEST_BLOCKS` have no interval (NaN). Where all draws agree,
 as when everything is found, the ends are Wilson's (1927) for as many independent objects. Draws that leave a figure
 undefined, such as AP without a vehicle, are left out. The same seed gives the same draws, so figures of several sensor
-sets on the same frames can be compared draw by draw.
-"""
-
-from __future__ import annotations
+sets on the same frames can be compared draw by draw."""
 
 import math
 from collections.abc import Sequence
@@ -171,13 +168,9 @@ def frames_for_width(frames: int, width: float, wanted: float) -> int:
 
 
 def is_as_good(
-    figures: Float64[np.ndarray, " resamples"],
-    best: Float64[np.ndarray, " resamples"],
-    blocks: float,
-    *,
-    tolerance: float = AP_TOLERANCE,
+    figures: Float64[np.ndarray, " resamples"], best: Float64[np.ndarray, " resamples"], blocks: float
 ) -> bool:
-    """True if a figure is surely within the tolerance of the best: the whole interval of the paired loss is.
+    """True if a figure is surely within `AP_TOLERANCE` of the best: the whole interval of the paired loss is.
 
     Two figures whose intervals overlap may still differ; on the same frames the loss has an interval of its own.
 
@@ -186,7 +179,7 @@ def is_as_good(
     >>> is_as_good(best - 0.001, best, 15), is_as_good(best - 0.02, best, 15), is_as_good(best, best, 9)
     (True, False, False)
     """
-    return bool(percentiles(best - figures, blocks).high <= tolerance)
+    return bool(percentiles(best - figures, blocks).high <= AP_TOLERANCE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,7 +192,7 @@ class Tally:
     truths: Int64[np.ndarray, " frames"]
 
     @staticmethod
-    def of(outcomes: Sequence[Outcome], truths: Int64[np.ndarray, " frames"], at: int) -> Tally:
+    def of(outcomes: Sequence[Outcome], truths: Int64[np.ndarray, " frames"], at: int) -> "Tally":
         """Tally outcomes at the IoU threshold of index `at`."""
         counts = [(each, each.truth[at] != IGNORED) for each in outcomes]
         hit = [each.truth[at, counted] >= 0 for each, counted in counts]
@@ -208,7 +201,7 @@ class Tally:
     @staticmethod
     def of_frames(
         scores: Sequence[np.ndarray], hit: Sequence[np.ndarray], truths: Sequence[int] | Int64[np.ndarray, " frames"]
-    ) -> Tally:
+    ) -> "Tally":
         """Tally the detections that count, given frame by frame."""
         frame = np.repeat(np.arange(len(scores)), [len(each) for each in scores])
         return Tally(np.concatenate(scores), np.concatenate(hit), frame, np.asarray(truths, np.int64))
@@ -233,8 +226,7 @@ class Tally:
     def resamples(self, *, seed: int = 0, draws: Draws | None = None) -> Float64[np.ndarray, " resamples"]:
         """Return the all-point interpolated AP of each resample of blocks of frames; NaN without anything to find.
 
-        One seed draws the same blocks for every tally. draws: of `draws_of_blocks`, None for consecutive frames.
-        """
+        One seed draws the same blocks for every tally. draws: of `draws_of_blocks`, None for consecutive frames."""
         draws = block_draws(len(self.truths), seed=seed) if draws is None else draws
         order = np.argsort(-self.scores)
         scores, hits, frame = self.scores[order], self.hit[order], self.frame[order]

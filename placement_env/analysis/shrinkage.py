@@ -9,10 +9,7 @@ v_i, which their resamples show. The likeliest figures are then (empirical Bayes
 With much noise the predictions rank, moved to the level of the figures; with little noise the figures themselves do.
 Noise that all sets share, such as hard frames, counts in none of this and is added again in the end. Resamples of few
 blocks show too little noise, least for a set that was lucky in all of them, and none if everything was found in each:
-so v_i is no less than the mean over the sets, nor than `LEAST_NOISE`² / blocks, and the draws spread as much.
-"""
-
-from __future__ import annotations
+so v_i is no less than the mean over the sets, nor than `LEAST_NOISE`² / blocks, and the draws spread as much."""
 
 import math
 from typing import NamedTuple

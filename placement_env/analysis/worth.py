@@ -9,10 +9,7 @@ With v a set function, such as the AP of a sensor set, N the n sensors and s = |
 worth more together than apart, below 0 one makes up for the other. Both are exact from the values of all 2^n sets, or
 sampled: put the sensors in in random order; a sensor's gain averages to φ, and what two neighbours gain together
 beyond their single gains averages to I. A round of the sampling is a Williams square under a random renaming, so it is
-an unbiased sample of every φ and I, stratified by the size of S, and independent of the other rounds.
-"""
-
-from __future__ import annotations
+an unbiased sample of every φ and I, stratified by the size of S, and independent of the other rounds."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -34,8 +31,7 @@ class Worth:
     """Shapley values and synergies of n sensors, in the unit of the set function.
 
     synergy: symmetric, 0 on the diagonal; the margins: half widths of each figure's own confidence interval, 0 if
-    exact; evaluations: number of sets scored.
-    """
+    exact; evaluations: number of sets scored."""
 
     shapley: Float64[np.ndarray, " n"]
     synergy: Float64[np.ndarray, "n n"]
@@ -93,8 +89,7 @@ def estimate_worth(
     """Estimate each sensor's worth from `rounds` independent Williams squares of orders, at most 2 n² sets each.
 
     Margins are Student's over the rounds; they miss what no round has seen, such as a rare set of great value. Raises
-    ValueError for fewer than 8 rounds, no sensor, a confidence outside (0, 1), or values that are not finite.
-    """
+    ValueError for fewer than 8 rounds, no sensor, a confidence outside (0, 1), or values that are not finite."""
     if rounds < FEWEST_ROUNDS or sensors < 1 or not 0 < confidence < 1:
         raise ValueError(
             f"need at least {FEWEST_ROUNDS} rounds, 1 sensor and a confidence within (0, 1), "
@@ -143,8 +138,7 @@ def format_worth(worth: Worth, names: Sequence[str]) -> str:
 class Failures:
     """Values of a sensor set under every combination of k failing sensors.
 
-    intact: value with no failure; lost: the sensors that fail; left: value of those that remain.
-    """
+    intact: value with no failure; lost: the sensors that fail; left: value of those that remain."""
 
     intact: float
     lost: Int64[np.ndarray, "k failing"]

@@ -4,10 +4,7 @@ Heading is counter-clockwise from +x, tilt below the horizon (rad), height above
 of a candidate are its `factors`; not every combination of them is a candidate. A mount carries up to
 `Mount.max_sensors` sensors; everything they send shares its one link, and the mount itself is paid once.
 
-Candidates of a site are its own sensors, pools of poses, poles or random samples.
-"""
-
-from __future__ import annotations
+Candidates of a site are its own sensors, pools of poses, poles or random samples."""
 
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
@@ -38,8 +35,7 @@ ROUNDED = 1e-9  # share of a link's capacity by which rounding may exceed it
 class Axes:
     """Values of the factors after the mount: heights (m), headings and tilts (rad), models.
 
-    prices: of each model, in the unit of the mounts' prices, or none. Raises ValueError where they do not fit.
-    """
+    prices: of each model, in the unit of the mounts' prices, or none. Raises ValueError where they do not fit."""
 
     heights: Float64[np.ndarray, " H"]
     headings: Float64[np.ndarray, " Y"]
@@ -64,8 +60,7 @@ class Candidates(Displayed):
     """C sensors of different names to choose from, on M mounts.
 
     factors: index of each sensor's mount, and its place on each of the `axes` (a mount's own range may have moved its
-    height). Raises ValueError where the fields do not fit together.
-    """
+    height). Raises ValueError where the fields do not fit together."""
 
     sensors: tuple[Sensor, ...]
     mounts: tuple[Mount, ...]
@@ -84,8 +79,8 @@ class Candidates(Displayed):
 
     @staticmethod
     def of_poses(
-        sensors: Sequence[Sensor], mount: Int64[np.ndarray, " n"], aim: Float64[np.ndarray, "n 3"], pool: Candidates
-    ) -> Candidates:
+        sensors: Sequence[Sensor], mount: Int64[np.ndarray, " n"], aim: Float64[np.ndarray, "n 3"], pool: "Candidates"
+    ) -> "Candidates":
         """Candidates in poses of their own on a pool's mounts. aim: height, heading and tilt of each."""
         models, count = tuple(dict.fromkeys(sensor.model for sensor in sensors)), np.arange(len(sensors))
         model = [models.index(sensor.model) for sensor in sensors]
@@ -183,7 +178,7 @@ class Candidates(Displayed):
         place = np.concatenate([same, np.ones((*asked.shape[:-1], 1), np.bool_)], axis=-1).argmax(axis=-1)
         return np.where(place < len(self), place, -1)[()]
 
-    def select(self, indices: Sequence[int] | Int64[np.ndarray, " n"]) -> Candidates:
+    def select(self, indices: Sequence[int] | Int64[np.ndarray, " n"]) -> "Candidates":
         """Return some of the candidates, in the given order. Mounts and axes stay, so factors keep their meaning."""
         chosen = np.asarray(indices, np.int64)
         return Candidates(tuple(self.sensors[i] for i in chosen), self.mounts, self.factors[chosen], self.axes)
@@ -268,8 +263,7 @@ class NoCandidates(ValueError):
 def paper_candidates(site: Site) -> Candidates:
     """Return the present sensors of `site`, each on its own mount. Raises ValueError if the site has none.
 
-    That is the nearest within `ON_ITS_MOUNT` (a copy for a second sensor), else a new one where the sensor is.
-    """
+    That is the nearest within `ON_ITS_MOUNT` (a copy for a second sensor), else a new one where the sensor is."""
     if not site.sensors:
         raise ValueError(f"site {site.name!r} has no sensors of its own: take candidates from pool(site)")
     mounts: list[Mount] = []
@@ -308,8 +302,7 @@ def pool(
     heights: m, clipped to the range of the mount, those that then coincide kept once; headings: number of them, evenly
     spaced from +x on; tilts: rad below the horizon; models: with their prices, or without if only mounts cost;
     keep_out: areas whose mounts are not used; mounts: None for the site's; blind: keep poses whose field of view misses
-    the whole detection area. Raises ValueError where an argument does not fit, `NoCandidates` where nothing is left.
-    """
+    the whole detection area. Raises ValueError where an argument does not fit, `NoCandidates` where nothing is left."""
     offered = site.mounts if mounts is None else mounts
     if len({mount.name for mount in offered}) < len(offered):
         raise ValueError(f"mounts[].name must differ, got {find_repeat(m.name for m in offered)!r} twice: rename one")
@@ -352,8 +345,7 @@ def choose_candidates(
     which: "pool" for every pose on the site's mounts, "paper" for the site's own sensors, else a GeoJSON file of poles;
     models: none for the paper's camera; catalogue: models with prices, in place of these; keep_out: areas beside those
     of the file; how many mounts they hold is said as a warning. Raises ValueError if models or areas are given for
-    sensors that hang already, and what `load_poles` and `pool` raise.
-    """
+    sensors that hang already, and what `load_poles` and `pool` raise."""
     if which == "paper":
         if models:
             raise ValueError("the site's own sensors have their models: give models with 'pool' or a file of poles")
@@ -394,8 +386,7 @@ def own_and_random(
 def random_sets(candidates: Candidates, own: int, count: int, rng: np.random.Generator) -> Bool[np.ndarray, "n C"]:
     """Draw up to `count` different sets, half of them from the first `own` candidates, if there are any.
 
-    The others have 1 to `MOST_POSES` of the other candidates, at most one on a mount.
-    """
+    The others have 1 to `MOST_POSES` of the other candidates, at most one on a mount."""
     sets, of_own = np.zeros((count, len(candidates)), bool), count // 2 if own else 0
     for row in sets[:of_own]:
         row[rng.choice(own, rng.integers(1, own + 1), replace=False)] = True

@@ -9,10 +9,7 @@ ignored; other properties too, with a warning that names them and what they may 
 that coview wrote (`layer`) are no poles, and the price of its mounts is that of ordinary poles.
 
 Coordinates are longitude and latitude (RFC 7946, WGS84); altitude is ignored, as poles stand on the ground of the site.
-A collection with the member `coview_site`, such as a saved site, is in the site's metres, z that of the foot.
-"""
-
-from __future__ import annotations
+A collection with the member `coview_site`, such as a saved site, is in the site's metres, z that of the foot."""
 
 import re
 import warnings
@@ -70,8 +67,7 @@ def load_poles(path: str | Path, site: Site, catalogue: SensorCatalogue | None =
     Unnamed ones are called pole and their number in the file; a "/" in a name becomes "-". Poles in a keep-out area of
     the file or on the carriageway are left out, with a warning. Raises ValueError in one line if the file is damaged,
     has no pole, the same one twice, one far from the site, or a price that is none; ImportError if the site's map
-    projection needs pyproj.
-    """
+    projection needs pyproj."""
     collection, where = _read(Path(path)), str(path)
     features = list(_features(collection, where))
     poles: list[tuple[str, str, Json, list[float]]] = []  # place in the file, name, properties, coordinates
@@ -93,9 +89,7 @@ def load_poles(path: str | Path, site: Site, catalogue: SensorCatalogue | None =
     if not poles:
         raise ValueError(f"{where}: holds no pole: give a GeoJSON with Point or MultiPoint features")
     if len(poles) > MOST_POLES:
-        raise ValueError(
-            f"{where}: holds {len(poles)} poles, more than {MOST_POLES}: leave out those far from the site"
-        )
+        raise ValueError(f"{where}: holds {len(poles)} poles, more than {MOST_POLES}: leave out those far off")
     for place, _, _, row in poles:
         if not isinstance(row, list) or len(row) not in (2, 3) or not all(map(_is_number, row)):
             raise ValueError(f"{place}.geometry.coordinates must be two or three finite numbers, got {str(row)[:60]}")

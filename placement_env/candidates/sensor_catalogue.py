@@ -18,8 +18,6 @@ years = 10
 client = "City of Elm"
 """
 
-from __future__ import annotations
-
 import math
 from base64 import b64encode
 from collections.abc import Iterable, Mapping, Sequence
@@ -61,8 +59,7 @@ class SensorCatalogue:
     """Models that may be bought.
 
     pole_price: of one ordinary mount; None if mounts are priced in the currency; rates: some of `RATES`, yearly ones
-    for `years`; report: head of a report, some of title, client, author, date, logo (the picture as a data URI).
-    """
+    for `years`; report: head of a report, some of title, client, author, date, logo (the picture as a data URI)."""
 
     models: tuple[PricedModel, ...]
     currency: str = ""

@@ -1,7 +1,5 @@
 """Configurations of environments, checked before anything is rendered."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
@@ -32,8 +30,7 @@ class EnvConfig:
     site, scheme: one or several, None for the setting's; budget: sensors to place; failures: number of failed
     candidates; traffics: number of independent simulations of the traffic, None to simulate anew for every episode, so
     that nothing is learnt of single vehicles. Episodes draw one of several sites, schemes and traffics, a number from
-    (lowest, highest), and the failed candidates, by the environment's own generator; options of `reset` come first.
-    """
+    (lowest, highest), and the failed candidates, by the environment's own generator; options of `reset` come first."""
 
     setting: Setting = Setting()
     run: Run = Run()
@@ -93,8 +90,7 @@ class SubsetConfig(EnvConfig):
     """Configuration of `coview/SensorSubset-v0`.
 
     slots: for candidates, None for as many as the largest of the sites needs; objective: in place of setting, run, site
-    and scheme.
-    """
+    and scheme."""
 
     slots: int | None = None
     objective: Objective | None = None
@@ -139,8 +135,7 @@ class PoseConfig(EnvConfig):
 def build_config(kind: type[Config], config: Config | None, given: Mapping[str, object]) -> Config:
     """Build a configuration from another and fields by name, those of `Setting` and `Run` and `iou` of `Cases` too.
 
-    Raises TypeError for an unknown name and for a configuration of another kind.
-    """
+    Raises TypeError for an unknown name and for a configuration of another kind."""
     config = kind() if config is None else config
     if type(config) is not kind:
         raise TypeError(f"config must be a {kind.__name__}, got {config!r}: give single settings by name, as site=...")

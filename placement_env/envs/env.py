@@ -3,10 +3,7 @@
 The vector ones agree with `gymnasium.vector.SyncVectorEnv` over the scalar ones, step by step, infos and autoreset
 included.
 
-Pictures and text summaries of a set of sensors.
-"""
-
-from __future__ import annotations
+Pictures and text summaries of a set of sensors."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -26,7 +23,7 @@ from placement_env.envs.config import EnvConfig, build_config
 from placement_env.envs.scenario import STATIC, EpisodeSource, Options, find_area
 from placement_env.envs.state import DYNAMIC, GLOBAL, Info, State
 from placement_env.objective import Objective
-from toolkit.arrays import Bool, Float32, Float64, Int64, Shaped
+from toolkit.arrays import Bool, Float32, Float64, Int64, Mask, Shaped
 from toolkit.boxes import footprints
 from toolkit.plots import canvas, plan_view as above
 
@@ -37,9 +34,7 @@ if TYPE_CHECKING:
 RENDER_MODES = ["rgb_array", "ansi"]
 METADATA = {"render_modes": RENDER_MODES, "render_fps": 2}
 AnyEnv = gym.Env[Any, Any]
-Ends = tuple[
-    Float64[np.ndarray, " n"], Bool[np.ndarray, " n"], Bool[np.ndarray, " n"]
-]  # rewards, terminated, truncated
+Ends = tuple[Float64[np.ndarray, " n"], Mask, Mask]  # rewards, terminated, truncated
 Picture = Shaped[np.ndarray, "height width 3"] | str
 
 
@@ -59,7 +54,7 @@ class Task:
         self.observation_space = Box(-1.0, 1.0, (size,), np.float32)
 
     @classmethod
-    def build(cls, n: int, config: EnvConfig | Task | None, given: Mapping[str, object]) -> Task:
+    def build(cls, n: int, config: "EnvConfig | Task | None", given: Mapping[str, object]) -> "Task":
         """Build n episodes of a configuration and fields by name, or of the scenarios of another task."""
         if isinstance(config, Task):
             return type(config)(n, config.scenarios)
@@ -87,7 +82,7 @@ class Task:
         """Tell which actions are legal."""
         raise NotImplementedError
 
-    def running(self) -> Task:
+    def running(self) -> "Task":
         """Return the task. Raises ResetNeeded before the first `reset`."""
         if not self.state.ready:
             raise ResetNeeded("no episode has started: call reset() first")
@@ -97,8 +92,7 @@ class Task:
         """Return an action for each of n episodes.
 
         Raises ValueError for a wrong number of values, one that is not finite, or not whole where choices are counted;
-        ResetNeeded before the first reset.
-        """
+        ResetNeeded before the first reset."""
         array, shape = np.asarray(actions), (self.running().state.n, *(self.action_space.shape or ()))
         kind = array.dtype.kind
         if array.size != math.prod(shape) or kind not in "biuf":
@@ -129,8 +123,7 @@ class PlacementEnv(gym.Env[np.ndarray, Any]):
         """Start an episode.
 
         options, for this episode: site, scheme, budget, failed (candidates that have failed, by index or name). Raises
-        ValueError where one does not fit.
-        """
+        ValueError where one does not fit."""
         super().reset(seed=seed)
         self.task.reset(np.zeros(1, np.int64), [self.np_random], options)
         observations, info = self.task.observe()
@@ -159,8 +152,7 @@ class PlacementVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     """n episodes of a task.
 
     An episode that has ended starts anew, without options, at the next step, whose reward is 0. config: of the task, or
-    its fields by name, or the task of another environment, whose scenarios are shared.
-    """
+    its fields by name, or the task of another environment, whose scenarios are shared."""
 
     metadata: ClassVar[dict[str, Any]] = {**METADATA, "autoreset_mode": AutoresetMode.NEXT_STEP}  # type: ignore[misc]
     task_type: ClassVar[type[Task]] = Task
@@ -259,8 +251,7 @@ def bird_view(objective: Objective, members: list[int]) -> Shaped[np.ndarray, "h
     """Draw the area from above (RGB, uint8), a square of the same size for every site.
 
     Shows lanes, solids and the detection area, vehicles coloured by the points on them (darker is more, pale grey
-    none), places where sensors may hang, and the chosen sensors with their fields of view.
-    """
+    none), places where sensors may hang, and the chosen sensors with their fields of view."""
     sensors, site = objective.candidates.sensors, objective.site
     places, area = np.array([sensor.position[:2] for sensor in sensors]).reshape(-1, 2), find_area(objective)
     feet = np.concatenate([[area[:2], area[2:]], places])
@@ -294,7 +285,7 @@ def _name(objective: Objective) -> str:
     return "a site" if objective.site is None else objective.site.name
 
 
-def _draw_vehicles(axes: Axes, objective: Objective, members: list[int]) -> str:
+def _draw_vehicles(axes: "Axes", objective: Objective, members: list[int]) -> str:
     """Draw some vehicles, coloured by the members' points, and return a caption."""
     from matplotlib.collections import PolyCollection
 
@@ -316,7 +307,7 @@ def _draw_vehicles(axes: Axes, objective: Objective, members: list[int]) -> str:
     return f"N = {len(boxes)} {noun} in {objective.visibility.frames} frames{drawn}"
 
 
-def _draw_strips(figure: Figure, scale: float) -> Axes:
+def _draw_strips(figure: "Figure", scale: float) -> "Axes":
     """Draw scale bar and legend below the map, in inches."""
     strip = figure.add_axes((0, 0, 1, _FOOT / _SIDE))
     strip.set(xlim=(0, _SIDE), ylim=(0, _FOOT))

@@ -1,7 +1,5 @@
 """`coview/SensorPose-v0`: turn, tilt, raise and lower the chosen sensors."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -31,12 +29,12 @@ class Rig:
     aim: Float64[np.ndarray, "B 3"]
 
     @staticmethod
-    def of(candidates: Candidates) -> Rig:
+    def of(candidates: Candidates) -> "Rig":
         """Make a rig of sensors as they stand."""
         position, heading, tilt, _, _ = poses(candidates)
         return Rig(candidates, np.stack([position[:, 2] - _feet(candidates), heading, tilt], axis=1))
 
-    def move(self, action: Float64[np.ndarray, "B 3"]) -> Rig:
+    def move(self, action: Float64[np.ndarray, "B 3"]) -> "Rig":
         """Return the rig after an action, within the mounts' heights and `TILT_LIMITS`, or beyond if it was."""
         mounts = [self.candidates.mounts[index] for index in self.candidates.mount]
         height, heading, tilt = (self.aim + np.clip(action, -1, 1) * MOVES).T
@@ -94,9 +92,7 @@ class _PoseScenarios(EpisodeSource):
         usable = np.array([c for c in range(len(candidates)) if c not in failed], np.int64)
         mounts = np.unique(candidates.mount[usable])
         if len(mounts) < budget:
-            raise ValueError(
-                f"{len(mounts)} mounts have a sensor that has not failed, too few for a budget of {budget}"
-            )
+            raise ValueError(f"{len(mounts)} mounts have a sensor that works, too few for a budget of {budget}")
         chosen = [
             int(rng.choice(usable[candidates.mount[usable] == mount]))
             for mount in np.sort(rng.choice(mounts, budget, replace=False))
@@ -206,8 +202,7 @@ class SensorPoseEnv(PlacementEnv):
     rendering: "auto" looks the view of a sensor that has moved up in panoramas from its mount, made when a sensor is
     first there, and is some fifty times faster than "full", which casts every ray, as does "auto" where the range of a
     candidate ends within the site; cache: folder that keeps panoramas. `reset` takes the options site, scheme, budget
-    (up to the environment's) and failed.
-    """
+    (up to the environment's) and failed."""
 
     task_type = _PoseTask
 

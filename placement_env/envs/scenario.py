@@ -1,10 +1,7 @@
 """Scenarios, objectives as agents observe them, and episodes drawn from them.
 
 A scenario pads its candidates to a number of slots, so that one policy meets sites with different numbers of them. What
-a candidate sees is taken at up to `PLACES` places: vehicles of the traffic if known, else spots of the area.
-"""
-
-from __future__ import annotations
+a candidate sees is taken at up to `PLACES` places: vehicles of the traffic if known, else spots of the area."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
@@ -46,8 +43,7 @@ class Scenario:
     static: `STATIC` of each candidate, in -1..1; 0 in the empty slots. x and y are relative to the area, whose sides
     lie at ±0.5; z is in units of 20 m, tilt of a right angle, the field of view of a full turn; price and kbit are
     x / (x + 1) of the price, and of the data in Mbit; seen is a share of the places. constants: last features of the
-    whole: weights, of a Mbit and of a mount, as x / (x + 1), and scheme.
-    """
+    whole: weights, of a Mbit and of a mount, as x / (x + 1), and scheme."""
 
     def __init__(self, objective: Objective, slots: int) -> None:
         self.objective, self.slots, self.width = objective, slots, len(objective.candidates)
@@ -121,8 +117,7 @@ class Episode:
 class Conditions(NamedTuple):
     """Conditions of an episode, drawn or given by options.
 
-    site: its number; failed: candidates, by index or name; traffic: its number, of the parts of the run.
-    """
+    site: its number; failed: candidates, by index or name; traffic: its number, of the parts of the run."""
 
     site: int
     scheme: Scheme
@@ -139,8 +134,7 @@ class Conditions(NamedTuple):
 class EpisodeSource:
     """Sites of an environment, and the episodes drawn from them.
 
-    sites: the first `drawn` are those of the config, options may name others; slots: of every scenario.
-    """
+    sites: the first `drawn` are those of the config, options may name others; slots: of every scenario."""
 
     slots: int
 
@@ -187,8 +181,7 @@ class EpisodeSource:
         """Take site, scheme, budget and failed candidates from the options, else draw them in this order.
 
         What the config does not leave open takes nothing from the generator. Raises ValueError for an option that is
-        unknown or does not fit.
-        """
+        unknown or does not fit."""
         options, config = _check_options(options), self.config
         site = self.index(options.get("site"), rng)
         schemes = config.schemes

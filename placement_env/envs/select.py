@@ -1,7 +1,5 @@
 """`coview/SensorSelect-v0`: place one sensor after another, or stop; `coview/SensorSubset-v0`: choose all at once."""
 
-from __future__ import annotations
-
 import numpy as np
 from gymnasium.spaces import Discrete, MultiBinary, MultiDiscrete
 
@@ -115,8 +113,7 @@ class SensorSelectEnv(PlacementEnv):
     (lowest, highest). actions: flat or factored; slots: for candidates, None for as many as
     the largest of the sites needs; objective: in place of a site and all that follows; the fields of
     `placement_env.setting.Setting` (fidelity, weights, candidates, classes, ...) and of `toolkit.runtime.run.Run`
-    (frames, seed, cache, workers, ray), and iou. `reset` takes the options site, scheme, budget and failed.
-    """
+    (frames, seed, cache, workers, ray), and iou. `reset` takes the options site, scheme, budget and failed."""
 
     task_type = _SelectTask
 
@@ -175,8 +172,7 @@ class SensorSubsetEnv(PlacementEnv):
     Terminates after one action.
 
     ## Starting State, Info, Arguments
-    As of `coview/SensorSelect-v0`; config: a `placement_env.envs.config.SubsetConfig`, without `actions`.
-    """
+    As of `coview/SensorSelect-v0`; config: a `placement_env.envs.config.SubsetConfig`, without `actions`."""
 
     task_type = _SubsetTask
 

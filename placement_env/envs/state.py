@@ -1,9 +1,6 @@
 """State of n episodes: chosen sensors, scores and observations.
 
-The scalar environments have one row, the vector environments many, under the same rules in the same arrays.
-"""
-
-from __future__ import annotations
+The scalar environments have one row, the vector environments many, under the same rules in the same arrays."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -34,8 +31,7 @@ class State:
     reward that the last step added; repeated: True if it needed no new score (`scores.cache_hit` tells whether a score
     was in the objective's memory, which depends on earlier episodes; `info["cache_hit"]` must not, so it is this);
     groups: each scenario and an index of its rows; ready: an episode has started in every row; max_steps: of an
-    episode, None for `STEPS` for each sensor of the budget; fixed: sensors are moved, none may join.
-    """
+    episode, None for `STEPS` for each sensor of the budget; fixed: sensors are moved, none may join."""
 
     def __init__(self, n: int, slots: int, *, max_steps: int | None = None, fixed: bool = False) -> None:
         check_whole("num_envs", n, least=1)
@@ -105,8 +101,7 @@ class State:
     def observe(self) -> Float32[np.ndarray, "n size"]:
         """Return `STATIC` and `DYNAMIC` of the slots, feature after feature, then `GLOBAL`, all in -1..1.
 
-        Price and budget are given as x / (x + 8), kbit of the chosen set (in Mbit) as x / (x + 1).
-        """
+        Price and budget are given as x / (x + 8), kbit of the chosen set (in Mbit) as x / (x + 1)."""
         n, static, own = self.n, len(STATIC), len(STATIC) + len(DYNAMIC)
         whole = np.empty((n, own * self.slots + len(GLOBAL)), np.float32)
         features = whole[:, : -len(GLOBAL)].reshape(n, own, self.slots)

@@ -1,10 +1,7 @@
 """`Coverage`: score sensor sets by the share of objects that enough of their sensors see well enough.
 
 With `views` 1 it is monotone and submodular, so greedy search is within 1 - 1/e of the best set. The AP of a detector
-is not submodular, nor is the worst of several classes.
-"""
-
-from __future__ import annotations
+is not submodular, nor is the worst of several classes."""
 
 import numpy as np
 
@@ -46,8 +43,7 @@ class Coverage:
     """Share of scored objects with at least `least` points from each of at least `views` sensors, as AP and recall.
 
     The data sent is as of `SentData`. classes: of the objects that count, several combined. Raises ValueError for
-    `least` that is not positive or fewer views than 1.
-    """
+    `least` that is not positive or fewer views than 1."""
 
     name = "coverage"
 

@@ -10,10 +10,7 @@ Two kinds of value are kept, of one frame each:
     detections   the detector's result for the points of some sensors together, under their processing. Sensors that
                  add no point are left out of the key; schemes and codecs with the same points share it.
     outcome      detections of one set in one scheme with one codec, fused and matched at each IoU threshold, class by
-                 class: vehicles at those of `Detected.ious`, the others at those that `Classes.get_iou` gives
-"""
-
-from __future__ import annotations
+                 class: vehicles at those of `Detected.ious`, the others at those that `Classes.get_iou` gives"""
 
 import sys
 from collections.abc import Callable, Iterable, Sequence
@@ -81,15 +78,14 @@ class MeasuredImages(Protocol):
 class Outcome(NamedTuple):
     """Detections of one set in one frame, and bits sent by each sensor of the set.
 
-    truth: at each IoU threshold the index of the frame's scored object that each hit, or FALSE_ALARM or IGNORED.
-    """
+    truth: at each IoU threshold the index of the frame's scored object that each hit, or FALSE_ALARM or IGNORED."""
 
     scores: Float64[np.ndarray, " n"]
     truth: Shaped[np.ndarray, "ious n"]
     bits: Shaped[np.ndarray, " sensors"]
     labels: Shaped[np.ndarray, " n"]
 
-    def of_class(self, label: int) -> Outcome:
+    def of_class(self, label: int) -> "Outcome":
         """Outcome of one class. `truth` still counts the objects of all classes."""
         own = self.labels == label
         return Outcome(self.scores[own], self.truth[:, own], self.bits, self.labels[own])
@@ -101,8 +97,7 @@ class Detected:
     memo: where detections and outcomes are kept, or the path of its file, None for this object's memory; processes:
     that work on the frames, with the same figures; classes: of the objects that count, several combined. Raises
     ValueError where these do not fit, for a class that the detector does not know, and for a detector without `digest`
-    with a memo that others share.
-    """
+    with a memo that others share."""
 
     name = "detector"
 
@@ -133,14 +128,14 @@ class Detected:
                 "property digest: add one or pass memo=None"
             )
 
-    def at(self, iou: float, also: Iterable[float] = ()) -> Detected:
+    def at(self, iou: float, also: Iterable[float] = ()) -> "Detected":
         """Same fidelity at another IoU threshold. also: further thresholds at which outcomes are matched."""
         check_iou(iou)
         other = copy(self)
         other.iou, other.ious = iou, tuple(sorted({*self.ious, iou, *also}))
         return other
 
-    def of_classes(self, classes: Classes) -> Detected:
+    def of_classes(self, classes: Classes) -> "Detected":
         """Same fidelity for other classes. Detections are shared."""
         check_known(self.detector, classes.names)
         other = copy(self)
@@ -315,8 +310,7 @@ class _FrameDetections:
     def fuse_together(self, sets: Sequence[tuple[int, ...]]) -> None:
         """Fuse sets with shared batches of detections, for a detector that gains from many clouds at once.
 
-        Each set advances until it needs an unknown detection; all of these are then made together.
-        """
+        Each set advances until it needs an unknown detection; all of these are then made together."""
         waiting = [chosen for chosen in sets if chosen]
         while isinstance(self._rules.detector, UnionDetector) and len(waiting) > 1:
             asked = self._asked = {}

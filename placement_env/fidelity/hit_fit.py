@@ -1,7 +1,5 @@
 """Fit a `HitModel` to a detector's hits and misses, by maximum likelihood over all objects and sensor sets."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
@@ -62,8 +60,7 @@ def fit(
     """Model that best explains the hits at some sites, and then has the least mean squared error of the AP.
 
     resamples: repeated fits to sites (unless single), blocks of frames and sets drawn with replacement, from which the
-    model states its uncertainty. Raises ValueError where the data are empty.
-    """
+    model states its uncertainty. Raises ValueError where the data are empty."""
     for each in observed:
         _check(each)
     hits = sum(int(each.hits.sum()) for each in observed)
@@ -155,7 +152,7 @@ class Fitted(NamedTuple):
 
 
 def fit_detected(
-    found: Sequence[tuple[Visibility, Detected, Bool[np.ndarray, "n C"]]],
+    found: Sequence[tuple[Visibility, Detected, Bool[np.ndarray, "_ _"]]],
     *,
     source: str,
     ious: Sequence[float] = (),
@@ -165,8 +162,7 @@ def fit_detected(
     """Models of each class at each IoU threshold.
 
     found: at each site the visibility, the detections of the same candidates, frames and classes, and the sets; ious:
-    of vehicles, from those of `Detected`, all where empty. Raises ValueError where the data of a class are empty.
-    """
+    of vehicles, from those of `Detected`, all where empty. Raises ValueError where the data of a class are empty."""
     first = found[0][1]
     estimates = [detected.class_estimates(sets) for _, detected, sets in found]
     hits = [np.stack([detected.hits(row) for row in sets], axis=1) for _, detected, sets in found]
@@ -220,8 +216,7 @@ def fit_sites(
     """Models of a detector's hits at some sites, for each scheme, class and IoU threshold.
 
     ious: of vehicles; run: its seed, plus the place of a site in the list, draws traffic, poses and sets; its cache
-    keeps detections, so an interrupted run resumes. Raises ValueError where a class is absent or is always hit.
-    """
+    keeps detections, so an interrupted run resumes. Raises ValueError where a class is absent or is always hit."""
     from placement_env.fidelity.seeing import see
 
     observed = []

@@ -19,10 +19,7 @@ proportionally less likely; 0 means no such floor. A box of more than 16 m³ (V 
 a long van rather than a car, is found less surely whatever its points.
 
 The numbers are fitted to a detector's own hits and misses (`placement_env.fidelity.hit_fit`). This makes the paper's
-analysis of density and spatial diversity predictive (its sections on sensor sets and on diversity gain).
-"""
-
-from __future__ import annotations
+analysis of density and spatial diversity predictive (its sections on sensor sets and on diversity gain)."""
 
 import json
 import math
@@ -113,8 +110,7 @@ class HitModel:
 
     false_alarms: number of false alarms that outrank a hit, for each object that is less surely found and not hit;
     source: the fitted data in words; domain: in figures, None where unknown; resampled: `NUMBERS` of fits to resamples
-    of the same data, which show the uncertainty of the fit. Raises ValueError where one is out of range.
-    """
+    of the same data, which show the uncertainty of the fit. Raises ValueError where one is out of range."""
 
     scheme: str
     iou: float
@@ -144,7 +140,7 @@ class HitModel:
             raise ValueError(f"a resample must have {len(NUMBERS)} numbers: {', '.join(NUMBERS)}")
 
     @cached_property
-    def resamples(self) -> tuple[HitModel, ...]:
+    def resamples(self) -> "tuple[HitModel, ...]":
         """The models of the resamples."""
         rows: list[dict[str, Any]] = [dict(zip(NUMBERS, row, strict=True)) for row in self.resampled]
         return tuple(replace(self, resampled=(), **row) for row in rows)
@@ -154,8 +150,7 @@ class HitModel:
     ) -> Float[np.ndarray, "*shape"]:
         """Hit probability p of objects up to `BULKY` from Σ n_i ^ norm, with which it grows.
 
-        raw: Σ N_i ^ norm, for the floor; None for enough points to meet it.
-        """
+        raw: Σ N_i ^ norm, for the floor; None for enough points to meet it."""
         z = np.log1p(powers)
         z *= -self.density / self.norm
         z -= self.intercept

@@ -3,10 +3,7 @@
 Silhouettes: pixels of many sensors that meet an object, from one cast of rays.
 
 As in `toolkit.rendering.renderer`, only the rays in the window of a body's box are cast. Here the windows of all
-sensors go into one call, and rays that end before they can reach the box are left out.
-"""
-
-from __future__ import annotations
+sensors go into one call, and rays that end before they can reach the box are left out."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -46,8 +43,7 @@ class SensorRays:
     """Rays of sensors, and their lengths at the empty site.
 
     rays: (P, 3) of the pixels of all sensors, world axes; still: (P,) measurements of the empty site (m, 0 for none);
-    first: (S + 1,) where the pixels of each sensor begin.
-    """
+    first: (S + 1,) where the pixels of each sensor begin."""
 
     def __init__(self, renderer: Renderer, sensors: Sequence[Sensor]) -> None:
         self.sensors, self._renderer = tuple(sensors), renderer
@@ -205,8 +201,7 @@ class _Scene:
     def compose(self, parts: Sequence[_Part]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Points (S, n) on each object, and the sums that all objects add to each sensor's points sent and far.
 
-        The nearest hit counts; of equally near ones the first object's.
-        """
+        The nearest hit counts; of equally near ones the first object's."""
         count = len(self._positions)
         if not parts:
             return np.zeros((count, 0)), np.zeros(count), np.zeros(count)

@@ -10,10 +10,7 @@ sensor tilted slightly more than a table is looked up in that table, with the re
 
 Sensors may be turned, tilted, raised and lowered on their mounts. Panoramas of all frames are made at every half metre
 of a mount's height when one of its sensors is first requested. Between two of these heights the view is interpolated;
-heading and tilt are looked up.
-"""
-
-from __future__ import annotations
+heading and tilt are looked up."""
 
 from collections import OrderedDict
 from collections.abc import Iterable, Sequence
@@ -98,8 +95,7 @@ class Lookup(NamedTuple):
     """Table of a sensor, and its aim there.
 
     tilt, roll: of the table (rad); heading: places of azimuth; more: places of elevation by which the sensor is tilted
-    more than the table.
-    """
+    more than the table."""
 
     model: SensorModel
     tilt: float
@@ -108,7 +104,7 @@ class Lookup(NamedTuple):
     more: np.float32
 
     @staticmethod
-    def of(sensor: Sensor) -> Lookup:
+    def of(sensor: Sensor) -> "Lookup":
         """Lookup in the table of nearest tilt."""
         aim = compute_aim(sensor)
         tilt = round(aim.tilt / TABLE_TILTS) * TABLE_TILTS
@@ -117,7 +113,7 @@ class Lookup(NamedTuple):
         return Lookup(sensor.model, tilt, round(aim.roll, 4) + 0.0, turned, further)
 
     @property
-    def table(self) -> RayTable:
+    def table(self) -> "RayTable":
         """The table, made once."""
         return ray_table(self.model, self.tilt, self.roll)
 
@@ -127,8 +123,7 @@ class RayTable:
 
     first_column, columns: places of azimuth with rays; first_row: the lowest of elevation; cells, cell_rays: cells with
     rays (column after column, azimuth from the heading), for uses that need no fine grid, and number of rays in each;
-    nbytes: of memory.
-    """
+    nbytes: of memory."""
 
     def __init__(self, model: SensorModel, tilt: float, roll: float) -> None:
         turn = pose(pitch=tilt, roll=roll)[:3, :3] @ model.body_SE3_sensor[:3, :3]
@@ -153,7 +148,7 @@ class RayTable:
         self.nbytes = self._sums.nbytes + self.cells.nbytes + self.cell_rays.nbytes
 
     def counts(
-        self, rectangles: Rectangles, heading: np.float32, more: np.float32
+        self, rectangles: "Rectangles", heading: np.float32, more: np.float32
     ) -> tuple[Int64[np.ndarray, " m"], Counts]:
         """Rectangles that hold rays, and their number. heading, more: of the sensor, as of `Lookup`."""
         left, right, low, high = rectangles.list_places(heading, more)
@@ -209,8 +204,7 @@ class Rectangles(NamedTuple):
     """Rectangles of azimuth and elevation of the world.
 
     left, right: in places of azimuth, right up to a turn farther; low, high: in places of elevation; cos, sin: of the
-    azimuth of the middle; tan: of its elevation, but no steeper than 3.
-    """
+    azimuth of the middle; tan: of its elevation, but no steeper than 3."""
 
     left: Float32[np.ndarray, " n"]
     right: Float32[np.ndarray, " n"]
@@ -221,7 +215,7 @@ class Rectangles(NamedTuple):
     tan: Float32[np.ndarray, " n"]
 
     @staticmethod
-    def of(left: np.ndarray, right: np.ndarray, bottom: np.ndarray, top: np.ndarray) -> Rectangles:
+    def of(left: np.ndarray, right: np.ndarray, bottom: np.ndarray, top: np.ndarray) -> "Rectangles":
         """Build from angles (n,) (rad, float32)."""
         middle, tan = (left + right) / 2, np.clip(np.tan((bottom + top) / 2), -3, 3)
         azimuths = (left + PI) * PER_TURN, (right + PI) * PER_TURN
@@ -260,8 +254,7 @@ class ScoredItems(NamedTuple):
     """Scored objects among all of some frames.
 
     place: of each object its index among the scored ones, or their number if not scored; frame: of each object; items,
-    frames: numbers of scored objects and frames.
-    """
+    frames: numbers of scored objects and frames."""
 
     place: Int64[np.ndarray, " n"]
     frame: Int64[np.ndarray, " n"]
@@ -269,7 +262,7 @@ class ScoredItems(NamedTuple):
     frames: int
 
     @staticmethod
-    def of(traffic: Traffic, snapshots: Sequence[Snapshot], labels: Sequence[int]) -> ScoredItems:
+    def of(traffic: Traffic, snapshots: Sequence[Snapshot], labels: Sequence[int]) -> "ScoredItems":
         """Scored objects of some classes (numbers) in some frames."""
         masks = [scored(each.objects, traffic.site, labels) for each in snapshots]
         counts = np.concatenate([np.zeros(0, np.bool_), *masks])
@@ -291,10 +284,10 @@ class Surround:
     frame: Int32[np.ndarray, " n"]
     widest: float
     gains: dict[SensorModel, tuple[np.ndarray, np.ndarray]]
-    stills: dict[SensorModel, Still]
+    stills: "dict[SensorModel, Still]"
 
     @staticmethod
-    def of(strips: Strips, scored: ScoredItems, stills: dict[SensorModel, Still]) -> Surround:
+    def of(strips: Strips, scored: ScoredItems, stills: "dict[SensorModel, Still]") -> "Surround":
         """Surround of the strips of one place. stills: standing scene seen from there, by sensor model."""
         rectangles = Rectangles.of(strips.left, strips.right, strips.bottom, strips.top)
         turns = np.floor(rectangles.left / AZIMUTHS) * AZIMUTHS
@@ -379,7 +372,7 @@ class Still:
     far: UInt8[np.ndarray, " cells"]
 
     @staticmethod
-    def of(renderer: Renderer, site: Site, viewpoint: Float64[np.ndarray, "3"], model: SensorModel) -> Still:
+    def of(renderer: Renderer, site: Site, viewpoint: Float64[np.ndarray, "3"], model: SensorModel) -> "Still":
         """Chances seen from a viewpoint, with a model's noise. The noise is the same everywhere in its image."""
         rays, mean = _directions(), _mean_length(model)
         images, place = np.zeros((2, len(rays)), np.uint8), viewpoint.astype(np.float32)
@@ -438,8 +431,7 @@ class LiveView:
     """Look at traffic from mounts, with sensors that measure all of the detection area (`seeing.choose_quick`).
 
     labels: classes (numbers) of the objects that count; cache: where panoramas are kept and shared with other
-    processes, None for this object's memory.
-    """
+    processes, None for this object's memory."""
 
     def __init__(self, traffic: Traffic, labels: Sequence[int] = (VEHICLE,), cache: Cache | None = None) -> None:
         self.traffic, self._cache = traffic, cache
@@ -452,8 +444,7 @@ class LiveView:
         """View of candidates. The first from a mount makes panoramas of all its heights.
 
         reach: "own" makes one at each sensor's own height alone, "nearest" one at the nearest half metre, for a sensor
-        whose own height has none and that none below and above are known of.
-        """
+        whose own height has none and that none below and above are known of."""
         sensors = candidates.sensors
         mounts = [candidates.mounts[index] for index in candidates.mount.tolist()]
         shares = [_between(sensor.position, mount) for sensor, mount in zip(sensors, mounts, strict=True)]

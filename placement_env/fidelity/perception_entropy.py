@@ -14,10 +14,7 @@ Adapted: the mean is over the vehicles of our frames rather than over weighted v
 0.001 to 0.999, as in that implementation; late fusion joins single sensors, there kinds of sensors; the entropy is
 reversed and scaled, so that 0 stands for nothing seen and 1 for 0.999 everywhere; hybrid is treated as late.
 
-kbit is as in `placement_env.fidelity.coverage`, recall is the same figure as AP.
-"""
-
-from __future__ import annotations
+kbit is as in `placement_env.fidelity.coverage`, recall is the same figure as AP."""
 
 import numpy as np
 

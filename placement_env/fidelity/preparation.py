@@ -1,9 +1,6 @@
 """`Preparation`: traffic, views, renders and detectors that the fidelities of one setting share, made when needed.
 
-`CasesFidelity` combines those of single cases into one, see `placement_env.cases`.
-"""
-
-from __future__ import annotations
+`CasesFidelity` combines those of single cases into one, see `placement_env.cases`."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -75,8 +72,7 @@ class CasesFidelity:
         """Figures of each set for each class.
 
         The worst failure or level of one class need not be that of another; the worst error profile is that of all
-        classes together.
-        """
+        classes together."""
         found = self._at_profiles(subsets, lambda fidelity, rows: cast(ByClass, fidelity).by_class(rows))
         return ClassEstimates(*self._over_profiles(found, [each.combined(self.classes).ap for each in found]))
 
@@ -145,8 +141,7 @@ _DETECTORS: dict[tuple[str, str], Detector] = {}  # by network and text of the s
 class Preparation:
     """Shared parts of a setting's fidelities.
 
-    stride: step between the frames that count; compares: sets are compared, which is left to `quick_detector`.
-    """
+    stride: step between the frames that count; compares: sets are compared, which is left to `quick_detector`."""
 
     setting: Setting
     run: Run = Run()
@@ -176,7 +171,7 @@ class Preparation:
         return self.split(count) if count > 1 else ()
 
     @property
-    def plain(self) -> Preparation:
+    def plain(self) -> "Preparation":
         """Same parts for intact sets in undivided traffic."""
         return replace(self, setting=replace(self.setting, cases=replace(self.setting.cases, failing=0, levels=1)))
 
@@ -195,12 +190,11 @@ class Preparation:
         return see(self.traffic, setting.pool, labels=labels, run=self.run, rendering=setting.rendering)
 
     @cached_property
-    def live(self) -> LiveView | None:
+    def live(self) -> "LiveView | None":
         """View of moving sensors, from panoramas of the mounts.
 
         None where rays must be cast: where the setting's `rendering` is "full", or the range of a candidate ends within
-        the site.
-        """
+        the site."""
         from placement_env.fidelity.panorama import LiveView
         from placement_env.fidelity.seeing import choose_quick
 
@@ -225,14 +219,14 @@ class Preparation:
     def _hit_models(self) -> dict[float, tuple[HitModel, ...]]:
         return {}
 
-    def at(self, candidates: Candidates, visibility: Visibility) -> Preparation:
+    def at(self, candidates: Candidates, visibility: Visibility) -> "Preparation":
         """Same traffic and network for other candidates."""
         there = replace(self, setting=replace(self.setting, candidates=candidates))
         shared = {name: getattr(self, name) for name in ("traffic", "network", "_hit_models")}
         vars(there).update(shared, visibility=visibility)
         return there
 
-    def take_traffic(self, other: Preparation) -> None:
+    def take_traffic(self, other: "Preparation") -> None:
         """Use the traffic of another preparation of this site, and its live view where the same classes count."""
         vars(self)["traffic"] = other.traffic
         if self.setting.counted.labels == other.setting.counted.labels:
@@ -354,8 +348,7 @@ def load_shipped_detector(network: str, site: Site) -> Detector:
     """Shipped network as it detects at a site, made once for all preparations.
 
     The general one was not trained there and would take some hedge for a vehicle in every frame, so it gets the empty
-    site.
-    """
+    site."""
     from models.detector import load_detector
 
     key = network, format_site(site)

@@ -2,10 +2,7 @@
 
 Noise depends only on a seed, the frame's number and the sensor's pose and model, so a set of sensors measures the same
 in any order, pool or process. Errors beyond the sensors' own noise need whole images, packed separately, since they
-look at neighbouring pixels and may carry points into the crop.
-"""
-
-from __future__ import annotations
+look at neighbouring pixels and may carry points into the crop."""
 
 import hashlib
 import json
@@ -44,8 +41,7 @@ class Renders:
     cache: where renders are kept and shared with other processes, None for this object's memory; noise_seed: None for
     no noise; errors: of the sensors, drawn from that seed when a cloud is requested; redrawn: anew for each block of
     `LIFE` frames, as if the sensors were mounted again, so that figures over all frames are means over many mountings;
-    else once for all frames. Pickles exclude rendered data.
-    """
+    else once for all frames. Pickles exclude rendered data."""
 
     def __init__(
         self,
@@ -78,7 +74,7 @@ class Renders:
         parts = [_code(self.sensors), self.traffic.digest(), self._noise_seed]
         return make_key(*parts, *_beyond_noise(self.errors), *(() if self.redrawn else ("once",))).hex()
 
-    def draw_once(self, seed: int, chosen: Sequence[int], frames: int) -> Renders:
+    def draw_once(self, seed: int, chosen: Sequence[int], frames: int) -> "Renders":
         """Measurements of some candidates in the first frames, with errors drawn once for all of them."""
         traffic, candidates, cache = self._arguments
         fewer = replace(traffic, snapshots=traffic.snapshots[:frames])
@@ -135,7 +131,7 @@ class Renders:
         seed = block_seed(self._noise_seed or 0, k // LIFE) if self.redrawn else self._noise_seed or 0
         return with_errors(frame, self.errors, seed, velocities=speed, numbers=[_seed(sensor)])
 
-    def _of_candidate(self, c: int, k: int) -> _Packed:
+    def _of_candidate(self, c: int, k: int) -> "_Packed":
         """Packed part of a candidate's frames with frame k."""
         part = c, k % RENDER_PARTS
         packed = self._packed.pop(part, None) or self._kept(*part)
@@ -144,7 +140,7 @@ class Renders:
         self._packed[part] = packed
         return packed
 
-    def _kept(self, c: int, part: int) -> _Packed:
+    def _kept(self, c: int, part: int) -> "_Packed":
         """Kept part of a candidate's frames, rendered anew if damaged."""
         (arrays,) = recall(self._cache, [self._key(c, part)], lambda _: [self._render(c, part)])
         return _Packed(*arrays)

@@ -1,7 +1,5 @@
 """`see`: visibility of traffic from candidates. It uses rays or panoramas, whichever is quicker and accurate enough."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -46,8 +44,7 @@ def see(
     within 3 % or 8 points of an object. "auto" uses panoramas where places have at least four candidates on average, as
     in a pool. A candidate whose range ends within the site is always rendered in full. labels: classes (numbers) of the
     objects that count; run: its cache keeps the finished blocks of candidates, so an interrupted run resumes there.
-    Raises ValueError without candidates and for an unknown rendering.
-    """
+    Raises ValueError without candidates and for an unknown rendering."""
     if not len(candidates):
         raise ValueError("there must be a candidate to see, got none")
     check_choice("rendering", rendering, get_args(Rendering))
@@ -65,8 +62,7 @@ def choose_quick(sensors: Sequence[Sensor], traffic: Traffic, rendering: Renderi
     """Mask of sensors to see in panoramas.
 
     "auto" takes panoramas where many sensors share their places, as in a pool. Only far-sighted sensors are seen so,
-    those that measure the whole detection area: panoramas have no limited range.
-    """
+    those that measure the whole detection area: panoramas have no limited range."""
     places = {sensor.position.round(6).tobytes() for sensor in sensors}
     if rendering == "full" or (rendering == "auto" and len(sensors) < SHARED * len(places)):
         return np.zeros(len(sensors), np.bool_)

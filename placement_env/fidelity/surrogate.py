@@ -4,10 +4,7 @@ A `HitModel` gives each object's probability p of being hit. Objects are ranked 
 to the i-th of them, T_i = p_1 + ... + p_i hits are expected and λ (i - T_i) false alarms, λ being the model's
 `false_alarms`. The area under that expected precision-recall curve of O objects is
 
-    AP = 1/O Σ_i p_i · T_i / (T_i + λ (i - T_i)),      recall = T_O / O
-"""
-
-from __future__ import annotations
+    AP = 1/O Σ_i p_i · T_i / (T_i + λ (i - T_i)),      recall = T_O / O"""
 
 from collections.abc import Iterable, Sequence
 from copy import copy
@@ -36,8 +33,7 @@ class Surrogate:
 
     model: of vehicles, or one of each class, None for the shipped ones of `scheme` at the IoU threshold of the class;
     radius: the site's hybrid radius (m); codec: of the data sent; classes: of the objects that count, several combined.
-    Raises ValueError where a model is of another scheme or missing.
-    """
+    Raises ValueError where a model is of another scheme or missing."""
 
     name = "surrogate"
 
@@ -87,8 +83,7 @@ class Surrogate:
         """Evidence n ^ norm of each candidate and object, by class.
 
         It comes with the factor of an object's size on its hit probability, the model of the class, and its weight
-        among classes. Raises ValueError where the centre's data make it no sum over sensors.
-        """
+        among classes. Raises ValueError where the centre's data make it no sum over sensors."""
         there = np.array([part.objects > 0 for part in self._parts])
         weights = np.where(there, self.classes.weights, 0.0)
         shares = weights / max(float(weights.sum()), 1e-300)
@@ -98,7 +93,7 @@ class Surrogate:
             if part.objects
         ]
 
-    def in_frames(self, frames: Int64[np.ndarray, " _"]) -> Surrogate:
+    def in_frames(self, frames: Int64[np.ndarray, " _"]) -> "Surrogate":
         """Same surrogate over some of the frames, ascending; kbit stay those of all."""
         other = copy(self)
         seen = [(part, of_frames(part.evidence.visibility, frames)) for part in self._parts]
@@ -129,7 +124,7 @@ class Surrogate:
 class _Part:
     """Objects of one class, and their model."""
 
-    def __init__(self, evidence: Evidence, model: HitModel) -> None:
+    def __init__(self, evidence: "Evidence", model: HitModel) -> None:
         self.evidence, self.model = evidence, model
         self.sums = MemberSums(evidence.rows(model))
         self._of_size = model.of_size(evidence.visibility.boxes).astype(np.float32)
@@ -204,8 +199,7 @@ class Evidence:
 
     radius: the site's hybrid radius (m). The sums of `rows` over a set, `joined`, are the model's Σ n_i ^ norm and,
     where it has a floor, Σ N_i ^ norm. Where points reach the centre beside boxes, it counts as one more sensor that
-    holds them all.
-    """
+    holds them all."""
 
     visibility: Visibility
     scheme: Scheme

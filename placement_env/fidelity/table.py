@@ -1,10 +1,7 @@
 """`Table`: the AP of every set of a site's sensors, measured once for each scheme and IoU threshold with a detector.
 
 The row number is a bit mask: sensor c belongs to the sets whose number has bit c. The tables of the built-in sites,
-with the shipped detectors, are in `exact/`; `make_table` makes them again.
-"""
-
-from __future__ import annotations
+with the shipped detectors, are in `exact/`; `make_table` makes them again."""
 
 import json
 from collections.abc import Sequence
@@ -44,8 +41,7 @@ class Origin:
 
     place: digest of site and sensors (`hash_site`); frames, objects: numbers of these; recording, detector: digests;
     seed: of the noise; hybrid_radius: m; errors: name of the sensors' error profile; ious: for each class the IoU
-    threshold that replaces each of `IOUS`.
-    """
+    threshold that replaces each of `IOUS`."""
 
     site: str
     sensors: tuple[str, ...]
@@ -72,8 +68,7 @@ class Table:
 
     kbit: total of a set in a frame by the paper's codec. `ap` and `recall` are of the first class, more_ap and
     more_recall of the others, NaN throughout for a class without an object. Raises ValueError where the shapes do not
-    fit, and for figures that cannot be.
-    """
+    fit, and for figures that cannot be."""
 
     origin: Origin
     ap: Float64[np.ndarray, "sets schemes ious"] = field(repr=False)
@@ -134,8 +129,7 @@ class TableFidelity:
     """Score sets by looking them up, as exactly as by detection, at no cost.
 
     classes: that count, several combined. Raises ValueError for a scheme, IoU threshold, class or codec that the table
-    lacks.
-    """
+    lacks."""
 
     name = "table"
 
@@ -204,8 +198,7 @@ def make_table(
     """Score every sensor set by detection, in each scheme and for each class, and write the table.
 
     frames: number of first frames to use; seed: of their noise, written down. Detections are kept beside `out` until
-    the table is complete, so a killed run resumes with the same table.
-    """
+    the table is complete, so a killed run resumes with the same table."""
     out, subsets, count = Path(out), all_subsets(len(renders.sensors)), len(range(renders.frames)[:frames])
     memo = Cache(out.with_name(out.name + ".detections"))
     columns: list[list[ClassEstimates]] = []

@@ -1,7 +1,5 @@
 """`Traffic`: the frames that judge every sensor set."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
@@ -26,7 +24,7 @@ if TYPE_CHECKING:
 
 FRAMES = 200
 KEPT_TRAFFIC = 4  # simulations held in memory
-_KEPT: dict[tuple[str, int, int], Traffic] = {}  # by text of the site's file, frames and seed
+_KEPT: "dict[tuple[str, int, int], Traffic]" = {}  # by text of the site's file, frames and seed
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,15 +38,15 @@ class Traffic:
     def __len__(self) -> int:
         return len(self.snapshots)
 
-    def every(self, stride: int) -> Traffic:
+    def every(self, stride: int) -> "Traffic":
         """Same traffic with every stride-th frame alone, from the first."""
         return self if stride == 1 else self._of(self.snapshots[::stride])
 
-    def part(self, first: int, end: int) -> Traffic:
+    def part(self, first: int, end: int) -> "Traffic":
         """Some successive frames of the same traffic."""
         return self._of(self.snapshots[first:end])
 
-    def _of(self, snapshots: tuple[Snapshot, ...]) -> Traffic:
+    def _of(self, snapshots: tuple[Snapshot, ...]) -> "Traffic":
         other = replace(self, snapshots=snapshots)
         vars(other)["_scene"] = self._scene
         return other
@@ -82,8 +80,7 @@ def simulate_traffic(site: Site, frames: int = FRAMES, seed: int = 0) -> Traffic
 
     Parked vehicles stay for `LIFE` frames, like all: sets are compared by a bootstrap over blocks of that length,
     which a van parked there throughout would bias unnoticed. Raises ValueError for fewer frames than one, and errors of
-    `toolkit.traffic.snapshots.simulate`.
-    """
+    `toolkit.traffic.snapshots.simulate`."""
     check_whole("frames", frames, least=1)
     key = format_site(site), frames, seed
     if key not in _KEPT:
@@ -96,7 +93,7 @@ def simulate_traffic(site: Site, frames: int = FRAMES, seed: int = 0) -> Traffic
 
 
 @lru_cache(maxsize=2)
-def build_renderer(traffic: Traffic) -> Renderer:
+def build_renderer(traffic: Traffic) -> "Renderer":
     """Renderer of the traffic's site and bodies, built once."""
     from toolkit.rendering.renderer import Renderer
 

@@ -4,10 +4,7 @@ Only scored objects count. Points on an object are noise-free: those that lie on
 `toolkit.boxes.count_points` counts the same in the cropped cloud, with two exceptions: ground that relief lifts into
 the foot of a box, which is no part of the object, and points on the very faces of the box, where rounding decides.
 Points sent are their expectation under noise, which lifts half of the points on even ground above z = 0 and so into the
-crop.
-"""
-
-from __future__ import annotations
+crop."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
@@ -32,8 +29,7 @@ class Visibility:
     The objects (of some classes, centred in the area) are those of F frames, frame after frame. points: on each object
     inside the crop, noise-free; distance: from the sensor to the object's centre, horizontal, m, seen or not; frame: of
     each object, ascending; boxes: of the objects; sent: expected points in the crop of each frame; far: those of them
-    horizontally beyond the radius of hybrid fusion; labels: class of each object, all vehicles if not given.
-    """
+    horizontally beyond the radius of hybrid fusion; labels: class of each object, all vehicles if not given."""
 
     points: Float32[np.ndarray, "C O"]
     distance: Float32[np.ndarray, "C O"]
@@ -63,23 +59,23 @@ class Visibility:
         return len(self.points)
 
     @staticmethod
-    def unseen(traffic: Traffic, sensors: Sequence[Sensor], labels: Sequence[int]) -> Visibility:
+    def unseen(traffic: Traffic, sensors: Sequence[Sensor], labels: Sequence[int]) -> "Visibility":
         """Objects of some classes in traffic, all unseen."""
         objects = [each.objects[scored(each.objects, traffic.site, labels)] for each in traffic.snapshots]
         nothing = np.zeros((2, len(sensors), len(objects)), np.float32)
         return _join(sensors, objects, [np.zeros((len(sensors), len(each))) for each in objects], *nothing)
 
-    def select(self, indices: Sequence[int] | Int64[np.ndarray, " n"]) -> Visibility:
+    def select(self, indices: Sequence[int] | Int64[np.ndarray, " n"]) -> "Visibility":
         """View of some of the candidates, in the order given."""
         chosen = np.asarray(indices, np.int64)
         return replace(self, **{name: getattr(self, name)[chosen] for name in ("points", "distance", "sent", "far")})
 
-    def of_classes(self, labels: Sequence[int]) -> Visibility:
+    def of_classes(self, labels: Sequence[int]) -> "Visibility":
         """View on the objects of some classes (numbers)."""
         own = np.isin(self.labels, labels)
         return self if own.all() else self._with_objects(own)
 
-    def _with_objects(self, own: Bool[np.ndarray, " O"]) -> Visibility:
+    def _with_objects(self, own: Bool[np.ndarray, " O"]) -> "Visibility":
         per_pair = {name: getattr(self, name)[:, own] for name in ("points", "distance")}
         return replace(self, **per_pair, **{name: getattr(self, name)[own] for name in ("frame", "boxes", "labels")})
 
@@ -88,7 +84,7 @@ class Visibility:
         write_arrays(path, {field.name: getattr(self, field.name) for field in fields(self)})
 
     @staticmethod
-    def load(path: str | Path) -> Visibility:
+    def load(path: str | Path) -> "Visibility":
         """Read a file that `save` wrote. Raises FileNotFoundError; ValueError for a damaged or foreign file."""
         arrays, names = read_arrays(path), {field.name for field in fields(Visibility)}
         if arrays.keys() not in (names, names - {"labels"}):  # older files lack labels: only vehicles counted
@@ -102,11 +98,10 @@ class Visibility:
         *,
         noise_seed: int | None = 0,
         labels: Sequence[int] = (VEHICLE,),
-    ) -> Visibility:
+    ) -> "Visibility":
         """View of a recording's sensors on its objects of some classes, counted in the clouds of the first `frames`.
 
-        Points sent are counted with the noise that `toolkit.detection.evaluation` adds, None for none, as kbit are.
-        """
+        Points sent are counted with the noise that `toolkit.detection.evaluation` adds, None for none, as kbit are."""
         site, count = recording.site, min(len(recording), len(recording) if frames is None else frames)
         points, sent, far, objects = [], [], [], []
         for k in range(count):

@@ -3,10 +3,7 @@
 schedule.csv has a line per sensor (RFC 4180, UTF-8); an apostrophe stands before all that a spreadsheet would read as
 a formula, also where it separates cells by semicolons. plan.geojson is in longitude and latitude (RFC 7946), or in the
 site's metres if it has no geographic reference. Its layers are area, sensor, visible, blind and mount: the unused
-poles, which coview reads back as poles. site.json is the site with the sensors, in the format for `coview simulate`.
-"""
-
-from __future__ import annotations
+poles, which coview reads back as poles. site.json is the site with the sensors, in the format for `coview simulate`."""
 
 import csv
 import io
@@ -45,8 +42,7 @@ def write_exchange(
 
     The folder may be that of `toolkit.runtime.files.writing_together`. site: with the sensors; ground: that they see,
     in their order; unused: poles without a sensor; currency: of prices, "" for units of one ordinary pole. Raises
-    ValueError if site, sensors and ground do not belong to one set.
-    """
+    ValueError if site, sensors and ground do not belong to one set."""
     names = [sensor.name for sensor in sensors]
     mounted = [sensor.name for sensor in site.sensors]
     if names != mounted or len(ground.seen) != len(names):

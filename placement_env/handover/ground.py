@@ -3,10 +3,7 @@
 The area is cut into square cells. A sensor sees a cell if a place `TARGET_HEIGHT` above the ground at its centre lies
 in the sensor's field of view and range, and nothing in the static scene is in between. The density is counted in the
 frame that the sensor measures of the empty site, without noise and before any crop by height; a point is on the ground
-if it would be the same without anything but ground.
-"""
-
-from __future__ import annotations
+if it would be the same without anything but ground."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -35,8 +32,7 @@ class Ground:
 
     x, y: centres of columns and rows (m, site frame, ascending); seen: whether the centre of a cell of open ground is
     in unobstructed view; density: points that a frame puts on the cell's open ground, per m²; open_ground: free of
-    solids and ponds; lanes, footways: kind of the cell.
-    """
+    solids and ponds; lanes, footways: kind of the cell."""
 
     x: Float64[np.ndarray, " nx"]
     y: Float64[np.ndarray, " ny"]
@@ -62,8 +58,7 @@ class GroundShares:
     """Shares of the area's open ground.
 
     seen_by: by at least 1, 2 and 3 sensors; blind: by none; blind_lanes: share of the lanes seen by none; sensor_m2:
-    area that each sensor sees, by name; open_m2, blind_m2: area of open ground and of blind spots.
-    """
+    area that each sensor sees, by name; open_m2, blind_m2: area of open ground and of blind spots."""
 
     seen_by: tuple[float, float, float]
     blind: float
@@ -78,8 +73,7 @@ def visible_ground(site: Site, sensors: Sequence[Sensor], *, cell: float = 0.5) 
 
     cell: side of a cell (m). If it does not divide the area, the grid is centred on it and the outermost cells stick
     out or fall short by a quarter of a cell at most. Raises ValueError for a cell that is not positive, so large that a
-    side has fewer than two, or far too small.
-    """
+    side has fewer than two, or far too small."""
     x, y, targets, open_ground = lay_grid(site, cell, TARGET_HEIGHT)
     middles = targets[..., :2]
     still = build_scenery(site)
@@ -102,14 +96,11 @@ def lay_grid(
 ) -> tuple[np.ndarray, np.ndarray, Float64[np.ndarray, "ny nx 3"], Bool[np.ndarray, "ny nx"]]:
     """Centres of columns and rows of square cells over the area, places above them, and which are open ground.
 
-    cell: side (m); height: of the places above the ground (m). Raises ValueError as `visible_ground`.
-    """
+    cell: side (m); height: of the places above the ground (m). Raises ValueError as `visible_ground`."""
     area = site.area
     sides = area[2:] - area[:2]
     if not 0 < cell <= sides.min() / 1.5:
-        raise ValueError(
-            f"cell must be positive and fit twice into the area of {sides[0]:g} x {sides[1]:g} m, got {cell:g}"
-        )
+        raise ValueError(f"cell must be positive and fit twice into {sides[0]:g} x {sides[1]:g} m, got {cell:g}")
     if (sides / cell).prod() > MOST_CELLS:
         raise ValueError(
             f"cells of {cell:g} m make a grid of more than {MOST_CELLS} for {sides[0]:g} x {sides[1]:g} m: "
@@ -126,8 +117,7 @@ def lay_grid(
 def ground_shares(ground: Ground, names: Sequence[str]) -> GroundShares:
     """Compute shares of the ground. names: of its sensors, in order. Without lanes their blind share is 0.
 
-    Raises ValueError for names that are too few, too many or not distinct, and for an area without open ground.
-    """
+    Raises ValueError for names that are too few, too many or not distinct, and for an area without open ground."""
     if len(names) != len(ground.seen) or len(set(names)) < len(names):
         raise ValueError(f"each of the {len(ground.seen)} sensors needs a name of its own, got {list(names)}")
     if not ground.open_ground.any():

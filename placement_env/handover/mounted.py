@@ -1,7 +1,5 @@
 """A chosen set as it is mounted: its site, and each sensor for its installer, with links and materials."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -29,8 +27,7 @@ class PlannedSensor:
 
     x, y, z: position (m, site frame); longitude, latitude: degrees, None without a geographic reference; height: above
     the foot of its pole (m); bearing_deg: compass bearing of the optical axis, clockwise from north (+y of the site's
-    map); tilt_deg: below the horizon; kbit, peak_kbit: mean and maximum per frame; capacity_kbit: of its link.
-    """
+    map); tilt_deg: below the horizon; kbit, peak_kbit: mean and maximum per frame; capacity_kbit: of its link."""
 
     name: str
     pole: str
@@ -75,8 +72,7 @@ class MaterialItem:
 def mounted_site(site: Site, candidates: Candidates, chosen: Chosen, moved: Sequence[Sensor] = ()) -> Site:
     """Return `site` with only the chosen sensors, and their mounts if it lacks them.
 
-    chosen: indices of candidates; moved: the same sensors, in that order, as placed by a search of continuous poses.
-    """
+    chosen: indices of candidates; moved: the same sensors, in that order, as placed by a search of continuous poses."""
     sensors, mounts = _sensors(candidates, chosen, moved)
     feet = np.array([mount.position[:2] for mount in site.mounts]).reshape(-1, 2)
     new = {m.name: m for m in mounts if not (np.hypot(*(feet - m.position[:2]).T) <= SAME_SPOT).any()}
@@ -96,8 +92,7 @@ def format_sensors(
 
     chosen, moved: as for `mounted_site`, whose sensors have the same names; kbit: sent by each sensor, per frame;
     catalogue: with names of models, None for their usual names. A mount is paid for with the first sensor on it.
-    Raises ValueError if their numbers differ; ImportError if the site's map needs pyproj.
-    """
+    Raises ValueError if their numbers differ; ImportError if the site's map needs pyproj."""
     sensors, mounts = _sensors(candidates, chosen, moved)
     if len(kbit) != len(sensors):
         raise ValueError(f"kbit must hold a row for each of {len(sensors)} sensors, got {len(kbit)}")
@@ -157,8 +152,7 @@ def _sensors(
 def link_loads(sensors: tuple[PlannedSensor, ...], *, limited: bool) -> tuple[LinkLoad, ...]:
     """Load of each pole's link. Sensors that share one add up, peaks too.
 
-    limited: whether the scheme sends points; only points count against the capacity.
-    """
+    limited: whether the scheme sends points; only points count against the capacity."""
     loads = []
     for pole in dict.fromkeys(sensor.pole for sensor in sensors):
         here = [sensor for sensor in sensors if sensor.pole == pole]

@@ -2,10 +2,7 @@
 
 The intervals are of `placement_env.analysis.intervals`, over the same draws for every variant, so that what a move
 changed has an interval of its own. They are given down to `LEAST_BLOCKS` blocks of frames, fewer than a judged set
-needs: see `docs/how-to/live.md` for how often they hold.
-"""
-
-from __future__ import annotations
+needs: see `docs/how-to/live.md` for how often they hold."""
 
 import math
 from dataclasses import asdict, dataclass, field, replace
@@ -53,8 +50,7 @@ class LiveAnswer:
     worst_low, worst_high: AP left after the worst single failure, of `worst_sensor`; levels: of traffic; change,
     change_low, change_high: AP since the answer before, on the same frames; unseen, hidden: road users without a point
     on them, their number and which; probability: that each is found; problems: sentences on what cannot be built so;
-    coarse: a view was taken from half metres of height.
-    """
+    coarse: a view was taken from half metres of height."""
 
     what: str
     sensors: int
@@ -93,7 +89,7 @@ class LiveAnswer:
         left_out = {"resamples", "probability", "hidden"} | unlimited
         return {name: value for name, value in asdict(self).items() if name not in left_out}
 
-    def since(self, before: LiveAnswer | None, what: str) -> LiveAnswer:
+    def since(self, before: "LiveAnswer | None", what: str) -> "LiveAnswer":
         """The answer with the change of AP since another, on the same frames, and what made it."""
         if before is None:
             return replace(self, what=what, change=0.0, change_low=0.0, change_high=0.0)

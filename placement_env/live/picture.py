@@ -1,7 +1,5 @@
 """`GroundPicture`: a picture of one's own under the scene, such as an aerial photo or a plan, placed by two points."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
@@ -39,12 +37,11 @@ class GroundPicture:
         if not re.fullmatch(r"picture-[0-9a-f]{12}\.jpg", self.file) or min(self.width, self.height, self.scale) <= 0:
             raise ValueError(f"a picture needs a file, width, height and scale, got {asdict(self)!r:.90}")
 
-    def place(self, spots: Sequence[Sequence[float]], given: Sequence[float]) -> GroundPicture:
+    def place(self, spots: Sequence[Sequence[float]], given: Sequence[float]) -> "GroundPicture":
         """Scale, turn and shift it by two points.
 
         spots: where they lie now (m); given: x, y, x, y of where they belong, or their distance alone, about the first
-        of them. Raises ValueError for points that are closer than `NEAREST`, and for other numbers.
-        """
+        of them. Raises ValueError for points that are closer than `NEAREST`, and for other numbers."""
         (start, end), middle = (complex(x, y) for x, y in spots), complex(self.x, self.y)
         if len(given) == 1:
             far = start + given[0] * (end - start) / max(abs(end - start), 1e-9)
@@ -67,8 +64,7 @@ class GroundPicture:
 def keep_picture(name: str, content: bytes, folder: Path, area: Float64[np.ndarray, "4"]) -> GroundPicture:
     """Keep a PNG or JPEG picture in a folder, as wide as an area (m) at first.
 
-    Raises ValueError for a long name, a damaged picture and one of more than `MOST_PICTURE_BYTES` or `MOST_PIXELS`.
-    """
+    Raises ValueError for a long name, a damaged picture and one of more than `MOST_PICTURE_BYTES` or `MOST_PIXELS`."""
     check_name(name)
     if len(content) > MOST_PICTURE_BYTES:
         most = f"{MOST_PICTURE_BYTES // 10**6} MB"

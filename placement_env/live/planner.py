@@ -3,13 +3,10 @@
 A sensor is seen in panoramas from its pole (`placement_env.fidelity.panorama`), a set scored by the surrogate, as
 in `coview/SensorPose-v0`. At a height that was never used the first answer is coarse, between the half metres below and
 above or from the nearer one; `refine` makes what is missing, a panorama at a time, then the views of the whole stock,
-of which `suggest` chooses. One thread may refine while another moves.
-"""
-
-from __future__ import annotations
+of which `suggest` chooses. One thread may refine while another moves."""
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from threading import RLock
 from typing import Any
@@ -39,7 +36,6 @@ from placement_env.objective import Score
 from placement_env.report.planning.question import Stock
 from placement_env.setting import Rendering, Setting
 from toolkit.runtime.run import Run
-from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
 
 LIVE_FRAMES, LIVE_SEED = 60, 3
@@ -65,10 +61,8 @@ class LivePlanner:
     """Plan by hand.
 
     site: a site, its name or file, or a setting: its fidelity must be the surrogate, its candidates are the stock (the
-    site's pool without any); frames, seed: of the traffic; sensors: those that hang at first, the site's own if None;
-    run: cache and more, in place of frames and seed; most_sensors: beyond which an answer names a problem. Raises
-    ValueError where the setting has no surrogate.
-    """
+    site's pool without any); frames, seed: of the traffic; run: cache and more, in place of frames and seed;
+    most_sensors: beyond which an answer names a problem. Raises ValueError where the setting has no surrogate."""
 
     def __init__(
         self,
@@ -76,21 +70,19 @@ class LivePlanner:
         frames: int = LIVE_FRAMES,
         seed: int = LIVE_SEED,
         *,
-        sensors: Sequence[Sensor] | None = None,
         run: Run | None = None,
         most_sensors: float = math.inf,
     ) -> None:
         setting = site if isinstance(site, Setting) else Setting(site)
         stock, place = setting.candidates, setting.place
-        hang = place.sensors if sensors is None else tuple(sensors)
         sold = stock if isinstance(stock, Stock) else Stock()
         self.catalogue, self.currency = sold.catalogue, sold.currency
-        self.yard = Yard.of(place, _offer(setting), hang, sold.keep_out)
+        self.yard = Yard.of(place, _offer(setting), place.sensors, sold.keep_out)
         self._lock = RLock()
         self.first, self.most_sensors = setting, most_sensors
         self.tell: Callable[[bool], None] = lambda dragging: None  # called after every change, before its answer
         self._open(setting, run or Run(frames=frames, seed=seed))
-        start = self.yard.place(hang)
+        start = self.yard.place(place.sensors)
         self.variants: dict[str, Variant] = {"A": start}
         self.picture: GroundPicture | None = None  # under the scene
         self.current = "A"
@@ -119,8 +111,7 @@ class LivePlanner:
         """Score by other classes, cases or scheme, or within another price, in the same traffic.
 
         changes: fields of `Setting`: classes, cases, scheme, most_price. Raises ValueError and OSError where nothing
-        predicts that, and keeps the question that was.
-        """
+        predicts that, and keeps the question that was."""
         with self._lock:
             before = self.preparation
             self._open(replace(self.asked, **changes), before.run, before)
@@ -167,8 +158,7 @@ class LivePlanner:
         """Turn (rad), tilt (rad below the horizon), raise (m above the foot) or carry a sensor to a pole or place.
 
         Heights and tilts stay within those of the pole and `TILT_SPAN`. dragging: moves of one sensor in a row are
-        undone as one. Raises ValueError for an unknown or locked sensor, and for a place where no pole can stand.
-        """
+        undone as one. Raises ValueError for an unknown or locked sensor, and for a place where no pole can stand."""
         with self._lock:
             variant, sensor = self.variant, self._free(name)
             if position is not None:
@@ -338,8 +328,7 @@ class LivePlanner:
     def score(self) -> Score:
         """The objective's own score of the sensors that work, on the same frames, in panoramas from where they hang.
 
-        With the setting's rendering "full" every ray is cast.
-        """
+        With the setting's rendering "full" every ray is cast."""
         working = replace(self.variant, sensors=tuple(each for each in self.sensors if not each.failed))
         candidates = self.yard.candidates(working)
         labels, rendering = self.setting.counted.labels, self.setting.rendering
@@ -350,8 +339,7 @@ class LivePlanner:
     def refine(self) -> bool:
         """Make one of the views that are missing: first of the sensors shown, then of the stock. True while some are.
 
-        May run in a thread of its own.
-        """
+        May run in a thread of its own."""
         live = self.preparation.live
         if live is None:
             return False
@@ -383,8 +371,7 @@ class LivePlanner:
 
         patience: seconds to look from poles that nobody has looked from; without limit from one height of each.
 
-        Raises ValueError for an unknown kind or sensor, and where the stock has no place left.
-        """
+        Raises ValueError for an unknown kind or sensor, and where the stock has no place left."""
         variant = self.variant
         if kind == "remove":
             free = [each for each in variant.sensors if not each.locked]
@@ -427,8 +414,7 @@ class LivePlanner:
     def search(self, stop: Callable[[], bool] = lambda: False) -> Iterator[LiveAnswer]:
         """Improve the variant from where it is: the best place for one unlocked sensor after another, until none helps.
 
-        Yields an answer for each improvement, which is shown and can be undone.
-        """
+        Yields an answer for each improvement, which is shown and can be undone."""
         waiting = [each.name for each in self.sensors if not each.locked and not each.failed]
         while waiting and not stop():
             name = waiting.pop(0)

@@ -3,10 +3,7 @@
 {"coview_live": 1, "site": NAME, "site_sha256": ..., "current": NAME, "variants": {NAME: VARIANT}, "past": [[NAME,
 VARIANT], ...], "question": {...}, "picture": {...}}, each variant as `Variant.as_dict` gives it, the question as
 `LivePlanner.question`, the picture as the fields of `GroundPicture`, or null. The state before the last save is kept
-beside it.
-"""
-
-from __future__ import annotations
+beside it."""
 
 import json
 import math
@@ -38,8 +35,7 @@ class ProjectFile:
     """Keep a planner's work in a file, from where it goes on. last_good: from the state before the last save.
 
     Raises ValueError for a damaged file, one of another site, and while another process writes it; OSError where it
-    cannot be written.
-    """
+    cannot be written."""
 
     def __init__(self, path: Path, planner: LivePlanner, *, last_good: bool = False) -> None:
         self.path, self.planner = path, planner
@@ -143,8 +139,7 @@ class ProjectFile:
 def export_variant(planner: LivePlanner, folder: Path) -> list[Path]:
     """Write site.json, a map and a schedule of the variant that is shown; return their paths.
 
-    Raises ValueError without a sensor, OSError where the folder cannot be written.
-    """
+    Raises ValueError without a sensor, OSError where the folder cannot be written."""
     variant, site = planner.variant, planner.yard.site
     if not variant.sensors:
         raise ValueError("there is no sensor to export: add one")
@@ -162,8 +157,7 @@ def export_variant(planner: LivePlanner, folder: Path) -> list[Path]:
 def report_variant(planner: LivePlanner, folder: Path) -> list[Path]:
     """Judge the sensors of the variant that is shown on fresh traffic, and write the full report; return its paths.
 
-    It takes minutes. Raises ValueError without a sensor, OSError where the folder cannot be written.
-    """
+    It takes minutes. Raises ValueError without a sensor, OSError where the folder cannot be written."""
     from placement_env.report.planning.planning import plan, write_plan
     from placement_env.report.planning.question import Question, Stock
 

@@ -1,7 +1,5 @@
 """`SeenMap`: share of the time that each half metre of ground is seen, past the site and through its traffic."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from contextlib import nullcontext
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """`StockViews`: what the poses of the stock see, pole by pole, so that the best of them can be suggested at once."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace

@@ -1,11 +1,9 @@
 """`Variant`: sensors on poles as they are moved by hand, and the free ground where a pole may stand."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import shapely
@@ -31,8 +29,7 @@ Corners = tuple[tuple[float, float], ...]  # of an area: x and y (m) of each
 class LiveSensor:
     """Sensor on a pole. model: name in the stock; x, y: m; height: above the foot (m); heading, tilt: rad.
 
-    locked: not to be moved; failed: bought and mounted, but it sees and sends nothing.
-    """
+    locked: not to be moved; failed: bought and mounted, but it sees and sends nothing."""
 
     name: str
     model: str
@@ -62,7 +59,7 @@ class Variant:
         names = ", ".join(sensor.name for sensor in self.sensors) or "none"
         raise ValueError(f"there is no sensor {name!r}: the sensors are {names}")
 
-    def with_sensor(self, sensor: LiveSensor) -> Variant:
+    def with_sensor(self, sensor: LiveSensor) -> "Variant":
         """Return the variant with a sensor in place of the one of its name."""
         return replace(self, sensors=tuple(sensor if each.name == sensor.name else each for each in self.sensors))
 
@@ -72,14 +69,15 @@ class Variant:
         return {"sensors": [{**vars(sensor)} for sensor in self.sensors], "poles": poles, "keep_out": self.keep_out}
 
     @staticmethod
-    def of_dict(found: object) -> Variant:
+    def of_dict(found: object) -> "Variant":
         """Read what `as_dict` gave. Raises ValueError where it does not fit."""
         if not isinstance(found, Mapping) or {*found, "keep_out"} != {"sensors", "poles", "keep_out"}:
             raise ValueError(f"a variant has sensors, poles and keep_out, got {found!r:.60}")
         try:
             sensors = tuple(LiveSensor(**check_row(LiveSensor, each)) for each in found["sensors"])
             areas = tuple(map(check_area, found.get("keep_out", ())))
-            return Variant(sensors, tuple(Mount(**each) for each in found["poles"]), areas)
+            poles = ({**each, "position": np.array(each["position"], np.float64)} for each in found["poles"])
+            return Variant(sensors, tuple(Mount(**each) for each in poles), areas)
         except (TypeError, KeyError) as error:
             raise ValueError(f"a variant needs whole sensors and poles, got {error}") from None
 
@@ -87,11 +85,11 @@ class Variant:
 def check_row(kind: type, row: Mapping[str, Any]) -> dict[str, Any]:
     """Return values by name. Raises ValueError unless they are finite, and of the types that the fields of a dataclass
     name."""
-    known: dict[str, Any] = {"str": str, "float": (int, float), "int": int, "bool": bool}
     for field in fields(kind):
-        value = row.get(field.name, field.default)
-        if not isinstance(value, known[str(field.type)]) or (isinstance(value, float) and not np.isfinite(value)):
-            raise ValueError(f"{field.name} must be a {field.type}, got {value!r:.60}")
+        value, wanted = row.get(field.name, field.default), cast("type", field.type)
+        fits = isinstance(value, (int, float) if wanted is float else wanted)
+        if not fits or (isinstance(value, float) and not np.isfinite(value)):
+            raise ValueError(f"{field.name} must be a {wanted.__name__}, got {value!r:.60}")
     check_name(row["name"])
     return dict(row)
 
@@ -148,7 +146,7 @@ class Yard:
         raise ValueError(f"the stock has no {model}: it has {', '.join(self.models)}")
 
     @staticmethod
-    def of(site: Site, stock: Candidates, sensors: Iterable[Sensor], keep_out: Iterable[shapely.Geometry]) -> Yard:
+    def of(site: Site, stock: Candidates, sensors: Iterable[Sensor], keep_out: Iterable[shapely.Geometry]) -> "Yard":
         """Yard of a stock, with the poles and models of sensors that hang already; these models are paid."""
         sensors, axes = list(sensors), stock.axes
         mounts = list(stock.mounts)

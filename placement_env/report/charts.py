@@ -1,7 +1,5 @@
 """Charts of a plan as SVG text. AP is always shown with its interval and the number of vehicles."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -40,8 +38,7 @@ def interval_bars(
     """Bar of AP for each row, with its interval and the number of vehicles.
 
     alt: for screen readers in place of the title; labels: in place of the usual ones beside the bars; hatched: all
-    bars but the first, whose AP is an upright line; right: inches kept free for labels.
-    """
+    bars but the first, whose AP is an upright line; right: inches kept free for labels."""
     names, judged = [name for name, _ in rows], [each for _, each in rows]
     with canvas.house_style():
         subtitle = f"{describe_sample(judged)}{'; hatched: with failures' * hatched}"
@@ -131,8 +128,7 @@ def order_chart(order: Sequence[content.BuildStep], currency: str) -> str:
 def front_chart(options: Sequence[content.PlanOption], chosen: content.PlanOption, currency: str) -> str:
     """AP over kbit per sensor and over price.
 
-    The chosen set is marked. Judged sets have intervals; for the others the predicted AP is shown hollow.
-    """
+    The chosen set is marked. Judged sets have intervals; for the others the predicted AP is shown hollow."""
     from matplotlib.lines import Line2D
 
     dot: PlotStyle = {"marker": "o", "markersize": 6, "markeredgecolor": BAR, "linestyle": "none"}
@@ -172,8 +168,7 @@ def front_chart(options: Sequence[content.PlanOption], chosen: content.PlanOptio
 def worth_chart(worth: Sequence[content.SensorWorth]) -> str:
     """Shapley value of each sensor, and pair interactions.
 
-    An interaction above 0 means that two sensors add more together than apart.
-    """
+    An interaction above 0 means that two sensors add more together than apart."""
     with canvas.house_style():
         labels = sensor_labels([each.sensor for each in worth])
         names = [
@@ -205,7 +200,7 @@ def worth_chart(worth: Sequence[content.SensorWorth]) -> str:
         return canvas.svg_text(figure, "Shapley values and interactions of the sensors")
 
 
-def _draw_pairs(axes: Axes, worth: Sequence[content.SensorWorth], names: Sequence[str]) -> None:
+def _draw_pairs(axes: "Axes", worth: Sequence[content.SensorWorth], names: Sequence[str]) -> None:
     if not worth:
         return
     pairs = np.array([[one.synergy.get(other.sensor, np.nan) for other in worth] for one in worth])
@@ -222,7 +217,7 @@ def _draw_pairs(axes: Axes, worth: Sequence[content.SensorWorth], names: Sequenc
             axes.text(column, row, f"{value:+.2f}", ha="center", va="center", fontsize=6.5, color=colour)
 
 
-def row_axes(title: str, subtitle: str, names: Sequence[str], *, right: float = 1.7) -> tuple[Figure, Axes]:
+def row_axes(title: str, subtitle: str, names: Sequence[str], *, right: float = 1.7) -> "tuple[Figure, Axes]":
     """Figure with a row for each name. right: inches kept free beside the rows."""
     names, rows = [canvas.shorten(name, LETTERS) for name in names], max(len(names), 1)
     left = 0.35 + 0.066 * max(map(len, names), default=0)
@@ -239,7 +234,7 @@ def row_axes(title: str, subtitle: str, names: Sequence[str], *, right: float = 
     return figure, axes
 
 
-def _write_beside(axes: Axes, row: int, text: str) -> None:
+def _write_beside(axes: "Axes", row: int, text: str) -> None:
     place: PlotStyle = {"xycoords": ("axes fraction", "data"), "xytext": (8, 0), "textcoords": "offset points"}
     axes.annotate(text, (1, row), **place, va="center", fontsize=7.5, annotation_clip=False)
 

@@ -2,10 +2,7 @@
 
 Nothing in it depends on the clock, so the same question has the same plan, byte for byte. kbit are per frame, 1 kbit =
 1000 bit; prices are in the plan's currency. AP and recall are at the plan's IoU unless a field says otherwise, always
-by the detector on traffic that no search saw. An undefined figure is None.
-"""
-
-from __future__ import annotations
+by the detector on traffic that no search saw. An undefined figure is None."""
 
 from dataclasses import asdict, dataclass, field, replace
 
@@ -29,8 +26,7 @@ class Judgement:
 
     low, high: interval of the AP from a bootstrap over blocks of frames, NaN for few of them; vehicles, frames: to be
     detected, in how many frames; kind: of the objects, "vehicle", or "object" if several classes count, whose AP and
-    recall are combined.
-    """
+    recall are combined."""
 
     ap: float
     low: float
@@ -55,8 +51,7 @@ class PlanOption:
     None if not judged; searches: those that found it; mean_ap: over IoU 0.7, 0.8 and 0.9. Three results are None unless
     the plan asks for them: left: with failed sensors, over the levels of traffic if there are several; over_levels:
     intact, over the levels; over_errors: over the error profiles, with failures and levels. All other figures are at
-    the first profile.
-    """
+    the first profile."""
 
     sensors: tuple[str, ...]
     price: float
@@ -129,8 +124,7 @@ class SchemeFigures:
 class DrawnErrors:
     """AP of the chosen set at one error profile whose errors are drawn several times, each for all frames.
 
-    aps: of each draw; mean: of these; tenth: AP below which one draw in ten falls; frames: of each draw.
-    """
+    aps: of each draw; mean: of these; tenth: AP below which one draw in ten falls; frames: of each draw."""
 
     profile: str
     aps: tuple[float, ...]
@@ -186,8 +180,7 @@ class Plan(Displayed):
     each of several drawings of the site, on the traffic of the comparison; running: what the catalogue's rates add to
     the price; poles_unused: names; origins: number of things at the site by origin ("mapped", "surveyed", "drawn") and
     kind; head: title, client, date and author, those that the catalogue gives; blind_streets: m² of lanes that no
-    sensor sees, by street; assumptions, unknown: sentences; provenance: digests of all inputs, seeds, versions.
-    """
+    sensor sees, by street; assumptions, unknown: sentences; provenance: digests of all inputs, seeds, versions."""
 
     question: dict[str, object]
     site: str
@@ -254,8 +247,7 @@ class Plan(Displayed):
 class Moment:
     """One frame for pictures.
 
-    clouds: points of each sensor; *_hit, *_ignored: truths and detections that hit, and those that do not count.
-    """
+    clouds: points of each sensor; *_hit, *_ignored: truths and detections that hit, and those that do not count."""
 
     clouds: tuple[Float32[np.ndarray, "_ 3"], ...]
     truth: Objects
@@ -271,8 +263,7 @@ class Planned(Displayed):
     """A plan with the inputs of its pages and maps.
 
     site: with the chosen sensors mounted; candidates: None without any; ground, moments: None and empty if no set may
-    be built.
-    """
+    be built."""
 
     plan: Plan
     site: Site

@@ -1,9 +1,6 @@
 """Maps of a plan as SVG text: sensors, coverage and density of the ground, and blind spots.
 
-Cells lie between streets and solids as an image; everything else is lines. The same arguments give the same text.
-"""
-
-from __future__ import annotations
+Cells lie between streets and solids as an image; everything else is lines. The same arguments give the same text."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -65,8 +62,7 @@ def plan_view(
     """Draw the site with the chosen sensors, poles (names of mounts), and the ground each sensor sees.
 
     Without `ground`, fields of view up to the first building are drawn. Raises ValueError for an unknown pole, and for
-    a ground of other sensors.
-    """
+    a ground of other sensors."""
     with canvas.house_style():
         return canvas.svg_text(
             _plan_sheet(site, sensors, ground, poles, poles_unused).figure, "Plan view of the chosen sensors"
@@ -112,8 +108,7 @@ def _plan_sheet(
 def coverage_map(site: Site, ground: Ground, sensors: Sequence[Sensor]) -> str:
     """Map the number of sensors that see each place: 0, 1, 2, 3 or more.
 
-    Raises ValueError for a ground of other sensors.
-    """
+    Raises ValueError for a ground of other sensors."""
     views = np.minimum(ground.views, 3)
     shares = [float((views[ground.open_ground] == k).mean()) if ground.open_ground.any() else 0.0 for k in range(4)]
     names = ["no sensor", "1 sensor", "2 sensors", "3 or more"]

@@ -2,10 +2,7 @@
 
 vector = gym.make_vec("coview/SensorSelect-v0", num_envs=64) MaskablePPO("MlpPolicy", as_sb3(vector)).learn(10_000)
 
-All other environments are stepped one by one.
-"""
-
-from __future__ import annotations
+All other environments are stepped one by one."""
 
 from collections.abc import Callable
 from typing import Any
@@ -26,7 +23,7 @@ from toolkit.arrays import Float32
 X, HEADING = STATIC.index("x"), STATIC.index("cos heading")  # y and sine come next
 
 
-def as_sb3(vector: gym.vector.VectorEnv[Any, Any, Any], *, augment: bool = False) -> SB3VecEnv:
+def as_sb3(vector: gym.vector.VectorEnv[Any, Any, Any], *, augment: bool = False) -> "SB3VecEnv":
     """Adapt a vector environment of `gymnasium.make_vec("coview/...")`. Raises ValueError for any other."""
     native = vector.unwrapped
     if not isinstance(native, PlacementVectorEnv):
@@ -37,8 +34,7 @@ def as_sb3(vector: gym.vector.VectorEnv[Any, Any, Any], *, augment: bool = False
 def vectorize(first: AnyEnv, make_env: Callable[[], AnyEnv], n: int, *, augment: bool = False) -> VecEnv:
     """Step n episodes of an environment and others like it together; coview's own share its scenarios.
 
-    Raises ValueError for `augment`, see `SB3VecEnv`, with any other environment.
-    """
+    Raises ValueError for `augment`, see `SB3VecEnv`, with any other environment."""
     ours = type(first) in (SensorSelectEnv, SensorSubsetEnv, SensorPoseEnv)  # neither wrapped nor inherited from
     if ours and isinstance(first, PlacementEnv):
         return SB3VecEnv(PlacementVectorEnv(n, first.task), augment=augment)
@@ -52,8 +48,7 @@ class SB3VecEnv(VecEnv):
 
     Infos are empty until an episode ends; then they hold its return `r` and length `l` (`episode`), its final set
     (`subset`), `TimeLimit.truncated` and `terminal_observation`. augment: each episode's junction is rotated by a
-    multiple of 90° and mirrored at random, as seen by agents.
-    """
+    multiple of 90° and mirrored at random, as seen by agents."""
 
     def __init__(self, vector: PlacementVectorEnv, *, augment: bool = False) -> None:
         self.vector, self._augment = vector, augment

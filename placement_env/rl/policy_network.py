@@ -1,10 +1,7 @@
 """Policy network that judges every candidate with the same weights.
 
 Knowledge of one candidate holds for all others, at any junction and in any order; a plain network would learn it anew
-for each slot. It has some thousand weights for any number of slots.
-"""
-
-from __future__ import annotations
+for each slot. It has some thousand weights for any number of slots."""
 
 import numpy as np
 import torch

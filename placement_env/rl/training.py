@@ -2,10 +2,7 @@
 
 MaskablePPO (sb3-contrib) trains environments with action masks, PPO (Stable-Baselines3) all others, in rounds of some
 updates. Each round starts from reset environments and generators seeded by the run's seed and its number, so a training
-that is killed and called again ends with the same weights. Checkpoints hold tensors and numbers only.
-"""
-
-from __future__ import annotations
+that is killed and called again ends with the same weights. Checkpoints hold tensors and numbers only."""
 
 import time
 from collections.abc import Callable, Mapping
@@ -44,8 +41,7 @@ class Learning:
 
     envs: stepped side by side; rollout: steps of each between updates; width: of the two hidden layers, or of
     `policy_network` if candidates are chosen one after another; augment: junctions are rotated and mirrored at random
-    in every episode, so that a policy for several memorises less of them (coview's own environments only).
-    """
+    in every episode, so that a policy for several memorises less of them (coview's own environments only)."""
 
     envs: int = 16
     rollout: int = 16
@@ -76,8 +72,7 @@ def search(
     """Best set that MaskablePPO meets, trained at this objective alone, or in `EPISODES` episodes after that.
 
     Every step counts as an evaluation; without a limit `DEFAULT_STEPS` are trained. checkpoint: keeps the policy, and
-    the best set up to each round.
-    """
+    the best set up to each round."""
     if objective.setting.keep:
         raise ValueError("a policy does not know poles that must carry a sensor: say --method portfolio or swap")
     steps = DEFAULT_STEPS if seconds is None and evaluations is None else evaluations
@@ -131,13 +126,12 @@ def train_policy(
     learning: Learning = PLAIN,
     progress: Callable[[int, float], None] | None = None,
     watch: Watch | None = None,
-) -> OnPolicyAlgorithm:
+) -> "OnPolicyAlgorithm":
     """Train until `steps` environment steps are done in all, or `seconds` in this call, in whole rounds.
 
     `out/policy.pt` is kept; called again with the folder, training resumes. progress: called with the steps done and
     the mean return of the last 100 episodes, NaN before the first; watch: called with the infos of each step. Raises
-    ValueError without a limit and if `out` holds another training, ImportError without the libraries.
-    """
+    ValueError without a limit and if `out` holds another training, ImportError without the libraries."""
     from models.weight_files import read_checkpoint, save_atomically
 
     if steps is None and seconds is None:
@@ -198,24 +192,16 @@ def restore_rounds(folder: Path, rounds: Rounds) -> KeptState | None:
 
 
 def rollout(
-    policy: OnPolicyAlgorithm,
-    env: AnyEnv,
-    *,
-    episodes: int = 1,
-    seed: int = 0,
-    seconds: float | None = None,
-    options: Info | None = None,
+    policy: "OnPolicyAlgorithm", env: AnyEnv, *, episodes: int = 1, seed: int = 0, options: Info | None = None
 ) -> Result:
     """Best set that a policy meets in some episodes from the same reset, the first with the likeliest actions."""
     import torch
 
-    limits, masked = Limits(seconds, None), _has_masks(env)
+    limits, masked = Limits(None, None), _has_masks(env)
     torch.manual_seed(seed)
     best: Score | None = None
     sensors: tuple[Sensor, ...] = ()
     for episode in range(episodes):
-        if episode and limits.spent:
-            break
         observation, _ = env.reset(seed=seed, options=options)
         ended = False
         while not ended:
@@ -256,7 +242,7 @@ def _has_masks(env: AnyEnv) -> bool:
 
 def _model(
     make_env: Callable[[], AnyEnv], learning: Learning, seed: int
-) -> tuple[OnPolicyAlgorithm, Mapping[str, object]]:
+) -> "tuple[OnPolicyAlgorithm, Mapping[str, object]]":
     """Untrained model, and the settings that two trainings must share to be the same."""
     try:
         from sb3_contrib import MaskablePPO

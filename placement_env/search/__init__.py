@@ -16,8 +16,7 @@ sensors, no more on a mount than it carries, within the capacity of its link. So
 
 **AP is not submodular**: what a sensor adds may grow as others join, so greedy's (1 - 1/e) holds for coverage only. In
 the paper's table (T-junction, early fusion, IoU 0.7) sensor 2 alone has AP 0.2013, but added to {3} it gains 0.2079.
-Greedy starts there from {4}, the best one, and {3, 4}, the best two; the best three, {0, 2, 5}, hold neither.
-"""
+Greedy starts there from {4}, the best one, and {3, 4}, the best two; the best three, {0, 2, 5}, hold neither."""
 
 from lazy_loader import attach_stub
 

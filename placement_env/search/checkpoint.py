@@ -2,10 +2,7 @@
 
 A state is one file for each part of a search: JSON values and arrays, signed over them, the question and the code with
 the folder's secret, replaced whole. A damaged or forged state, or one of another question or other code, is ignored:
-that part of the search starts anew. Other slow results (visibility, renders, detections) are in the cache.
-"""
-
-from __future__ import annotations
+that part of the search starts anew. Other slow results (visibility, renders, detections) are in the cache."""
 
 import json
 import shutil
@@ -42,7 +39,7 @@ class Checkpoint:
     def _key(self) -> bytes:
         return make_key(self._depends_on.hex(), self._part) + read_secret(self._path.with_name(f"secret{STATE}"))
 
-    def part(self, name: str) -> Checkpoint:
+    def part(self, name: str) -> "Checkpoint":
         """Checkpoint of a search within this one."""
         return Checkpoint(self.folder, depends_on=self._depends_on, part=f"{self._part}.{name}", every=self.every)
 
@@ -90,8 +87,7 @@ def unfinished(
     """Checkpoint of a search in a folder of its own, which is removed when the block ends normally.
 
     code: module of the search. Raises FileExistsError where the folder holds an unfinished search of another question
-    and may not be overwritten, and where another process is working in it.
-    """
+    and may not be overwritten, and where another process is working in it."""
     shards = find_unfinished(folder, question)
     with shards.lock():
         shards.open(overwrite)

@@ -5,10 +5,7 @@ without bounds), tilt between `TILT_RANGE` (0 to 1) and, where sensors may roam,
 (0 to 1 each), which mean the nearest mount where earlier sensors have left a place. Every vector is rendered: in
 panoramas of the mounts where the preparation makes these (`Preparation.live`), else by rays, which is affordable for a
 few hundred vectors. So the start should be good. Panoramas nearly always agree with rays within 3 % or 8 points of an
-object.
-"""
-
-from __future__ import annotations
+object."""
 
 import time
 import warnings
@@ -47,16 +44,14 @@ def search(
     seed: int = 0,
     seconds: float | None = None,
     evaluations: int | None = None,
-    roam: bool = False,
     checkpoint: Checkpoint = NOWHERE,
 ) -> Result:
     """Greedy's set with turned, tilted and lifted sensors; `Result.best` names the candidates they come from.
 
-    The limits hold for the moved sets, seconds for both stages; roam, checkpoint: see `improve`. If no sensor pays,
+    The limits hold for the moved sets, seconds for both stages; checkpoint: see `improve`. If no sensor pays,
     that is the answer. Poses seen in panoramas are scored by rays in the end; the answer is the start where that is
     better. Raises ValueError for an objective without a site, and for several IoU thresholds, failures or levels of
-    traffic.
-    """
+    traffic."""
     made = objective.preparation
     if made is None:
         raise ValueError("CMA-ES moves sensors, so it needs an objective made from a site: Objective(site)")
@@ -70,9 +65,7 @@ def search(
     live = None if objective.fidelity == "detector" else made.live
     left = None if seconds is None else max(1e-3, seconds - (time.monotonic() - began))
     score_poses = build_pose_scorer(made, objective.weights, live=live)
-    result = improve(
-        score_poses, start, seed=seed, seconds=left, evaluations=evaluations, roam=roam, checkpoint=checkpoint
-    )
+    result = improve(score_poses, start, seed=seed, seconds=left, evaluations=evaluations, checkpoint=checkpoint)
     if live is not None and result.sensors:
         result = settle_by_rays(build_pose_scorer(made, objective.weights), start, result)
     best = replace(result.best, subset=first.best.subset)
@@ -96,24 +89,22 @@ def improve(
     seed: int = 0,
     seconds: float | None = None,
     evaluations: int | None = None,
-    roam: bool = False,
     checkpoint: Checkpoint = NOWHERE,
 ) -> Result:
     """Turn, tilt and lift the sensors of `start` to raise their score.
 
-    start: on separate mounts; roam: whether a sensor may go to another of `start.mounts`; checkpoint: where the costs
+    start: on separate mounts; checkpoint: where the costs
     of all steps are kept; without a limit 300 vectors are scored. The answer is never worse than the start, which is
     scored first. When the search has settled it restarts at the best with twice the population. `Result.best.subset`
     just counts the sensors. Raises ValueError without a sensor, where two share a mount or where the start may not be
-    built, and ImportError without `cma`.
-    """
+    built, and ImportError without `cma`."""
     if not len(start) or (np.bincount(start.mount, minlength=len(start.mounts)) > start.places).any():
         mounts = np.unique(start.mount).size
         raise ValueError(f"need sensors on mounts of their own, got {len(start)} on {mounts} mounts")
     cma = _cma()
     limits = Limits(seconds, VECTORS if seconds is None and evaluations is None else evaluations)
     rng = np.random.default_rng(seed)
-    coding, sensors = Coding(start, roam), start.sensors
+    coding, sensors = Coding(start), start.sensors
     (first_score,) = score_poses([sensors])
     if first_score is None:
         raise ValueError("the sensors to start from may not be built: choose a feasible set")
@@ -168,8 +159,7 @@ def improve(
 def build_pose_scorer(preparation: Preparation, weights: Weights = FREE, *, live: LiveView | None = None) -> PoseScorer:
     """Scorer of sensor sets by the preparation's fidelity, None where a set does not fit its mounts and links.
 
-    live: panoramas to use, None to cast rays.
-    """
+    live: panoramas to use, None to cast rays."""
     quiet = replace(preparation.run, cache=None, progress=None)
 
     def score_poses(sets: Sequence[Poses]) -> list[Score | None]:
@@ -203,13 +193,12 @@ def angles(sensor: Sensor) -> tuple[float, float, float]:
 
 
 class Coding:
-    """Convert sets of sensors to vectors and back. Each sensor keeps its model and, unless it roams, its mount."""
+    """Convert sets of sensors to vectors and back. Each sensor keeps its model and mount."""
 
-    def __init__(self, start: Candidates, roam: bool) -> None:
-        self.start, self.roam = start, roam
+    def __init__(self, start: Candidates) -> None:
+        self.start = start
         self.feet = np.array([mount.position for mount in start.mounts])
         self.heights = np.array([[mount.min_height, mount.max_height] for mount in start.mounts])
-        self.corner, self.span = self.feet[:, :2].min(axis=0), np.maximum(np.ptp(self.feet[:, :2], axis=0), 1e-9)
 
     def encode(self) -> Float64[np.ndarray, " n"]:
         """The vector of the start."""
@@ -217,19 +206,13 @@ class Coding:
         height, _, tilt = np.array([angles(sensor) for sensor in self.start.sensors]).T
         lift = (height - feet[:, 2] - low) / np.maximum(high - low, 1e-9)
         columns = [lift, np.zeros(len(lift)), (tilt - TILT_RANGE[0]) / (TILT_RANGE[1] - TILT_RANGE[0])]
-        columns += [*((feet[:, :2] - self.corner) / self.span).T] if self.roam else []
         return np.clip(np.stack(columns, axis=1), 0.0, 1.0).ravel()
 
     def decode(self, vector: Float64[np.ndarray, " n"]) -> Poses:
         """The sensors of a vector."""
-        taken = np.zeros(len(self.feet), np.int64)
         sensors = []
         rows = vector.reshape(len(self.start), -1)
-        for sensor, mount, (lift, turn, tilt, *spot) in zip(self.start.sensors, self.start.mount, rows, strict=True):
-            if self.roam:
-                away = np.linalg.norm(self.feet[:, :2] - (self.corner + np.array(spot) * self.span), axis=1)
-                mount = np.where(taken >= self.start.places, np.inf, away).argmin()
-            taken[mount] += 1
+        for sensor, mount, (lift, turn, tilt) in zip(self.start.sensors, self.start.mount, rows, strict=True):
             low, high = self.heights[mount]
             position = self.feet[mount] + [0.0, 0.0, low + lift * (high - low)]
             heading = float(angles(sensor)[1] + np.pi * turn)
@@ -239,7 +222,7 @@ class Coding:
 
     def options(self) -> dict[str, object]:
         """Bounds as `cma` takes them. All values but the headings are bounded."""
-        return {"bounds": [[end, None, *[end] * (3 if self.roam else 1)] * len(self.start) for end in (0.0, 1.0)]}
+        return {"bounds": [[end, None, end] * len(self.start) for end in (0.0, 1.0)]}
 
 
 def _cma() -> ModuleType:

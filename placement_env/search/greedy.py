@@ -11,10 +11,7 @@ Nemhauser, Wolsey 1978), none where links are shared. A bound from the data is u
 Leskovec et al., KDD 2007): for the answer S and any feasible T of at most k sensors f(T) <= f(S) + sum over t in T of
 [f(S + t) - f(S)]. So no T has more than f(S) and the k largest gains, of which each mount gives as many as it carries.
 
-`with_first_sensors` gives a site without any sensors its first ones by greedy coverage, to try the site.
-"""
-
-from __future__ import annotations
+`with_first_sensors` gives a site without any sensors its first ones by greedy coverage, to try the site."""
 
 import math
 from collections.abc import Sequence
@@ -53,8 +50,7 @@ def search(
     """Best set on greedy's way; of equal candidates the first is taken, `seed` is not used.
 
     submodular: True for a custom fidelity that is known to be monotone submodular, None to check for coverage by one
-    view. The answer then has a certificate, for C more sets, unless a gain was seen to grow.
-    """
+    view. The answer then has a certificate, for C more sets, unless a gain was seen to grow."""
     progress = Progress(objective, budget, seconds, evaluations)
     chosen, rise = grow(progress)
     prices = objective.candidates.prices
@@ -101,8 +97,7 @@ def raced(
     """Greedy set whose candidates race for each place (`Objective.race`), for the detector, where a frame is slow.
 
     Evaluations count sets on all frames, rounded up; limits are checked between races. Raises ValueError for a fidelity
-    that cannot score some of the frames.
-    """
+    that cannot score some of the frames."""
     progress = Progress(objective, budget, seconds, evaluations)
     chosen: list[int] = []
     while len(chosen) < budget and not progress.spent:
@@ -149,8 +144,7 @@ def online_bound(progress: Progress, chosen: list[int]) -> float:
 def certify(progress: Progress, chosen: list[int], ratio: float, rise: float) -> Certificate:
     """Greedy's certificate for a monotone submodular objective.
 
-    ratio: guaranteed share of the optimum, void under cost weights; rise: largest observed growth of a gain.
-    """
+    ratio: guaranteed share of the optimum, void under cost weights; rise: largest observed growth of a gain."""
     costs = progress.objective.weights.comm > 0 or progress.objective.weights.price > 0
     if rise > TOLERANCE and not costs:
         return progress.unknown(f"said to be submodular, but a gain grew by {rise:.2g} as other sensors joined")
@@ -187,8 +181,7 @@ class FirstSensors:
 class HalvedViews:
     """Mean over objects of 1 - 2^-n where n sensors of a set have `LEAST` points on the object. Submodular.
 
-    Each further view is worth half of the one before, so sensors that add no object still spread their views.
-    """
+    Each further view is worth half of the one before, so sensors that add no object still spread their views."""
 
     name = "halved views"
 
@@ -206,8 +199,7 @@ class HalvedViews:
 def with_first_sensors(site: Site, count: int) -> FirstSensors:
     """Replace a site's sensors by `count` cameras on its mounts, fewer if no more fit or see a vehicle.
 
-    Raises ValueError for a count below 1, and for a site without mounts, poses or vehicles.
-    """
+    Raises ValueError for a count below 1, and for a site without mounts, poses or vehicles."""
     check_whole("number of sensors", count, least=1)
     candidates = pool(site, heights=[HEIGHT], headings=HEADINGS, tilts=[TILT])
     visibility = see(simulate_traffic(site, FIRST_FRAMES), candidates)

@@ -1,7 +1,5 @@
 """The searches by name, with checks of their abilities that run before anything is rendered."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module

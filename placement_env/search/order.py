@@ -1,7 +1,5 @@
 """`SearchOrder`, which describes one search, and `run_search`, which answers it, also in words."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -53,8 +51,7 @@ class SearchOrder:
     budget: most sensors; verify: fidelity that scores an answer and its neighbours; judge, confidence, contenders: of a
     portfolio's race and assessment; demand: of the cheapest set; curve: the best set of every number of sensors up to
     the budget, or for every amount of money where it is limited, by a portfolio; currency: of prices, "" for those of
-    one ordinary pole; tell: takes a line with a first answer.
-    """
+    one ordinary pole; tell: takes a line with a first answer."""
 
     setting: Setting
     run: Run = Run()
@@ -137,13 +134,12 @@ class SearchOrder:
         return kept.found == kept.plan
 
     @contextmanager
-    def keeping(self, out: Path | None, *, overwrite: bool = False) -> Iterator[tuple[SearchOrder, Checkpoint]]:
+    def keeping(self, out: Path | None, *, overwrite: bool = False) -> "Iterator[tuple[SearchOrder, Checkpoint]]":
         """The order with the checkpoint of its answer in a folder, None for nowhere. The block must write the answer.
 
         Until it ends normally, the state of the search stands beside the folder, in one with the suffix `UNFINISHED`,
         where the same question resumes. Raises FileExistsError where another search is unfinished and may not be
-        overwritten.
-        """
+        overwritten."""
         if out is None:
             yield self, NOWHERE
             return
@@ -159,8 +155,7 @@ class SearchOrder:
 class Answer:
     """Answer to an order. summary: for JSON; lines: to print; met: True where any sensor is to be built.
 
-    result, chosen: of one search, and the set to hand over, which a check may have changed; points: of a curve.
-    """
+    result, chosen: of one search, and the set to hand over, which a check may have changed; points: of a curve."""
 
     objective: Objective
     summary: Summary

@@ -1,7 +1,5 @@
 """`Progress` scores sets for one search within limits, and keeps the incumbent, the best feasible set."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Sequence
 
@@ -63,8 +61,7 @@ class Progress:
     """Score sets and keep the best feasible one of at most `budget` candidates, at first the empty set, reward 0.
 
     Where poles must carry a sensor, the empty set is worse than any other. A limit in seconds is kept to about
-    `PACE_S`, or the time of one set.
-    """
+    `PACE_S`, or the time of one set."""
 
     def __init__(self, objective: Objective, budget: int, seconds: float | None, evaluations: int | None) -> None:
         check_whole("budget", budget, least=1)

@@ -1,7 +1,5 @@
 """`Result` of a search: the best set, its history, and evidence of how good it is."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Iterable, Sequence
@@ -44,8 +42,7 @@ class Certificate:
     kind: "optimal", no feasible set is better; "bound", none is better than `bound`; "local optimum", none that differs
     in one sensor is better; "none", nothing is known; value, bound: of the answer and of all feasible sets, in
     `measure`; ratio: share of the optimum that the method is sure to reach before it starts, 0 where none; note: in
-    words, with the conditions.
-    """
+    words, with the conditions."""
 
     kind: Literal["optimal", "bound", "local optimum", "none"]
     value: float
@@ -55,7 +52,7 @@ class Certificate:
     measure: Measure = "reward"
 
     @staticmethod
-    def from_bound(value: float, bound: float, note: str, measure: Measure = "reward") -> Certificate:
+    def from_bound(value: float, bound: float, note: str, measure: Measure = "reward") -> "Certificate":
         """Certificate of an answer that is optimal where it equals its bound."""
         return Certificate("optimal" if value == bound else "bound", value, bound, float(value == bound), note, measure)
 
@@ -103,8 +100,7 @@ class Assessment:
     objects, frames: used to judge it; predicted: AP by the searched objective; confidence: that no entrant is better by
     more than `tolerance`; `asked` is the level to reach; entrants: sets that raced; raced: frames that the winner was
     raced on; contenders: judged answers of searches; by_errors: AP at each of several error profiles by
-    itself, of which `ap` is the "worst" or the "mean", as `errors_by` says.
-    """
+    itself, of which `ap` is the "worst" or the "mean", as `errors_by` says."""
 
     by: str
     ap: float
@@ -136,8 +132,7 @@ class Result(Displayed):
 
     front: scored sets that no other beats in AP, kbit and price at once, by price and kbit, and by_size: the best set
     of 1, 2, ... sensors (exhaustive only); assessment: on fresh traffic (portfolio only); origin: site, frames and seed
-    of the traffic, version, and the best set's sensors by name, see `Objective.describe_origin`.
-    """
+    of the traffic, version, and the best set's sensors by name, see `Objective.describe_origin`."""
 
     method: str
     best: Score
@@ -154,8 +149,7 @@ class Result(Displayed):
     def save(self, path: str | Path, *, overwrite: bool = False) -> None:
         """Write the result as JSON, completely or not. `load` reads it; null stands for non-finite values.
 
-        Raises FileExistsError for a file that may not be overwritten.
-        """
+        Raises FileExistsError for a file that may not be overwritten."""
         if Path(path).exists() and not overwrite:
             raise FileExistsError(f"{path} exists: save to another file, or pass overwrite=True")
         content = {"coview_result": VERSION} | asdict(self)
@@ -164,7 +158,7 @@ class Result(Displayed):
         write_text(path, json.dumps(replace_infinite(content), indent=1, allow_nan=False) + "\n")
 
     @staticmethod
-    def load(path: str | Path) -> Result:
+    def load(path: str | Path) -> "Result":
         """Read a file that `save` wrote. Raises OSError, or ValueError in one line for a damaged or foreign file."""
         content = read_json(path)
         if not isinstance(content, dict) or content.get("coview_result") != VERSION:

@@ -2,10 +2,7 @@
 
 The set is taken as `budget` places, each with one sensor or none. A step scores every alternative for one place at once
 and takes the best, so it may swap, add or drop a sensor. When no place can be improved the set is a local optimum under
-such changes, and the search restarts from a random set.
-"""
-
-from __future__ import annotations
+such changes, and the search restarts from a random set."""
 
 import sys
 from collections.abc import Callable, Iterable
@@ -52,8 +49,7 @@ def search(
     start: candidates by index or name; those that do not fit beside earlier ones are left out; starts: their number;
     None for as many as the limits allow, or `STARTS` without a limit; checkpoint: where the state of the search is
     kept. The certificate is "local optimum" where the neighbourhood of the best set was searched completely. Raises
-    ValueError where `starts` is below 1 and for an unknown candidate.
-    """
+    ValueError where `starts` is below 1 and for an unknown candidate."""
     if starts is not None:
         check_whole("starts", starts, least=1)
     progress = Progress(objective, budget, seconds, evaluations)

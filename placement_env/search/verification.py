@@ -1,7 +1,5 @@
 """Score a fast result, and sets that differ from it in one sensor, again by an accurate fidelity."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -35,8 +33,7 @@ def verified(fast: Objective, accurate: Objective, subset: Int64[np.ndarray, " k
     The fast fidelity's error exceeds the effect of one sensor's pose, so a neighbour may be the better set. Where the
     accurate fidelity can score some of the frames, the `RACING` best sets by the fast reward race. Sets that tie with
     the last of the best by the fast reward are ranked too. Raises ValueError where the candidates differ, and for
-    `best` below 1.
-    """
+    `best` below 1."""
     check_whole("best", best, least=1)
     if fast.candidates.digest() != accurate.candidates.digest():
         raise ValueError("both objectives must choose from the same candidates: make the second from the first's")
@@ -63,8 +60,7 @@ def verify_best(fast: Objective, accurate: Objective, result: Result) -> tuple[S
 def score_result(accurate: Objective, result: Result) -> Score:
     """Score a result by another objective of the same candidates; moved sensors are scored in their poses.
 
-    Raises ValueError where they were moved and the objective has no site, or they may not be built there.
-    """
+    Raises ValueError where they were moved and the objective has no site, or they may not be built there."""
     if not result.sensors:
         return accurate.score(result.best.subset)
     from placement_env.search.cmaes import build_pose_scorer
@@ -116,8 +112,7 @@ def best_of_equals(
 ) -> list[int]:
     """Best set by the objective that changes of one sensor reach within the limits while they keep the count.
 
-    Coverage has many optima (one set of coverage 1.000 has AP 0.918, its neighbour 0.98): a solver answers with any.
-    """
+    Coverage has many optima (one set of coverage 1.000 has AP 0.918, its neighbour 0.98): a solver answers with any."""
     best = sorted(int(c) for c in chosen)
     if not best:
         return best

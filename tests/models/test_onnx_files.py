@@ -51,7 +51,7 @@ def test_maps_equal_torch_for_any_network(config, tmp_path):
     assert exported.quick() is exported
     assert not len(exported(cloud()[:0]))
     assert not len(exported(cloud() + np.float32([99, 0, 0])))
-    with pytest.raises(ValueError, match=r"is for the area -8 -8 8 8 alone, got -9 -8 8 8"):
+    with pytest.raises(ValueError, match=r"is for the area -8 -8 8 8, got -9 -8 8 8"):
         OnnxDetector(tmp_path / "w.onnx", (-9, -8, 8, 8))
 
 

@@ -5,8 +5,6 @@ a copy of the tree, where the room's own tests run until one fails. A survivor i
 the same.
 """
 
-from __future__ import annotations
-
 import argparse
 import ast
 import os

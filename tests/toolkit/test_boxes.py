@@ -134,8 +134,7 @@ def greedy_nms(boxes, scores, threshold, metric):
 def test_nms_agrees_with_its_definition(boxes, data):
     scores = np.array([data.draw(st.integers(0, 4)) for _ in boxes], float)
     threshold = data.draw(st.sampled_from([0.0501, 0.1003, 0.3007, 0.7001]))
-    for metric in ("bev", "3d"):
-        assert bx.nms(boxes, scores, threshold, metric).tolist() == greedy_nms(boxes, scores, threshold, metric)
+    assert bx.nms(boxes, scores, threshold).tolist() == greedy_nms(boxes, scores, threshold, "bev")
 
 
 def test_boxes_suppress_equals_and_hold_points():
@@ -145,8 +144,7 @@ def test_boxes_suppress_equals_and_hold_points():
     assert bx.nms(np.array([CAR, CAR]), [1, 1], 1.0).tolist() == [0, 1]
     assert bx.nms([], [], 0.5).shape == (0,)
     above = np.array([CAR, [0, 0, 9, 4, 2, 1.5, 0]])
-    assert len(bx.nms(above, [1, 2], 0.1, "bev")) == 1
-    assert len(bx.nms(above, [1, 2], 0.1, "3d")) == 2
+    assert len(bx.nms(above, [1, 2], 0.1)) == 1
     # A row of ten, 1 m apart and 3 m long: neighbours overlap by one half, and no round settles more than one
     # pair.
     row = np.array([[x, 0.0, 1.0, 3.0, 2.0, 1.5, 0.0] for x in range(10)])
@@ -180,15 +178,15 @@ def test_boxes_suppress_equals_and_hold_points():
 
 
 @pytest.mark.parametrize(
-    ("scores", "threshold", "metric", "message"),
+    ("scores", "threshold", "message"),
     [
-        *(([1.0, np.nan], 0.5, "bev", "row 1 is NaN"), ([1.0], 0.5, "bev", "one entry for each of the 2 boxes")),
-        *(([1.0, 2.0], 1.5, "bev", "0..1, got 1.5"), ([1.0, 2.0], 0.5, "2d", '"bev" or "3d"')),
+        *(([1.0, np.nan], 0.5, "row 1 is NaN"), ([1.0], 0.5, "one entry for each of the 2 boxes")),
+        ([1.0, 2.0], 1.5, "0..1, got 1.5"),
     ],
 )
-def test_nms_refuses(scores, threshold, metric, message):
-    with pytest.raises((ValueError, TypeError), match=message if metric != "2d" else None):
-        bx.nms(np.array([CAR, CAR]), scores, threshold, metric)
+def test_nms_refuses(scores, threshold, message):
+    with pytest.raises(ValueError, match=message):
+        bx.nms(np.array([CAR, CAR]), scores, threshold)
 
 
 @given(some_boxes, st.integers(0, 2**32 - 1))

@@ -2,10 +2,7 @@
 
 A body's frame is its box: origin at the centre, x forward, y left, z up; wheels or soles touch its floor. The box is
 tight around the whole mesh, umbrellas and loads included, unless `truth` says otherwise: wing mirrors of drawn bodies
-stick out of their boxes, as annotators of real data leave them out.
-"""
-
-from __future__ import annotations
+stick out of their boxes, as annotators of real data leave them out."""
 
 from dataclasses import dataclass, field
 from functools import cached_property

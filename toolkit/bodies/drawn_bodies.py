@@ -9,10 +9,7 @@ Cars drawn at random: their proportions, their meshes, and what they carry.
 
 Within a kind the length is drawn first; width and height follow it on average, each with a spread of a decimetre and
 more, so that the length of a car does not tell its width. Block-built cars have no arches, no rounding and few
-triangles, as many models of others do. Every mesh is stretched to the length, width and height that were drawn.
-"""
-
-from __future__ import annotations
+triangles, as many models of others do. Every mesh is stretched to the length, width and height that were drawn."""
 
 from dataclasses import dataclass, replace
 from functools import cache, partial

@@ -1,7 +1,5 @@
 """Fleets: bodies that traffic may use, from the catalogue, drawn, or from meshes."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import cycle, islice
@@ -79,8 +77,7 @@ def fleet_named(
     held_out: see `catalogue`; mirrors: count wing mirrors into ground truth boxes, also of meshes where they are seen
     to stick out.
 
-    Raises ValueError for another name, a folder missing or given in vain, and arguments that exclude each other.
-    """
+    Raises ValueError for another name, a folder missing or given in vain, and arguments that exclude each other."""
     if name is None:
         name = "catalogue" if held_out else "own" if meshes is None else "meshes"
     if name not in FLEETS:

@@ -14,10 +14,7 @@ whose class is unclear; nothing is turned or scaled on a guess. A table, `meshes
     forward = "z"                 # and the one that points forward
     scale = 0.0254                # metres of one of its units
 
-Only `file` must be there.
-"""
-
-from __future__ import annotations
+Only `file` must be there."""
 
 from dataclasses import dataclass
 from itertools import product
@@ -119,8 +116,7 @@ def surface_points(mesh: Mesh) -> Float64[np.ndarray, "n 3"]:
 def mirror_span(mesh: Mesh) -> Span | None:
     """Range of y (m) of a vehicle's body without wing mirrors; None where none sticks out by 3 cm or more.
 
-    A mirror sticks out within 30 cm of the outermost point, above the wheels, in the front six tenths.
-    """
+    A mirror sticks out within 30 cm of the outermost point, above the wheels, in the front six tenths."""
     points = surface_points(mesh)
     low, size = mesh.vertices.min(axis=0), np.ptp(mesh.vertices, axis=0)
     x, z = points[:, 0], points[:, 2] - low[2]
@@ -187,8 +183,7 @@ class MeshEntry:
 def read_mesh_table(folder: Path) -> dict[Path, MeshEntry]:
     """Read `meshes.toml` in a folder, by file; empty if there is none.
 
-    Raises ValueError, naming the table and the entry, for damaged TOML and impossible entries.
-    """
+    Raises ValueError, naming the table and the entry, for damaged TOML and impossible entries."""
     path = folder / TABLE
     if not lexists(path):
         return {}

@@ -1,7 +1,5 @@
 """People of the catalogue, on foot and riding, built limb by limb from the joints of a posed figure."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -27,8 +25,7 @@ AT_AN_EAR = ((0.08, 0.13, 0.66), (0.10, -0.12, 0.68)), ((0.16, 0.05, 0.80), (0.0
 class Figure:
     """Joints of a person 1 unit tall facing +x, y left.
 
-    stout: breadth of trunk and limbs relative to an average adult.
-    """
+    stout: breadth of trunk and limbs relative to an average adult."""
 
     hip: Vector = (0.0, 0.0, 0.52)
     neck: Vector = (0.01, 0.0, 0.83)
@@ -184,8 +181,7 @@ def rider(
     """Person on a saddle, hands at `grip` and its mirror image.
 
     height: of the person; saddle: height of the saddle at x = -0.2 (m); upright: sine of the back's slope; rest: x and
-    z of the foot rests (m), None for pedals, one up and one down.
-    """
+    z of the foot rests (m), None for pedals, one up and one down."""
     back, x0 = 0.31, -0.2 / height
     hip = (x0, 0.0, saddle / height + 0.045)
     neck = (x0 + back * math.sqrt(1 - upright**2) + 0.03, 0.0, hip[2] + back * upright)

@@ -2,10 +2,7 @@
 
 A car is a row of cross-sections along x, all worked out at once. The side profile gives each its top, the plan outline
 its width; above the belt line the sides lean in (tumblehome), windscreen and tail bow in plan, and the wheel arches cut
-into the flanks.
-"""
-
-from __future__ import annotations
+into the flanks."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -31,8 +28,7 @@ _ACROSS = (1.0, 0.9, 0.7, 0.38, 0.0)  # of the roof, 1 its edge
 class Proportions:
     """Proportions of one car; lengths in metres, stations from 0 (front) to 1.
 
-    belt, lean, rounding and ends are parts of height, half width, length and width.
-    """
+    belt, lean, rounding and ends are parts of height, half width, length and width."""
 
     kind: str
     length: float

@@ -30,10 +30,7 @@ Rows are, in order of preference,
 
 Columns are even steps of the usual azimuth between neighbouring points of a row. Azimuths lie in the middle of their
 columns if they are the same in all clouds. Columns go all around or, if clouds leave a gap, from one side of it to the
-other.
-"""
-
-from __future__ import annotations
+other."""
 
 import json
 import warnings
@@ -281,8 +278,7 @@ _AT_ONCE = 256  # pixels whose measurements are compared in pairs at once
 class EmptyScene:
     """Empty scene of one sensor, by its name and model.
 
-    Raises ValueError for an image that does not fit the model's shape, or is negative or infinite.
-    """
+    Raises ValueError for an image that does not fit the model's shape, or is negative or infinite."""
 
     name: str
     model: SensorModel
@@ -308,7 +304,7 @@ class EmptyScene:
             raise ValueError(f"an empty scene needs at least one frame, got {self.frames}")
 
     @staticmethod
-    def of(sensor: Sensor, image: ImageRanges) -> EmptyScene:
+    def of(sensor: Sensor, image: ImageRanges) -> "EmptyScene":
         """Scene of a noise-free render, with the model's spread."""
         first = np.where(is_return(image, sensor.model.max_range), image, 0).astype(np.float32)
         spread = np.where(first > 0, sensor.model.deviation(first), 0).astype(np.float32)
@@ -387,8 +383,7 @@ def learn_empty_scenes(recording: Frames, sample: int = SAMPLE, *, frames: int |
     """Learn the empty scene of every sensor of a recording, in their order.
 
     sample: images that are looked at, spread over the first `frames` frames, all if None. Raises ValueError without
-    frames, and for frames of clouds.
-    """
+    frames, and for frames of clouds."""
     count = min(len(recording), len(recording) if frames is None else frames)
     if count < 1:
         raise ValueError(f"there must be a frame to learn the empty scene from, got {frames} of {len(recording)}")
@@ -444,8 +439,7 @@ class Scenes:
 
     given: scenes in place of those the recording shows, found by the sensors' names; sample: images kept of each sensor
     at most. Raises ValueError, when asked, for an unknown sensor, one that moves, and clouds that make no image; warns
-    if frames of clouds are few.
-    """
+    if frames of clouds are few."""
 
     recording: Frames
     given: Sequence[EmptyScene] | None = None
@@ -497,8 +491,7 @@ class Scenes:
 def learn_sample_scenes(samples: Iterable[Frame], *, sample: int = SAMPLE) -> dict[str, LearntScene]:
     """Learn the grid and empty scene of every sensor by name, from frames one after another.
 
-    sample: images kept of each at most. Raises ValueError as `Scenes`.
-    """
+    sample: images kept of each at most. Raises ValueError as `Scenes`."""
     coming = iter(samples)
     first = list(islice(coming, GRID_SAMPLES))
     clouds: dict[str, list[SensorCloud]] = {}
@@ -559,8 +552,7 @@ class SceneAdaptation:
     farthest.
 
     A message names its scene by digest, so a new scene is sent before it is used: read `scene` only as often as that is
-    worth it. Raises ValueError for times that are not above 0.
-    """
+    worth it. Raises ValueError for times that are not above 0."""
 
     def __init__(
         self, scene: EmptyScene, *, seconds: float = SECONDS, settle: float = SETTLE, reveal: float = REVEAL
@@ -636,7 +628,7 @@ class _Mode(NamedTuple):
     least: ImageRanges  # extreme measurements
     greatest: ImageRanges
 
-    def where(self, mask: ImageMask, other: _Mode) -> _Mode:
+    def where(self, mask: ImageMask, other: "_Mode") -> "_Mode":
         """Return this mode inside the mask, the other outside."""
         return _Mode(*(np.where(mask, mine, theirs) for mine, theirs in zip(self, other, strict=True)))
 

@@ -5,10 +5,7 @@ A roof, a wall or a row of hedges may have more points than the ground, and the 
 points are thinned to the low end of each cell of a grid. Cells that stand above others near by, by more than `max_tilt`
 and a kerb explain, are left out. A hypothesis is scored by the cells that lie on it, less those that lie well below it,
 since nothing lies under the ground. The best plane is fitted again to the points about it, cell by cell, so that near
-rings of a lidar do not outweigh far ones (M. A. Fischler and R. C. Bolles, 1981; G. Vosselman, 2000).
-"""
-
-from __future__ import annotations
+rings of a lidar do not outweigh far ones (M. A. Fischler and R. C. Bolles, 1981; G. Vosselman, 2000)."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -128,8 +125,7 @@ def support_mask(cells: _Cells, step: float, slope: float, *, others: int) -> Bo
 def lowest_mask(cells: _Cells, slope: float, step: float, *, window: float = STEP_WINDOW) -> Bool[np.ndarray, " m"]:
     """Mark cells than which none within the window (m) lies lower by more than slope and step.
 
-    Raises ValueError if the cells reach too far for an image of them.
-    """
+    Raises ValueError if the cells reach too far for an image of them."""
     from scipy.ndimage import grey_erosion
 
     if not len(cells):
@@ -182,8 +178,7 @@ class HeightMap:
 def fit_map(points: Points, *, reach: float = MAP_REACH) -> HeightMap:
     """Fit a map of heights to points with ground near z = 0.
 
-    reach: distance (m) from the middle of the points that the map covers. Raises ValueError unless it is above 0.
-    """
+    reach: distance (m) from the middle of the points that the map covers. Raises ValueError unless it is above 0."""
     if not 0 < reach < np.inf:
         raise ValueError(f"reach must be above 0 m, got {reach}")
     near = points[np.abs(points[:, 2]) < _BAND]
@@ -229,6 +224,7 @@ Levelling = Literal["map", "plane"]
 TOLERANCE = 0.15  # m that the ground may be off zero before `level_warning` warns
 _HARDLY = 0.02  # share of points between the ground and 4 m that counts as hardly any
 _FEW = 200  # points: with fewer there is no warning
+_LOW = 4.0  # m above the ground that a cloud may be cropped to
 _MOST_COLUMNS = 4  # of an array of points: x y z intensity
 
 
@@ -293,18 +289,11 @@ class Ground:
         return np.zeros(len(xy)) if self.deviation is None else self.deviation.at(xy)
 
 
-def level(
-    cloud: PointCloud | Points,
-    *,
-    method: Levelling = "map",
-    max_tilt: float = MAX_TILT,
-    reach: float = MAP_REACH,
-    seed: int = 0,
-) -> Ground:
+def level(cloud: "PointCloud | Points", *, method: Levelling = "map", max_tilt: float = MAX_TILT) -> Ground:
     """Find the ground below a cloud, in any frame whose z is up to within `max_tilt` (rad).
 
-    cloud: of any kind, see `plain_points`. method: "plane" for one plane, "map" for a smooth map of heights upon it,
-    as far as `reach` (m) from the middle of the points. Raises ValueError if no ground is found.
+    cloud: of any kind, see `plain_points`. method: "plane" for one plane, "map" for a smooth map of heights upon it.
+    Raises ValueError if no ground is found.
 
     >>> rng = np.random.default_rng(0)
     >>> street = np.column_stack([rng.uniform(-20, 20, (4000, 2)), np.full(4000, -1.7)])
@@ -318,25 +307,25 @@ def level(
     if not 0 <= max_tilt < np.pi / 4:
         raise ValueError(f"max_tilt must lie in 0..45 degrees, got {np.rad2deg(max_tilt):.1f}")
     points = points[np.isfinite(points).all(axis=1)]
-    ground = Ground(fit_plane(points, max_tilt=max_tilt, seed=seed))
+    ground = Ground(fit_plane(points, max_tilt=max_tilt))
     if method == "plane":
         return ground
-    return Ground(ground.plane, fit_map(ground.points(points.astype(np.float64)), reach=reach))
+    return Ground(ground.plane, fit_map(ground.points(points.astype(np.float64))))
 
 
-def level_warning(cloud: PointCloud | Points, *, height: float = 4.0, seed: int = 0) -> str | None:
+def level_warning(cloud: "PointCloud | Points") -> str | None:
     """Return a warning in one line if less than half of the ground lies within `TOLERANCE` of z = 0, else None.
 
-    It also warns of no ground with hardly a point between 0 and `height` (m), but not of a cloud cropped to that slice.
+    It also warns of no ground with hardly a point between 0 and `_LOW` (m), but not of a cloud cropped to that slice.
     """
     points = plain_points(cloud)
     points = points[np.isfinite(points).all(axis=1)]
-    within = (points[:, 2] > 0) & (points[:, 2] < height)
+    within = (points[:, 2] > 0) & (points[:, 2] < _LOW)
     if len(points) < _FEW or within.all():
         return None
-    counted = f"{within.mean():.0%} of {len(points)} points lie between 0 and {height:g} m"
+    counted = f"{within.mean():.0%} of {len(points)} points lie between 0 and {_LOW:g} m"
     try:
-        ground = Ground(fit_plane(points, seed=seed))
+        ground = Ground(fit_plane(points))
     except ValueError:
         return None if within.mean() > _HARDLY else f"{counted}, and no ground is found in them: check their frame"
     on = points[np.abs(heights_above_plane(ground.plane, points)) < TOLERANCE, 2]

@@ -6,10 +6,7 @@ The pairs of all pairs of sensors make one linear system with six numbers per se
 `toolkit.calibration.registration`): a point of one sensor lies on the plane that another measured there. The common
 pose of all sensors is not observed, so steps are the smallest possible ones. Motions of a sensor that shares too little
 with the others are not observed either; objects that both see at the same time can determine them (`object_pairs`). The
-usual errors of mounting, `USUAL_TURN` and `USUAL_MOVE`, are weighed against what few pairs say.
-"""
-
-from __future__ import annotations
+usual errors of mounting, `USUAL_TURN` and `USUAL_MOVE`, are weighed against what few pairs say."""
 
 import json
 import shutil
@@ -96,8 +93,7 @@ class FoundPose:
     def described(self) -> dict[str, object]:
         """Return its figures for files, in degrees and metres about the world's axes.
 
-        Standard deviations are infinite for motions that are not observed.
-        """
+        Standard deviations are infinite for motions that are not observed."""
         poses: dict[str, object] = {"world_SE3_sensor": self.pose.tolist()}
         poses["believed_world_SE3_sensor"] = self.sensor.pose.tolist()
         if self.registration is None:
@@ -148,8 +144,7 @@ def find_poses(
     progress: called with the number of sensors done.
 
     Raises ValueError for too few frames of images, clouds without points, fewer than two sensors without a surface, and
-    unknown sensors.
-    """
+    unknown sensors."""
     count, more = min(len(recording), len(recording) if frames is None else frames), None
     if len(recording) and not recording[0].has_images:
         sensors, seen = _seen_in_clouds(recording, count)
@@ -198,12 +193,11 @@ OBJECT_FRAMES = 40  # searched for road users
 
 
 def align_clouds(
-    clouds: Sequence[Points], sensors: Sequence[Sensor], *, held: Sequence[int] = (), more: MorePairs | None = None
+    clouds: list[np.ndarray], sensors: Sequence[Sensor], *, held: Sequence[int] = (), more: "MorePairs | None" = None
 ) -> tuple[FoundPose, ...]:
     """Fit the poses of sensors to each other by clouds of the same standing scene, each in its sensor's frame.
 
-    held: numbers of sensors that stay; more: see `toolkit.calibration.poses.align`.
-    """
+    held: numbers of sensors that stay; more: see `toolkit.calibration.poses.align`."""
     surfaces = [face_sensor(reference_fit.cloud_surface(points)) for points in clouds]
     alignment, found = align(surfaces, [sensor.pose for sensor in sensors], held=held, more=more), []
     for k, sensor in enumerate(sensors):
@@ -227,7 +221,7 @@ class Corrected(RecordingView):
     corrections: Mapping[str, Pose]  # believed_SE3_found by name: each believed pose is multiplied by it
 
     @staticmethod
-    def of(recording: Recording, found: Iterable[FoundPose]) -> Corrected:
+    def of(recording: Recording, found: Iterable[FoundPose]) -> "Corrected":
         """Return a recording with found poses applied."""
         return Corrected(recording, {each.sensor.name: invert(each.sensor.pose) @ each.pose for each in found})
 
@@ -272,8 +266,7 @@ def _seen_in_clouds(recording: Frames, count: int) -> tuple[tuple[Sensor, ...], 
 def check_drift(path: str | Path, reference: str | Path, site: Site | None = None) -> list[Finding]:
     """Warn of each sensor that disagrees with the reference (see `read_surface`), or of a recording without poses.
 
-    Raises ValueError and OSError if the reference cannot be read.
-    """
+    Raises ValueError and OSError if the reference cannot be read."""
     surface = reference_fit.read_surface(reference)
     try:
         with CoopDataset(path, site) as recording:
@@ -315,8 +308,7 @@ def copy_corrected(
 
     The extrinsics, the sensors of the site in the file and the plan it was made from change, nothing else. note: kept
     as JSON in the attribute `calibration` of the file. Raises ValueError for an unknown sensor and for a pose that is
-    not rigid.
-    """
+    not rigid."""
     names = [sensor.name for sensor in recording.sensors]
     for name, pose in poses.items():
         if name not in names:
@@ -395,8 +387,7 @@ class Alignment:
 
     covariance: of the motions of all sensors, six numbers each (rad and m), that of the usual errors where nothing is
     observed; unobserved: unit motions of all sensors, turns times `LEVER`, other than the common ones; shared: number
-    of rows that each two sensors share; scatter: robust standard deviation (m) of each sensor's rows.
-    """
+    of rows that each two sensors share; scatter: robust standard deviation (m) of each sensor's rows."""
 
     poses: tuple[Pose, ...]
     covariance: Float64[np.ndarray, "m m"]
@@ -418,8 +409,7 @@ def align(
 
     surfaces: each sensor's empty scene in its own frame, normals towards the sensor; held: numbers of sensors that
     stay; more: returns further pairs for poses and a search radius. Raises ValueError for fewer than two sensors, and
-    for an unknown held one.
-    """
+    for an unknown held one."""
     count = len(surfaces)
     if count != len(believed) or count < 2:
         got = f"got {count} surfaces and {len(believed)} poses"
@@ -570,7 +560,7 @@ class SeenBoxes:
     ahead: Float64[np.ndarray, "n 3"]
 
     @classmethod
-    def of(cls, boxes: BoxRows, believed: Pose) -> SeenBoxes:
+    def of(cls, boxes: BoxRows, believed: Pose) -> "SeenBoxes":
         """Return boxes of the world in the sensor's axes."""
         ahead = np.column_stack([np.cos(boxes[:, 6]), np.sin(boxes[:, 6]), np.zeros(len(boxes))])
         return cls(transform(invert(believed), boxes[:, :3]), ahead @ believed[:3, :3])

@@ -9,10 +9,7 @@ numbers: turns (rad) about the world's axes through the sensor, and moves (m) al
 
 Whatever the points do not determine stays as it was believed: the eigenvectors of the information matrix that hardly
 any point resists (on a bare plane: two moves and a turn) are left out of every step (J. Zhang, M. Kaess and S. Singh,
-2016) and reported. Open3D's own registration solves for those too, from noise, so the step is implemented here.
-"""
-
-from __future__ import annotations
+2016) and reported. Open3D's own registration solves for those too, from noise, so the step is implemented here."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -75,14 +72,14 @@ class Surface:
     roughness: Float64[np.ndarray, " n"]  # standard deviation (m) about the plane of each point
 
     @cached_property
-    def tree(self) -> cKDTree:
+    def tree(self) -> "cKDTree":
         """SciPy's tree of the points."""
         from scipy.spatial import cKDTree
 
         return cKDTree(self.points)
 
     @cached_property
-    def thin(self) -> Surface:
+    def thin(self) -> "Surface":
         """Surface for coarse steps, thinned to 0.4 m."""
         some = thin_rows(self.points, 0.4)
         return Surface(self.points[some], self.normals[some], self.roughness[some])
@@ -93,8 +90,7 @@ def read_surface(reference: str | Path, *, frames: int | None = None) -> Surface
 
     The ending of a file decides: a recording (.hdf5, .h5), a site (.json, .geojson), else a cloud in the frame of the
     site (see `toolkit.datasets.cloud_files`). A recording gives what its sensors saw in its first `frames` frames, from
-    their believed poses, noise-free. Raises ValueError and OSError as the readers do.
-    """
+    their believed poses, noise-free. Raises ValueError and OSError as the readers do."""
     ending = Path(reference).suffix.lower()
     if ending in (".hdf5", ".h5"):
         with CoopDataset(reference) as recording:
@@ -129,8 +125,7 @@ def site_surface(site: Site, *, seed: int = 0) -> Surface:
 def cloud_surface(points: Points) -> Surface:
     """Return the thinned surface of a cloud, without points off flat surfaces.
 
-    Raises ValueError if fewer than `LEAST_FLAT` are left.
-    """
+    Raises ValueError if fewer than `LEAST_FLAT` are left."""
     import open3d as o3d
 
     points = np.asarray(points, np.float64)
@@ -155,8 +150,7 @@ def _check_flat(count: int) -> None:
 def scene_points(scene: EmptyScene, *, least_share: float = 0.5) -> tuple[Points, Float64[np.ndarray, " n"]]:
     """Points of an empty scene in the sensor's frame, and their standard deviations (m).
 
-    Pixels that show something else in more than `least_share` of the frames are left out.
-    """
+    Pixels that show something else in more than `least_share` of the frames are left out."""
     model = scene.model
     seen: ImageMask = (scene.first > 0) & (scene.share >= least_share)
     rays = model.rays().astype(np.float64)[seen]
@@ -186,8 +180,7 @@ def register(points: Points, surface: Surface, believed: Pose, *, deviation: _De
     """Find the pose world_SE3_sensor near the believed one.
 
     points: measured, in the sensor's own frame; deviation: of each point (m), which lowers its weight. Raises
-    ValueError if fewer than 50 points have a counterpart within 3 m.
-    """
+    ValueError if fewer than 50 points have a counterpart within 3 m."""
     points = np.asarray(points, np.float64)
     noise = np.full(len(points), _LEAST_SCALE) if deviation is None else np.maximum(deviation, _LEAST_SCALE)
     believed = np.array(believed, np.float64)
@@ -210,7 +203,7 @@ def register(points: Points, surface: Surface, believed: Pose, *, deviation: _De
 
 def _align_levels(
     points: Points, noise: _Deviations, surface: Surface, pose: Pose, levels: _Levels
-) -> tuple[Pose, _System]:
+) -> "tuple[Pose, _System]":
     """Align the points level by level. Returns the pose and the last system that was solved."""
     for radius, voxel, least in levels:
         some = thin_rows(points, voxel)

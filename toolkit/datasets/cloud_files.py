@@ -10,10 +10,7 @@
 A pose is world_SE3_sensor (world → sensor with `inverted`): 16 numbers (4×4 by rows), 12 (the first three rows, as
 KITTI) or 7 (qw qx qy qz tx ty tz, metres). A pose file is JSON (one pose, a list of poses, or an object {name: pose})
 or text (one pose a line, with or without its name before it, or one pose in four lines). A pose's name is its cloud's
-file name without the ending. All is float64, so that map coordinates of a million metres keep their millimetres.
-"""
-
-from __future__ import annotations
+file name without the ending. All is float64, so that map coordinates of a million metres keep their millimetres."""
 
 import re
 import struct
@@ -44,12 +41,11 @@ _LEAST = 1e-30  # m; what is nearer to 0 are whole numbers, or parts of others, 
 _MOST_SPREAD = 5000.0  # m from their middle that half of a sensor's points may lie: they would be millimetres
 
 
-def fuse_files(paths: Sequence[str | Path], poses: Sequence[Pose]) -> PointCloud:
+def fuse_files(paths: Sequence[str | Path], poses: Sequence[Pose]) -> "PointCloud":
     """Return one float64 cloud in the poses' common frame: sensor k recorded paths[k] and stood at poses[k].
 
     Normals turn with their pose. Attributes that all files have stay; a warning names the others, see `fuse`. Raises
-    FileNotFoundError, and ValueError for a file without points or an invalid pose.
-    """
+    FileNotFoundError, and ValueError for a file without points or an invalid pose."""
     from toolkit.clouds import from_attributes, fuse
 
     if len(paths) != len(poses):
@@ -69,8 +65,8 @@ def fuse_files(paths: Sequence[str | Path], poses: Sequence[Pose]) -> PointCloud
 
 
 def crop_area(
-    cloud: PointCloud, area: Sequence[float], height: float | None = None, *, floor: float = 0.0, remedy: str = ""
-) -> PointCloud:
+    cloud: "PointCloud", area: Sequence[float], height: float | None = None, *, floor: float = 0.0, remedy: str = ""
+) -> "PointCloud":
     """Crop a cloud with `toolkit.clouds.crop`. Raises ValueError, which says where the points lie and ends with
     `remedy`, if none is left."""
     from toolkit.clouds import crop, positions

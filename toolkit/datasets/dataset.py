@@ -14,10 +14,7 @@ coview/object_start    int64 [T + 1]         frame k has objects object_start[k]
 coview/object_ids, coview/object_bodies      int64 [N]
 coview/ranges/{name}   float32 [T, rows, columns]  a lidar's ranges (m), 0 where nothing returned; attributes as those
                                              of cameras: name, model (its class), fields of the model
-coview/depth/{name}    the same of what measures depth and cannot share `dslices`: cameras that differ in size
-"""
-
-from __future__ import annotations
+coview/depth/{name}    the same of what measures depth and cannot share `dslices`: cameras that differ in size"""
 
 import json
 import operator
@@ -75,8 +72,7 @@ class CoopDataset(DisplayedRecording, Sequence[Frame]):
     reading the frame of the first such row raises ValueError.
 
     Raises FileNotFoundError; OSError for a file that is cut off or not HDF5; ValueError, which names what is wrong in
-    the file, for another layout; IndexError for an unknown frame.
-    """
+    the file, for another layout; IndexError for an unknown frame."""
 
     def __init__(self, path: str | Path, site: Site | None = None, *, drop_invalid: bool = False) -> None:
         self.path, self.drop_invalid = Path(path), drop_invalid
@@ -138,7 +134,7 @@ class CoopDataset(DisplayedRecording, Sequence[Frame]):
             checked[name] = hdf5.dataset(file, name, axes=axes, kinds=kinds)
         return checked[name]
 
-    def __enter__(self) -> CoopDataset:
+    def __enter__(self) -> "CoopDataset":
         return self
 
     def __exit__(self, *_: object) -> None:

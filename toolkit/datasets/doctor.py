@@ -4,10 +4,7 @@ although its objects have left, and blind where it returns far less than usual w
 Suspected mistakes in a recording's conventions: each classic mistake is undone and the fits are compared. The
 evidence is motion. Sensors stand still, so a pixel that is nearer than in other frames shows an object. Points of such
 pixels must lie on the objects' boxes: inside them, and near their surface rather than in their core. `fit` is the share
-of moving points that do. A mistake is suspected if undoing it raises the fit clearly.
-"""
-
-from __future__ import annotations
+of moving points that do. A mistake is suspected if undoing it raises the fit clearly."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -42,7 +39,7 @@ FLOATING = 0.25  # m between a box's floor and the ground
 _UNITS = {0.01: "centimetres", 0.001: "millimetres", published.NO_RETURN: "parts of the far plane, 0 to 1"}
 
 
-def frozen_frames(view: SensorImages, rows: Sequence[Rows], site: Site) -> Bool[np.ndarray, " frames"]:
+def frozen_frames(view: "SensorImages", rows: "Sequence[Rows]", site: Site) -> Bool[np.ndarray, " frames"]:
     """Mask of the frames in which a sensor repeats an image that showed objects which have left. rows: the published
     ones of each frame."""
     frozen, first = np.zeros(len(view.depth), bool), 0
@@ -56,7 +53,7 @@ def frozen_frames(view: SensorImages, rows: Sequence[Rows], site: Site) -> Bool[
     return frozen
 
 
-def blind_frames(views: Sequence[SensorImages]) -> Bool[np.ndarray, "sensors frames"]:
+def blind_frames(views: "Sequence[SensorImages]") -> Bool[np.ndarray, "sensors frames"]:
     """Mask of the frames in which a sensor has far fewer returns than in most frames, while others do not."""
     returned = np.array([(view.depth > 0).sum(axis=1) for view in views])
     blind = returned < HALF_OF_IT * np.quantile(returned, USUAL, axis=1)[:, None]
@@ -64,7 +61,7 @@ def blind_frames(views: Sequence[SensorImages]) -> Bool[np.ndarray, "sensors fra
 
 
 def failing_sensors(
-    views: Sequence[SensorImages], rows: Sequence[Rows], site: Site, frames: Sequence[int]
+    views: "Sequence[SensorImages]", rows: "Sequence[Rows]", site: Site, frames: Sequence[int]
 ) -> Iterator[tuple[str, str, str, str]]:
     """Yield place, suspicion, evidence and remedy per failing sensor. frames: numbers of the images."""
     if not views or not frames:
@@ -131,7 +128,7 @@ class _Examination:
     """Agreement of points and boxes, with and without the suspected mistakes."""
 
     def __init__(
-        self, site: Site, views: Sequence[SensorImages], tables: Sequence[np.ndarray], frames: Sequence[int]
+        self, site: Site, views: "Sequence[SensorImages]", tables: Sequence[np.ndarray], frames: Sequence[int]
     ) -> None:
         self.site, self.views = site, views
         sensors = [view.sensor for view in views]
@@ -176,7 +173,7 @@ class _Examination:
             yield published.parse_rows(self.rows[frame], self.site.map_SE3_site), np.concatenate(points)
 
 
-def _views(dataset: CoopDataset, frames: Sequence[int]) -> tuple[list[SensorImages], list[Finding]]:
+def _views(dataset: CoopDataset, frames: Sequence[int]) -> "tuple[list[SensorImages], list[Finding]]":
     """Measurements of some frames as stored, in any unit. Frames that cannot be read become findings."""
     views, findings = [], []
     for sensor, name, place, stride in dataset.channels:
@@ -195,7 +192,7 @@ def _views(dataset: CoopDataset, frames: Sequence[int]) -> tuple[list[SensorImag
     return views, findings
 
 
-def _no_points(views: Sequence[SensorImages], frames: Sequence[int]) -> Iterator[Finding]:
+def _no_points(views: "Sequence[SensorImages]", frames: Sequence[int]) -> Iterator[Finding]:
     """Find sensors that never see anything, and frames in which no sensor does."""
     blind = [view.sensor.name for view in views if not view.depth.any()]
     for name in blind:

@@ -5,10 +5,7 @@
     K       [[cu, f, 0], [cv, 0, -f], [1, 0, 0]]
     object  x y z (centre), pitch roll yaw (degrees), half extents (m), class
 
-Nothing foreign leaves this file: other modules see poses `world_SE3_sensor` in the site's frame and `Objects`.
-"""
-
-from __future__ import annotations
+Nothing foreign leaves this file: other modules see poses `world_SE3_sensor` in the site's frame and `Objects`."""
 
 from collections.abc import Iterable
 
@@ -160,9 +157,7 @@ def expand_image(
     return image
 
 
-def measured(
-    images: Iterable[tuple[Float[np.ndarray, "height width"], int]],
-) -> list[Float32[np.ndarray, "rows columns"]]:
+def measured(images: Iterable[tuple[Float[np.ndarray, "_ _"], int]]) -> list[Float32[np.ndarray, "rows columns"]]:
     """Measured pixels of published depth images and the steps between them, 0 without a return."""
     with np.errstate(over="ignore"):
         depths = [np.asarray(image[::stride, ::stride], np.float32) for image, stride in images]

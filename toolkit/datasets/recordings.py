@@ -2,10 +2,7 @@
 an entry point of the group `coview.layouts`, whose name is the layout's and whose value is a `Layout`.
 
 A frame as real sensors would measure it, with errors that are drawn when the frame is read. Sensors stand at their
-believed poses, and their measurements are those of their true poses. Objects stay the truth.
-"""
-
-from __future__ import annotations
+believed poses, and their measurements are those of their true poses. Objects stay the truth."""
 
 import inspect
 import itertools
@@ -148,8 +145,7 @@ def open_recording(path: str | Path, layout: str | None = None, **options: objec
     left out, and counted in `Frame.problems`.
 
     Raises FileNotFoundError for a missing recording; ValueError for an unknown layout, an option that its
-    reader does not have, and a damaged file.
-    """
+    reader does not have, and a damaged file."""
     path, name = Path(path), layout or guess_layout(path)
     if layout is None and name not in ("folder", "hdf5"):
         warnings.warn(f"{path} is read as layout {name}: say --layout for another", stacklevel=2)
@@ -184,8 +180,7 @@ def write_recording(frames: Iterable[Frame], path: str | Path, layout: str) -> i
     """Write frames in a layout; return how many.
 
     Boxes come back within a millimetre and a hundredth of a degree; classes get the layout's names for ours. Raises
-    ValueError for a read-only layout.
-    """
+    ValueError for a read-only layout."""
     return find_layout(layout).write(frames, Path(path))
 
 
@@ -220,8 +215,7 @@ class Reads:
     """Options for reading a recording: sensor errors and length.
 
     errors: a profile or its name, only `paper` for recorded clouds, whose sensors have errors of their own; noise_seed:
-    of the errors, None for no noise; frames: read only the first ones.
-    """
+    of the errors, None for no noise; frames: read only the first ones."""
 
     errors: ErrorProfile | str = PAPER_ERRORS
     noise_seed: int | None = 0

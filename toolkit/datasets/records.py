@@ -2,8 +2,6 @@
 line that names a file. Numbers may be strings (DAIR-V2X, and YAML's 1e-05), and rotations may be a little off; anything
 worse is a ValueError."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -37,8 +35,7 @@ class Listing(DisplayedRecording):
     """A recording of named frames, read on demand.
 
     labelled: names, times or tokens by which labels say what they belong to, also of clouds that are not there;
-    known: those that have a cloud, `names` if None. The first frame counts the others in its problems.
-    """
+    known: those that have a cloud, `names` if None. The first frame counts the others in its problems."""
 
     names: tuple[str, ...]
     load: Callable[[str], Frame]

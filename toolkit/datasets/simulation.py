@@ -5,10 +5,7 @@ changes a byte. A finished block is one shard, a complete small dataset, in `FIL
 
 Recordings of random junctions, a few frames each, to train a detector for any.
 
-Every recording has its own junction, sensors and bodies, determined by a seed and its number.
-"""
-
-from __future__ import annotations
+Every recording has its own junction, sensors and bodies, determined by a seed and its number."""
 
 import json
 import os
@@ -65,8 +62,7 @@ def simulate_dataset(
 
     Returns the number of frames simulated now: 0 if `out` was complete already. Raises ValueError for arguments that do
     not fit; FileExistsError if `out`, or an unfinished run, has another plan; OSError, with the number of frames that
-    are safe, if the disk is full.
-    """
+    are safe, if the disk is full."""
     site = site if isinstance(site, Site) else load_site(site)
     chosen = tuple(site.sensors if sensors is None else sensors)
     frames = int(run.frames_or(FRAMES))

@@ -3,10 +3,7 @@
 A point in or beside a voxel of the empty site shows the site. Any other point shows a road user, whichever sensor sees
 it. Some parts of a site look like road users to a detector: a bush, a container, a gap in a hedge. They stand there in
 every frame. Most points of a road user lie where the empty site has none, so a detection with hardly any such points is
-dropped. This costs recall only for objects that stood there while the site was learnt and never left.
-"""
-
-from __future__ import annotations
+dropped. This costs recall only for objects that stood there while the site was learnt and never left."""
 
 import hashlib
 from collections.abc import Iterator, Sequence
@@ -40,8 +37,7 @@ class Background:
     """Voxels of the empty site and its ground height.
 
     origin: (3,) lowest corner of the grid (m); voxel: edge of a voxel (m); occupied: (nx, ny, nz), including one layer
-    round the occupied voxels; cell: edge of a ground cell (m); ground: (kx, ky) height of the ground (m).
-    """
+    round the occupied voxels; cell: edge of a ground cell (m); ground: (kx, ky) height of the ground (m)."""
 
     origin: Float64[np.ndarray, "3"]
     voxel: float
@@ -50,7 +46,7 @@ class Background:
     ground: Float64[np.ndarray, "kx ky"]
 
     @staticmethod
-    def learn(points: Points, voxel: float = VOXEL, cell: float = 1.0) -> Background:
+    def learn(points: Points, voxel: float = VOXEL, cell: float = 1.0) -> "Background":
         """Learn from points of the empty site, best several sweeps."""
         if not len(points):
             raise ValueError("the background needs at least one point of the empty site, got none: crop less?")
@@ -113,8 +109,7 @@ class KnownBackground:
     """Detector that leaves out its detections of the background.
 
     Points are in the frame of the background. least: share, above 0 to 1, of the points in a detection's box that must
-    not be background. Raises ValueError for another.
-    """
+    not be background. Raises ValueError for another."""
 
     detector: Detector
     background: Background
@@ -140,7 +135,7 @@ class KnownBackground:
         own = self.detector.digest  # type: ignore[attr-defined]
         return hashlib.sha256(repr((own, self.background.digest, self.least)).encode()).hexdigest()
 
-    def quick(self) -> KnownBackground:
+    def quick(self) -> "KnownBackground":
         """Same detector as it compares (`quick_detector`)."""
         return replace(self, detector=quick_detector(self.detector))
 
@@ -171,8 +166,7 @@ class KnownBackground:
 
 def recording_background(recording: CoopDataset) -> Background:
     """Learn the background of a recording: the scenery of its site if known, else what lies behind all that moves.
-    Objects that park throughout become background.
-    """
+    Objects that park throughout become background."""
     if recording.site.solids:
         return site_background(recording.site)
     return Background.learn(np.concatenate(list(empty_sweeps(recording))))

@@ -7,10 +7,7 @@ here.
 nuScenes: a detection is true if its centre is nearer than a threshold, on the ground plane, to a truth of its frame
 that no surer detection took. Sizes do not matter. The thresholds are 0.5, 1, 2 and 4 m. AP is the area of the curve
 above precision 0.1 and beyond recall 0.1, taken at 101 recalls and divided by 0.9. The figure is the mean over the four
-thresholds.
-"""
-
-from __future__ import annotations
+thresholds."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -77,18 +74,17 @@ def nuscenes_ap(curve: Curve) -> float:
 
 
 def by_centre(
-    detections: Iterable[Detections], truths: Iterable[Objects], counted: Iterable[Mask], distance: float, label: int
+    detected: Iterable[Detections], truths: Iterable[Objects], counted: Iterable[np.ndarray], within: float, label: int
 ) -> Matched:
-    """Match detections of a class by distance of centres (m) on the ground. A detection that hits only uncounted
-    objects does not count.
-    """
+    """Match detections of a class whose centres lie `within` some metres on the ground. A detection that hits only
+    uncounted objects does not count."""
     scores, hits, total = [np.zeros(0)], [np.zeros(0, bool)], 0
-    for found, there, mask in zip(detections, truths, counted, strict=True):
+    for found, there, mask in zip(detected, truths, counted, strict=True):
         found, rows = found[found.labels == label], there.labels == label
         found, sought = found[np.argsort(-found.scores, kind="stable")], np.asarray(mask)[rows]
         away = np.linalg.norm(found.boxes[:, None, :2] - there.boxes[rows, :2], axis=2)
-        near = away < distance
-        hit = greedy(np.where(near & sought, np.exp(-away), 0.0), np.exp(-distance)) >= 0
+        near = away < within
+        hit = greedy(np.where(near & sought, np.exp(-away), 0.0), np.exp(-within)) >= 0
         ignored = ~hit & (near & ~sought).any(axis=1)
         scores.append(found.scores[~ignored])
         hits.append(hit[~ignored])
@@ -101,8 +97,7 @@ class GroupRow:
     """AP of one class among some objects under one protocol.
 
     measure: rule by which detections are true, such as BEV 0.5; among: the objects; truths: number of them; scheme: how
-    the sensors fused.
-    """
+    the sensors fused."""
 
     label: str
     protocol: str
@@ -118,8 +113,7 @@ class FrameTruth:
     """Objects of one frame, and those that count.
 
     objects: all that are there; counted: mask of those to be found; points: on each of them; corners: of the detection
-    area (xmin ymin xmax ymax, m, world); complete: where labels are, None where they are anywhere.
-    """
+    area (xmin ymin xmax ymax, m, world); complete: where labels are, None where they are anywhere."""
 
     objects: Objects
     counted: Mask
@@ -137,10 +131,9 @@ class FrameTruth:
             return np.ones(len(found), np.bool_)
         return np.asarray(has_centre_inside(found.boxes, self.corners) & self.complete.covers(found.boxes))
 
-    def judge(self, found: Detections) -> Judged:
+    def judge(self, found: Detections) -> "Judged":
         """Return detections and truths with their ranges from the middle of the area. The range of a detection is that
-        of the object it overlaps most, else its own.
-        """
+        of the object it overlaps most, else its own."""
         boxes, found = self.objects.boxes, self.keep(found)
         middle = (self.corners[:2] + self.corners[2:]) / 2
         away, own = (np.linalg.norm(rows[:, :2] - middle, axis=1) for rows in (boxes, found.boxes))
@@ -164,8 +157,7 @@ class Judged:
 
 def select_truth(frame: Frame, corners: Float64[np.ndarray, "4"]) -> FrameTruth:
     """Return the objects that count for recorded labels: in the area, where labels are complete, with a point on them.
-    Other labelled objects are not misses, and a detection on one is not a false alarm.
-    """
+    Other labelled objects are not misses, and a detection on one is not a false alarm."""
     boxes = frame.objects.boxes
     points = count_points(frame.points(), boxes)
     counted = has_centre_inside(boxes, corners) & frame.complete.covers(boxes) & (points >= LEAST_POINTS)

@@ -11,11 +11,7 @@ It needs no labels and no training, only a look at the empty site, and is the ba
    usual size, to where the empty site is hidden now; boxes stand on the ground of the empty site;
 5. the score grows with what had to be seen rather than assumed: the number of points and the share of length and width.
 
-`learn_cluster_detector` learns it from the empty scenes of a recording of clouds. `foreground_clusters` gathers the
-points of a frame that stand out from them into objects by DBSCAN (M. Ester and others, 1996).
-"""
-
-from __future__ import annotations
+`learn_cluster_detector` learns it from the empty scenes of a recording of clouds."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -27,7 +23,7 @@ import open3d as o3d
 
 from toolkit.arrays import Float, Float64, Int64, Points, Rng
 from toolkit.boxes import count_points, nms
-from toolkit.calibration.empty_scene import SIGMAS, Scenes
+from toolkit.calibration.empty_scene import Scenes
 from toolkit.calibration.ground import level
 from toolkit.datasets.dataset import CoopDataset
 from toolkit.detection.background import SWEEPS, Background, empty_sweeps
@@ -42,7 +38,6 @@ LONGEST_CAR, WIDEST_CAR, TALLEST_CAR = 5.8, 2.4, 2.5  # m, larger is heavy
 LENGTH_SEEN = 0.75 * CAR[0]  # m; a longer car shows both ends and needs no completion
 DOUBT = 10.0  # weight of a cluster's points on a completed side, in points of free ground
 OVERLAP = 0.1  # IoU above which the worse of two cars is dropped
-CLUSTER_REACH, FEWEST = 0.8, 5  # m between neighbours of one object; points of an object
 
 
 @dataclass(frozen=True)
@@ -50,8 +45,7 @@ class ClusterDetector:
     """Detector of all classes, learnt from nothing but points of the empty site, world frame. cell: edge of the cells
     that are clustered (m); reach: greatest distance between neighbouring cells of a cluster, tried from the first to
     the last while the cluster is too large for a car (m); fewest: points of a cluster; area: xmin ymin xmax ymax (m),
-    below 4 m, to which points are cropped, None for no crop.
-    """
+    below 4 m, to which points are cropped, None for no crop."""
 
     labels: ClassVar[tuple[str, ...]] = LABELS
     background: Background
@@ -61,15 +55,14 @@ class ClusterDetector:
     area: Corners | None = None
 
     @staticmethod
-    def learn(background_points: Points | Iterable[Float[np.ndarray, "_ 3"]]) -> ClusterDetector:
+    def learn(background_points: Points | Iterable[Float[np.ndarray, "_ 3"]]) -> "ClusterDetector":
         """Learn from clouds (n, 3) of the empty site, cropped like the points to detect in, world frame. Several sweeps
-        of the same sensors show their noise.
-        """
+        of the same sensors show their noise."""
         clouds = [background_points] if isinstance(background_points, np.ndarray) else list(background_points)
         return ClusterDetector(Background.learn(np.concatenate([np.zeros((0, 3), np.float32), *clouds])))
 
     @staticmethod
-    def of(recording: CoopDataset) -> ClusterDetector:
+    def of(recording: CoopDataset) -> "ClusterDetector":
         """Learn from four noisy sweeps of a recording's empty site."""
         return ClusterDetector.learn(empty_sweeps(recording))
 
@@ -145,7 +138,7 @@ class _Rectangle(NamedTuple):
         (along, across), cos, sin = (self.low + self.high) / 2, np.cos(self.yaw), np.sin(self.yaw)
         return np.array([along * cos - across * sin, along * sin + across * cos])
 
-    def turn(self) -> _Rectangle:
+    def turn(self) -> "_Rectangle":
         """Swap the axes; the reversed first becomes the second."""
         low, high = np.array([[self.low[1], -self.high[0]], [self.high[1], -self.low[0]]])
         at_low, at_high = np.array([[self.at_low[1], self.at_high[0]], [self.at_high[1], self.at_low[0]]])
@@ -189,62 +182,9 @@ def _complete(cars: list[_Rectangle], background: Points) -> list[_Rectangle]:
     return [ways[a + int(cost[a:b].argmin())] for a, b in pairwise(first)]
 
 
-@dataclass(frozen=True, eq=False)
-class Clusters:
-    """Points that stand out, gathered into objects.
-
-    points: world frame; sensor: number of the cloud of each; of: number of the object of each, -1 for none.
-    """
-
-    points: Float64[np.ndarray, "n 3"]
-    sensor: Int64[np.ndarray, " n"]
-    of: Int64[np.ndarray, " n"]
-
-    def __len__(self) -> int:
-        """Number of objects."""
-        return int(self.of.max(initial=-1)) + 1
-
-    def __getitem__(self, number: int) -> Float64[np.ndarray, "m 3"]:
-        """Points of an object."""
-        if not 0 <= number < len(self):
-            raise IndexError(f"there are {len(self)} objects, got number {number}")
-        return self.points[self.of == number]
-
-
-def foreground_clusters(
-    sample: Frame, scenes: Scenes, *, reach: float = CLUSTER_REACH, fewest: int = FEWEST, sigmas: float = SIGMAS
-) -> Clusters:
-    """Gather the points of all clouds of a frame that stand out from their empty scenes into objects.
-
-    reach: distance (m) within which points are neighbours; fewest: neighbours, itself among them, from which on a point
-    is inside an object; sigmas: spreads of the empty scene within which a measurement shows it. Raises ValueError for a
-    reach that is not above 0, fewer than one point, and a sensor without a scene.
-    """
-    if not 0 < reach < np.inf or fewest < 1:
-        raise ValueError(f"reach must be above 0 m and fewest at least 1, got {reach} and {fewest}")
-    parts, sensors = [np.zeros((0, 3))], [np.zeros(0, np.int64)]
-    for number, cloud in enumerate(sample.clouds):
-        if not len(cloud.points):
-            continue
-        image, scene = scenes.image(cloud), scenes[cloud.name].scene
-        out = ~scene.shows(image.measurement, sigmas).ravel()[image.cells] & image.inside
-        parts.append(cloud.in_world()[out])
-        sensors.append(np.full(int(out.sum()), number, np.int64))
-    points = np.concatenate(parts)
-    return Clusters(points, np.concatenate(sensors), cluster_points(points, reach=reach, fewest=fewest))
-
-
-def cluster_points(
-    points: Float64[np.ndarray, "n 3"], *, reach: float = CLUSTER_REACH, fewest: int = FEWEST
-) -> Int64[np.ndarray, " n"]:
-    """Number of each point's object by DBSCAN, -1 for none."""
-    return _dbscan(points - points.mean(axis=0), reach, fewest) if len(points) else np.zeros(0, np.int64)
-
-
 def learn_cluster_detector(scenes: Scenes, frame: Frame, place: Place = Place()) -> ClusterDetector:
     """Return a detector of what stands out from the empty scenes of lidars that stand as in a frame. place: the one it
-    will detect in. Raises ValueError where the empty scenes have no point in the area.
-    """
+    will detect in. Raises ValueError where the empty scenes have no point in the area."""
     rng, sweeps, centre = np.random.default_rng(0), [], place.find_middle(frame)
     for _ in range(SWEEPS):
         parts = [transform(cloud.world_SE3_sensor, _sweep(scenes, cloud.name, rng)) for cloud in frame.clouds]
@@ -257,8 +197,7 @@ def learn_cluster_detector(scenes: Scenes, frame: Frame, place: Place = Place())
 
 def _sweep(scenes: Scenes, name: str, rng: Rng) -> Float64[np.ndarray, "n 3"]:
     """Draw a sweep of a sensor in its empty scene, in the sensor's own frame. Each pixel takes one of its two
-    measurements, as often as it was met, with its spread.
-    """
+    measurements, as often as it was met, with its spread."""
     scene, model = scenes[name].scene, scenes.grid(name).model
     other = np.isfinite(scene.second) & (rng.random(scene.first.shape) > scene.share)
     median = np.where(other, scene.second, scene.first).astype(np.float64)

@@ -3,10 +3,7 @@
 A codec of your own is a class with the members of `Codec`. Pass it as an object, `codec=MyCodec()`; nothing else needs
 to know about it. `PAPER` counts as the paper does (section IV-A): a point costs 3 float32, a box 8 (its 7 numbers and a
 score), and nothing is lost on the way. A codec that is also an `ImageCodec` gets the image behind the points wherever
-it is known, and the centre makes points of the image that arrives.
-"""
-
-from __future__ import annotations
+it is known, and the centre makes points of the image that arrives."""
 
 import math
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Detection in a recording's frames, saved as boxes.json, OpenLABEL or KITTI's label_2; detectors by import path."""
 
-from __future__ import annotations
-
 import inspect
 import json
 import os
@@ -41,8 +39,7 @@ class Detected:
 
 def detect_frames(frames: Iterable[Frame], detector: Detector, place: Place = Place()) -> Iterator[Detected]:
     """Yield the detections in all points of each frame together, on level ground. detector: sees points counted from
-    the middle of the area, or at a known site, those of the site. A frame without points has no detections.
-    """
+    the middle of the area, or at a known site, those of the site. A frame without points has no detections."""
     for frame, stand in place.stands(frames, getattr(frames, "site", None)):
         site = stand.area if isinstance(stand.area, Site) else None
         points = stand.lift(frame.points()) if site is None else np.concatenate(frame_points(frame, area=site))
@@ -61,8 +58,7 @@ def write_detections(
     """Write detections as they arrive, and pass them on.
 
     out: one file of boxes, or a folder with a file per frame for other formats, whole at the end; more: further entries
-    of the file of boxes.
-    """
+    of the file of boxes."""
     if form == "boxes":
         entries = []
         for each in found:
@@ -130,8 +126,7 @@ class ImportedDetector:
     class, or a callable with a parameter `site` (a `Site`) or `area` (xmin ymin xmax ymax, m), or none at all. Its
     detections are kept for another run only with an attribute `digest`, a text that changes with all they depend on.
     Another process imports it again. Raises ValueError, in one line, if the import fails or the detector returns
-    anything but `Detections` for a cloud without points.
-    """
+    anything but `Detections` for a cloud without points."""
 
     def __init__(self, name: str, site: Site) -> None:
         self.name, self.site = name, site
@@ -169,5 +164,5 @@ class ImportedDetector:
         labels: Sequence[str] = self._detect.labels
         return labels
 
-    def __reduce__(self) -> tuple[type[ImportedDetector], tuple[str, Site]]:
+    def __reduce__(self) -> "tuple[type[ImportedDetector], tuple[str, Site]]":
         return ImportedDetector, (self.name, self.site)

@@ -13,10 +13,7 @@ Each class is scored separately: a cyclist reported as a pedestrian is a false a
 cyclists. Detections are those that the detector reports, above its own threshold; `ClassFigures` says what that
 threshold is worth. With a breakdown, AP is also given by range, by points, and as KITTI and nuScenes count it
 (`toolkit.detection.breakdown`). Milliseconds are those of the median frame, from measurements to fused boxes, with
-sensors working side by side as in the paper.
-"""
-
-from __future__ import annotations
+sensors working side by side as in the paper."""
 
 import json
 import warnings
@@ -68,8 +65,7 @@ Scoring = Literal["exact", "published", "measured"]
 class Row:
     """Figures of one scheme, sensor set (indices), class and IoU threshold.
 
-    recall, precision: at the last detection; kbit and milliseconds are per frame; truths: to find in all frames.
-    """
+    recall, precision: at the last detection; kbit and milliseconds are per frame; truths: to find in all frames."""
 
     scheme: str
     sensors: tuple[int, ...]
@@ -92,8 +88,7 @@ class Row:
 @dataclass(frozen=True)
 class ClassFigures:
     """Worth of the detector's own threshold for one class, with one scheme and sensor set (indices). A detection is
-    true from the IoU `iou` on (`TRUE_IOU`). truths, detections: those that count, in all `frames`.
-    """
+    true from the IoU `iou` on (`TRUE_IOU`). truths, detections: those that count, in all `frames`."""
 
     scheme: str
     sensors: tuple[int, ...]
@@ -122,8 +117,7 @@ class Comparison:
     each (`toolkit.detection.metrics.USUAL_IOUS`); protocol: None for exact at a known site, else measured; metric: see
     `toolkit.detection.metrics.evaluate`; codec: of what is sent; radius: in place of the site's hybrid radius (m);
     rate: of frames (Hz), to say what is put on a link; breakdown: by range, points and other sets' protocols, None for
-    where no site is known.
-    """
+    where no site is known."""
 
     schemes: Sequence[Scheme | str | None] = PAPER_SCHEMES
     sensor_sets: Sequence[Sequence[int | str] | None] = (None,)
@@ -144,8 +138,7 @@ class Evaluation(Sequence[Row]):
 
     classes: worth of the detector's threshold; loads: on a link, if a rate was given; schemes: frames, detections,
     problems and median milliseconds of each; breakdown: by range, points and other sets' protocols; poses: of the
-    sensors, where they were found before.
-    """
+    sensors, where they were found before."""
 
     rows: tuple[Row, ...]
     provenance: dict[str, object]
@@ -209,8 +202,7 @@ def evaluate_recording(
     unless a scheme's messages can only be read after others.
 
     Raises ValueError for a scheme, sensor, class or error profile that does not exist, a class that the detector does
-    not know, two schemes of one name, and a recording without frames.
-    """
+    not know, two schemes of one name, and a recording without frames."""
     total, errors = reads.count(recording), reads.profile()
     labels = [LABELS[k] for k in dict.fromkeys(map(label_index, asked.classes))]
     ious = {label: _thresholds(asked.iou_thresholds, label) for label in labels}
@@ -387,8 +379,7 @@ class _Job:
 def format_table(rows: Iterable[Row]) -> str:
     """Format rows like the paper's first table, class by class.
 
-    Each scheme and sensor set has a line, each IoU threshold a column of AP.
-    """
+    Each scheme and sensor set has a line, each IoU threshold a column of AP."""
     by_class: dict[str, list[Row]] = {}
     for row in rows:
         by_class.setdefault(row.label, []).append(row)
@@ -454,8 +445,7 @@ def save_evaluation(rows: Evaluation, folder: str | Path) -> None:
 def draw_example(recording: CoopDataset, detector: Detector, out: str | Path, *, seed: int = 0) -> None:
     """Draw the frame with the most objects, and hits, misses and false alarms of vehicles at `EXAMPLE_IOU`, from above.
 
-    Objects centred outside the area do not count. seed: of the sensors' noise.
-    """
+    Objects centred outside the area do not count. seed: of the sensors' noise."""
     site = recording.site
     frame = with_errors(max(recording, key=lambda frame: len(frame.objects)), PAPER_ERRORS, seed)
     truth, found = frame.objects, fuse_frame("early", frame, detector, site=site).detections

@@ -2,10 +2,7 @@
 
 A correct box has points just within its faces, none in its middle and nothing close around it but ground. The fit of a
 box is the share of its points (those at least `CLEARANCE` above the ground) that lie there, of all within the box and
-`SHELL` around it. A box with hardly any points has a fit of 0.
-"""
-
-from __future__ import annotations
+`SHELL` around it. A box with hardly any points has a fit of 0."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -46,7 +43,7 @@ class Seen:
     ground: Ground | None = None
 
     @staticmethod
-    def of(sample: Frame) -> Seen:
+    def of(sample: Frame) -> "Seen":
         """Find the ground of a frame."""
         points = sample.points()
         try:
@@ -86,8 +83,7 @@ class LabelMistake:
     """Mistake that boxes may have.
 
     Undone, columns in `order` are multiplied by `factor`, and `turn` (rad) is added to yaw. axes: True if it depends on
-    the frame's axes.
-    """
+    the frame's axes."""
 
     name: str
     remedy: str
@@ -137,8 +133,7 @@ def undo_mistake(mistake: LabelMistake, boxes: BoxRows, frame_SE3_world: Pose) -
 
 def degrees_of_turns(yaw: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, "k n"]:
     """All headings (rad, half a turn alike) that, in degrees and taken for radians, point along `yaw`. A file that
-    stores sine and cosine, or a quaternion, of a wrong angle has lost its full turns.
-    """
+    stores sine and cosine, or a quaternion, of a wrong angle has lost its full turns."""
     turns = np.arange(-15, 16)[:, None]  # of 2 pi "degrees" each: a quarter turn either way
     return np.deg2rad(np.mod(yaw, 2 * np.pi)[None] + 2 * np.pi * turns)
 
@@ -165,8 +160,7 @@ def find_shift(some: Sequence[Seen]) -> Shift | None:
     """Find the delay of labels, None if it cannot be told.
 
     Moving labels are moved along their tracks. Where that shows nothing, labels are tried in other clouds; only those
-    that are not in the same place in both frames count.
-    """
+    that are not in the same place in both frames count."""
     from scipy.spatial import cKDTree
 
     samples = [each.sample for each in some]
@@ -269,8 +263,7 @@ def diagnose(path: str | Path, layout: str | None = None, *, site: Site | None =
     """Check a recording for the classic mistakes.
 
     Raises what opening a recording of clouds raises. Files of images are checked as they are stored
-    (`toolkit.datasets.doctor`). Labels of clouds are checked by how the points of the first frames lie in them.
-    """
+    (`toolkit.datasets.doctor`). Labels of clouds are checked by how the points of the first frames lie in them."""
     if (layout or guess_layout(path)) == "hdf5":
         try:
             clouds = Path(path).is_file() and holds_clouds(path)

@@ -24,10 +24,7 @@ Protocol `published` does what the code published with the paper does instead, i
 footprints by 50 × 50 points of the truth and, for "3d", multiplied by (overlap of heights / greater height);
 `claim_then_test` lets each detection claim its arg-max truth before its IoU is tested (strictly greater than the
 threshold), so that a stray box, even one that overlaps nothing and so claims truth 0, voids a good one with a lower
-score.
-"""
-
-from __future__ import annotations
+score."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -54,8 +51,7 @@ MOSTLY = 0.5  # share of a footprint on an unscored object above which a detecti
 class Match:
     """Outcome of n detections of a frame against m truths, in the rows of the input. truth: row of the truth that a
     detection hit, -1 for none; iou: its IoU with that truth, 0 for none; ignored: detections that do not count (of
-    another label, or on an object that is not scored); hit: truths that were hit; scored: truths that count.
-    """
+    another label, or on an object that is not scored); hit: truths that were hit; scored: truths that count."""
 
     truth: Int64[np.ndarray, " n"]
     iou: Float64[np.ndarray, " n"]
@@ -247,8 +243,7 @@ def claim_then_test(iou: Float64[np.ndarray, "n m"], threshold: float) -> Int64[
 
 def sample_iou(detected: ArrayLike, truths: ArrayLike, metric: Overlap = "3d") -> Float64[np.ndarray, "n m"]:
     """Estimate IoU of boxes (n, 7) and (m, 7) by 50 × 50 points in each truth's footprint, edges included. For "3d" it
-    is multiplied by (overlap of the heights / greater height), which is not the IoU of the volumes.
-    """
+    is multiplied by (overlap of the heights / greater height), which is not the IoU of the volumes."""
     a, b = check_boxes(detected, "detected"), check_boxes(truths, "truths")
     half = a[:, 3:5] / 2 + FACE_TOLERANCE
     share = np.zeros((len(a), len(b)))

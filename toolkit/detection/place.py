@@ -3,10 +3,7 @@
 A detector that learnt on ground at z = 0 finds nothing in a raw cloud, whose origin is the lidar. A recording of a
 known site says where its ground is. For any other the ground is found first (`toolkit.calibration.ground`), in every
 frame or, where the sensors stand still, once. Detectors work in float32 about an origin near by: points are counted
-from the middle of the area, and boxes are brought back into the frame's world.
-"""
-
-from __future__ import annotations
+from the middle of the area, and boxes are brought back into the frame's world."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
@@ -36,8 +33,7 @@ class Stand:
 
     area: a site, or xmin ymin xmax ymax (m) about the middle; middle: x and y, world frame, that points are counted
     from; ground: below the points counted so, None where z = 0 already. warning: of ground that is not level; ms: time
-    that finding the ground took.
-    """
+    that finding the ground took."""
 
     area: Area
     middle: Float64[np.ndarray, "2"]
@@ -129,8 +125,7 @@ def crop_points(points: Points, area: Area) -> Float[np.ndarray, "_ 3"]:
 class LevelFrame(NamedTuple):
     """Frame on level ground, ready to train a network, counted from the middle of the area. sensors: names; clouds:
     points in the area, below 4 m; objects: in the area or close beside it; area: xmin ymin xmax ymax (m), about the
-    origin.
-    """
+    origin."""
 
     sensors: tuple[str, ...]
     clouds: tuple[Float32[np.ndarray, "_ 3"], ...]
@@ -141,8 +136,7 @@ class LevelFrame(NamedTuple):
 def level_frames(frames: Iterable[Frame], place: Place) -> Iterator[LevelFrame]:
     """Yield frames on level ground, but for those without points, or without ground where it is looked for. Points
     where the labels of a set are not complete, in KITTI beside the camera's image, are left out: nobody labelled what
-    is there, so it must not be learnt as background.
-    """
+    is there, so it must not be learnt as background."""
     (x, y), method = place.half, place.level or "map"
     for frame, stand in Place(method, place.still, place.area).stands(frames):
         if not any(len(cloud.points) for cloud in frame.clouds) or (stand.ground is None and method != "none"):

@@ -1,7 +1,5 @@
 """Provenance of figures: data, detector, settings and version."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Mapping
 from importlib.metadata import PackageNotFoundError, version

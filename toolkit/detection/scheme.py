@@ -2,10 +2,7 @@
 
 A scheme of your own is a class with the members of `Scheme`. Pass it as an object, `scheme=MyScheme()`; nothing else
 needs to know about it. `fuse` works on the points themselves. The other members serve fidelities that only count
-points: they say how much is sent and how evidence adds up.
-"""
-
-from __future__ import annotations
+points: they say how much is sent and how evidence adds up."""
 
 from collections.abc import Sequence
 from typing import ClassVar, Protocol, runtime_checkable
@@ -62,8 +59,7 @@ class Scheme(Protocol):
 
     def mask_pooled(self, distance: Float32[np.ndarray, "C O"], radius: float, /) -> Bool[np.ndarray, "C O"] | None:
         """Mark objects whose points reach the centre beside boxes; None if it gets points alone or boxes alone. radius:
-        the site's hybrid radius (m).
-        """
+        the site's hybrid radius (m)."""
 
 
 @runtime_checkable

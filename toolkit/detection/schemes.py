@@ -1,7 +1,5 @@
 """Built-in fusion schemes: early, late, hybrid, foreground and differences."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial

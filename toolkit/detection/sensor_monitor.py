@@ -9,10 +9,7 @@
     shifted   many pixels measure farther than the empty scene. Road users stand before it, never behind it, so it is
               another scene, or seen from elsewhere
 
-The last two need `MESSAGES` messages in a row. An alarm stays until the sensor shows otherwise.
-"""
-
-from __future__ import annotations
+The last two need `MESSAGES` messages in a row. An alarm stays until the sensor shows otherwise."""
 
 from collections.abc import Callable
 from enum import Enum
@@ -50,8 +47,7 @@ class Shown(NamedTuple):
     """Newest data of a sensor, measured at `time` (s).
 
     image: 0 where nothing returned or nothing was sent; sent: mask of the pixels of a foreground, None for a whole
-    image; missing: mask of those it says are missing.
-    """
+    image; missing: mask of those it says are missing."""
 
     time: float
     image: ImageRanges
@@ -85,8 +81,7 @@ class SensorMonitor:
     def look(self, now: float, shown: Shown | None, covered: Callable[[], ImageMask] | None = None) -> Fault | None:
         """Return the fault of the sensor at a time, None without one. shown: newest data, None before the first;
         covered: returns the mask of the pixels where objects that others see stand before its empty scene, called only
-        if foreground has hardly a pixel. Raises ValueError for an image of another size than the empty scene.
-        """
+        if foreground has hardly a pixel. Raises ValueError for an image of another size than the empty scene."""
         if shown is not None and shown.image.shape != self._scene.first.shape:
             size = self._scene.first.shape
             raise ValueError(f"sensor {self._scene.name!r} measures {size} pixels, got an image of {shown.image.shape}")

@@ -1,10 +1,7 @@
 """Figures of a recording before any detector: objects, points on each of them, and the bits of early fusion.
 
 They stand beside the paper's: 516 and 674 kbit per sensor (its first table), and the share of vehicles without a point
-for sensor sets of the T-junction (section IV-E: more than 60 % for 4, 30 % for 3 and 4, none for 0, 2 and 5).
-"""
-
-from __future__ import annotations
+for sensor sets of the T-junction (section IV-E: more than 60 % for 4, 30 % for 3 and 4, none for 0, 2 and 5)."""
 
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -32,8 +29,7 @@ class Survey:
     objects_per_frame: mean by class; kbit_per_sensor: of all points; counts: points of each sensor on each vehicle;
     by_class: the same of each class that was counted; points_per_cloud: mean of each sensor, by name; agreeing: number
     of labelled cuboids that hold as many points as the set says, of those where it says so, None where it does not;
-    problems: labels and points left out in reading, by kind.
-    """
+    problems: labels and points left out in reading, by kind."""
 
     frames: int
     objects_per_frame: dict[str, float]
@@ -112,8 +108,7 @@ def survey(
 
     classes: whose points are counted beside those of vehicles; reads: errors of the sensors and number of frames;
     codec: of the points; progress: called with the number of frames done. Raises ValueError for an unknown class or
-    error profile, and without frames.
-    """
+    error profile, and without frames."""
     check_codec(codec)
     wanted = sorted({label_index(label) for label in classes})
     total, errors, site = reads.count(recording), reads.profile(), recording.site

@@ -2,10 +2,7 @@
 
 A fusion scheme takes clouds and detections from it, each computed once. All schemes and sensor sets that are scored on
 a frame share one view. Every value says when it is ready, in milliseconds after the measurement. Sensors work side by
-side, so a step begins when the last of its inputs is ready.
-"""
-
-from __future__ import annotations
+side, so a step begins when the last of its inputs is ready."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -39,8 +36,7 @@ class Cloud:
     """Points of one sensor of a view.
 
     history: what was done to its cropped points since; clouds of one sensor and frame with equal histories are equal.
-    rows: which of its cropped points these are, None for all of them.
-    """
+    rows: which of its cropped points these are, None for all of them."""
 
     sensor: int
     history: tuple[str, ...]
@@ -53,8 +49,7 @@ class Cloud:
 class Captured:
     """Image in which a sensor's points were measured: number `index` of a frame. area, height: of the crop; kept: the
     pixels of the points in the crop in the order of these, None to find them; lift: what was done to points of the
-    frame's world before they were cropped, such as putting them on level ground.
-    """
+    frame's world before they were cropped, such as putting them on level ground."""
 
     frame: Frame
     index: int
@@ -130,8 +125,7 @@ class Fused:
 @dataclass(frozen=True, eq=False)
 class Images:
     """Images behind the points of sensors (index), and their empty scenes, where there are any. time, number: of the
-    frame.
-    """
+    frame."""
 
     capture: Callable[[int], Captured] | None = None
     scene: Callable[[int], EmptyScene] | None = None
@@ -145,8 +139,7 @@ class View:
     site: or its area; measure: gives the cropped points of a sensor (index); run: the detector, on the points of some
     clouds together; codec: of what is sent; nms_iou: BEV IoU above which the less sure of two boxes of one label is
     dropped; images: behind the points, None without; memory: passed from one frame's view to the next where frames are
-    read in order.
-    """
+    read in order."""
 
     def __init__(
         self,
@@ -213,8 +206,7 @@ class View:
         """Send an image of a sensor to the centre.
 
         through: gives what the centre makes of it, and the bits that took; name: says all that this depends on beside
-        the measurement.
-        """
+        the measurement."""
         if (sensor, name) not in self._sent_clouds:
             measured, start = self.cloud(sensor), perf_counter()
             points, bits = through()
@@ -295,8 +287,7 @@ def frame_view(
     memory: LinkMemory | None = None,
 ) -> View:
     """Return the view of a frame, cropped to a site or area, below a height (m), else the site's own. scene, memory:
-    see `View`.
-    """
+    see `View`."""
     crop = Crop.of(site, height)
     detect = detector if crop.slope == LEVEL else partial(detect_on_ground, detector, place=site)
     images = Images(lambda sensor: Captured(frame, sensor, site, height), scene, _sent_time(frame), frame.index)
@@ -311,8 +302,7 @@ def together(clouds: Sequence[Cloud]) -> Float32[np.ndarray, "n 3"]:
 
 def suppress(detections: Detections, iou_threshold: float = NMS_IOU) -> Detections:
     """Drop detections that overlap a surer one of their label, by more than a BEV IoU. They come back best first. Equal
-    scores are settled by the boxes' numbers, so the order of the input makes no difference.
-    """
+    scores are settled by the boxes' numbers, so the order of the input makes no difference."""
     boxes, scores, labels = detections.boxes, detections.scores, detections.labels
     order = np.lexsort((labels, *boxes.T))
     return detections[order[nms(boxes[order], scores[order], iou_threshold, labels=labels[order])]]
@@ -345,8 +335,7 @@ def stand_view(
 
     With scenes, clouds are images too, so schemes that send pixels work as on simulated frames: a sensor has the points
     that its image shows, and what the centre makes of a message lies along the rays of its cells. memory: of links,
-    from frame to frame.
-    """
+    from frame to frame."""
     if isinstance(stand.area, Site):
         return frame_view(frame, detector, stand.area, codec=codec, nms_iou=nms_iou, scene=scenes, memory=memory)
     lift = None if stand.ground is None else stand.ground.points

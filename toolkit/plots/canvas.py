@@ -4,10 +4,7 @@ are drawn and written inside `house_style()`, so that no setting of the user aff
 Colours of all pictures: of sensors, classes, outcomes and ground, and scales for counts. Sensors, classes and
 outcomes share no colour, and any two of them differ by at least 18 in CIELAB for normal vision and for protanopia,
 deuteranopia and tritanopia as simulated by Machado et al. (2009, IEEE TVCG 15(6)); the tests check it. No meaning
-depends on colour alone: sensors have labels, outcomes lines and marks of their own, scales grow darker.
-"""
-
-from __future__ import annotations
+depends on colour alone: sensors have labels, outcomes lines and marks of their own, scales grow darker."""
 
 import re
 from collections.abc import Iterator, Sequence
@@ -79,7 +76,7 @@ def sensor_colour(index: int) -> str:
     return SENSORS[index % len(SENSORS)]
 
 
-def point_scale() -> tuple[ListedColormap, BoundaryNorm]:
+def point_scale() -> "tuple[ListedColormap, BoundaryNorm]":
     """Colour map and norm for counts of points. It has a step for 0, then those of `POINT_STEPS`, ever darker."""
     from matplotlib import colormaps
     from matplotlib.colors import BoundaryNorm, ListedColormap
@@ -128,7 +125,7 @@ _STYLE: dict[str, dict[str, Any]] = {
 STYLE: dict[Any, Any] = {f"{group}.{key}": value for group, one in _STYLE.items() for key, value in one.items()}
 
 
-def add_legend(owner: Axes | FigureBase, handles: Sequence[Artist], labels: Sequence[str], **look: Any) -> None:
+def add_legend(owner: "Axes | FigureBase", handles: "Sequence[Artist]", labels: Sequence[str], **look: Any) -> None:
     """Add a legend of literal labels."""
     legend = owner.legend(handles, [str(k) for k in range(len(labels))], **look)
     for text, label in zip(legend.get_texts(), labels, strict=True):
@@ -145,7 +142,7 @@ def house_style() -> Iterator[None]:
         yield
 
 
-def blank_figure(width: float, height: float, *, constrained: bool = False) -> Figure:
+def blank_figure(width: float, height: float, *, constrained: bool = False) -> "Figure":
     """Figure of this size (inches) without a window."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -166,7 +163,7 @@ def check_picture(out: Path | str) -> None:
         raise ValueError(f"a picture's name must end in .png or .svg, got {Path(out).name}")
 
 
-def write_figure(figure: Figure, out: Path | str) -> None:
+def write_figure(figure: "Figure", out: Path | str) -> None:
     """Write a figure as SVG or PNG, with the same bytes each time. Raises ValueError for another suffix."""
     check_picture(out)
     drawn = BytesIO()
@@ -177,14 +174,14 @@ def write_figure(figure: Figure, out: Path | str) -> None:
     write_bytes(out, drawn.getvalue())
 
 
-def render_pixels(figure: Figure) -> Shaped[np.ndarray, "height width 3"]:
+def render_pixels(figure: "Figure") -> Shaped[np.ndarray, "height width 3"]:
     """Render the figure as RGB, uint8, 100 pixels an inch."""
     canvas: Any = figure.canvas
     canvas.draw()
     return np.array(canvas.buffer_rgba())[..., :3]
 
 
-def svg_text(figure: Figure, title: str = "") -> str:
+def svg_text(figure: "Figure", title: str = "") -> str:
     """Return the figure as an <svg> element. Its texts are outlines. It is for a page or a file. title: for screen
     readers. Ids begin with a digest of the figure, so that several pictures can share a page."""
     drawn = BytesIO()
@@ -203,7 +200,7 @@ def svg_text(figure: Figure, title: str = "") -> str:
     return text
 
 
-def draw_heading(figure: Figure, title: str, subtitle: str) -> None:
+def draw_heading(figure: "Figure", title: str, subtitle: str) -> None:
     """Write a chart's title and subtitle at the top left."""
     _, height = figure.get_size_inches()
     figure.text(0.015, 1 - 0.22 / height, shorten(title, 88), fontsize=11, fontweight="bold", va="center")

@@ -1,7 +1,5 @@
 """Curves: precision over recall, points on objects, and training progress."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -21,7 +19,7 @@ _Curves = Mapping[str, tuple[Sequence[float] | np.ndarray, Sequence[float] | np.
 
 
 def draw_pr_curves(
-    curves: Mapping[str, tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]], out: Path | str, *, title: str = ""
+    curves: Mapping[str, tuple[Float[np.ndarray, " _"], Float[np.ndarray, " _"]]], out: Path | str, *, title: str = ""
 ) -> None:
     """Draw precision over recall."""
     axes: PlotStyle = {"xlabel": "recall", "ylabel": "precision", "xlim": (0, 1.01), "ylim": (0, 1.01)}
@@ -43,8 +41,7 @@ def draw_density_cdf(counts: Mapping[str, Int[np.ndarray, " _"]], out: Path | st
     """Draw the share of objects over their points.
 
     There is one cumulative curve for each sensor set (paper, impact of point density). The axis is linear up to `FEW`
-    points and logarithmic beyond.
-    """
+    points and logarithmic beyond."""
     with house_style():
         figure, axes = curve_axes(title or "Points on an object", len(counts))
         for number, points in enumerate(counts.values()):
@@ -76,7 +73,7 @@ def draw_training(curves: Mapping[str, tuple[Sequence[float], Sequence[float]]],
             _draw_curves(chosen, Path(out) / picture, title, look, marker)
 
 
-def curve_axes(title: str, curves: int) -> tuple[Figure, Axes]:
+def curve_axes(title: str, curves: int) -> "tuple[Figure, Axes]":
     """Figure with one axes and room for a legend. The legend is below the axes, with a row for each curve."""
     figure = blank_figure(6.0, 4.2 + _ROW * curves, constrained=True)
     axes = figure.subplots()
@@ -85,7 +82,7 @@ def curve_axes(title: str, curves: int) -> tuple[Figure, Axes]:
     return figure, axes
 
 
-def name_curves(axes: Axes, names: Sequence[str]) -> None:
+def name_curves(axes: "Axes", names: Sequence[str]) -> None:
     """Name the lines of the axes in a legend below."""
     if names:
         shown, lines = [shorten(name, 80) for name in names], axes.get_lines()[: len(names)]

@@ -5,8 +5,6 @@ name, because there may be more sensors than colours. An object is filled by its
 own besides a colour: a hit is solid, a miss dashed with a cross, a false alarm dash-dotted with a triangle, an object
 that does not count dotted."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from math import ceil, floor, log10
 from pathlib import Path
@@ -57,8 +55,8 @@ Entry = tuple["Artist", str]  # of a legend: artist and name
 class MapSheet(NamedTuple):
     """A figure with the axes of a map (m, site frame), and the points (1/72 inch) per metre."""
 
-    figure: Figure
-    axes: Axes
+    figure: "Figure"
+    axes: "Axes"
     points_per_metre: float
 
 
@@ -83,7 +81,7 @@ def map_sheet(
     total = HEAD + height + strip
     figure = blank_figure(full, total)
 
-    def part(left: float, bottom: float, width: float, height: float) -> Axes:  # inches
+    def part(left: float, bottom: float, width: float, height: float) -> "Axes":  # inches
         return figure.add_axes((left / full, bottom / total, width / full, height / total))
 
     axes = part(LEFT + (inner - width) / 2, strip, width, height)
@@ -113,7 +111,7 @@ def map_sheet(
     return MapSheet(figure, axes, 72 * scale)
 
 
-def draw_ground(axes: Axes, site: Site) -> None:
+def draw_ground(axes: "Axes", site: Site) -> None:
     """Draw lanes, footways and solids."""
     for kind, colour in GROUND.items():
         fill_polygons(axes, [shapely.Polygon(polygon) for polygon in getattr(site, kind)], colour, order=1.0)
@@ -135,7 +133,13 @@ def _drawn_solids(site: Site) -> list[Solid]:
 
 
 def fill_polygons(
-    axes: Axes, shapes: Sequence[shapely.Geometry], colour: str, *, order: float, alpha: float = 1.0, edge: float = 0.4
+    axes: "Axes",
+    shapes: Sequence[shapely.Geometry],
+    colour: str,
+    *,
+    order: float,
+    alpha: float = 1.0,
+    edge: float = 0.4,
 ) -> None:
     """Fill the union of polygons in one colour. Its holes stay empty. edge: width of the outline in points."""
     from matplotlib.colors import to_rgba
@@ -152,18 +156,18 @@ def fill_polygons(
     axes.add_patch(PathPatch(outline, facecolor=filled, edgecolor=colour, linewidth=edge, zorder=order))
 
 
-def draw_area(axes: Axes, area: Float64[np.ndarray, "4"]) -> None:
+def draw_area(axes: "Axes", area: Float64[np.ndarray, "4"]) -> None:
     """Draw the outline of the detection area."""
     xmin, ymin, xmax, ymax = area
     outline = np.array([[xmin, ymin], [xmax, ymin], [xmax, ymax], [xmin, ymax], [xmin, ymin]])
     axes.plot(*outline.T, color=INK, linewidth=1.1, dashes=(8, 2, 2, 2), zorder=2.0)
 
 
-def draw_north(axes: Axes, place: tuple[float, float], direction: Float64[np.ndarray, "2"]) -> None:
+def draw_north(axes: "Axes", place: tuple[float, float], direction: Float64[np.ndarray, "2"]) -> None:
     """Draw an arrow that points north through a place of the axes, with the letter at its tip."""
     from matplotlib.transforms import ScaledTranslation
 
-    def away(points: float) -> Transform:
+    def away(points: float) -> "Transform":
         x, y = direction * points / 72
         return axes.transData + ScaledTranslation(x, y, axes.figure.dpi_scale_trans)
 
@@ -214,7 +218,7 @@ def sensor_labels(names: Sequence[str]) -> list[str]:
     return [str(number + 1) for number in range(len(names))]
 
 
-def draw_sensors(axes: Axes, sensors: Sequence[Sensor], points_per_metre: float) -> None:
+def draw_sensors(axes: "Axes", sensors: Sequence[Sensor], points_per_metre: float) -> None:
     """Draw a disc for each sensor, with a line for its heading. Discs of sensors in one place spread around it."""
     if not len(sensors):
         return
@@ -235,7 +239,7 @@ def draw_sensors(axes: Axes, sensors: Sequence[Sensor], points_per_metre: float)
         axes.text(disc[0], disc[1], label, ha="center", va="center_baseline", zorder=8, **font)
 
 
-def draw_wedges(axes: Axes, sensors: Sequence[Sensor], solids: Sequence[Solid] = ()) -> None:
+def draw_wedges(axes: "Axes", sensors: Sequence[Sensor], solids: Sequence[Solid] = ()) -> None:
     """Draw fields of view up to `VIEW_RANGE`, cut off at buildings."""
     tall = [shapely.Polygon(s.footprint) for s in solids if s.kind == "building" and s.top - s.base > TALL]
     for index, sensor in enumerate(sensors):
@@ -283,12 +287,12 @@ def spread_discs(places: _Places, headings: Float64[np.ndarray, " n"], gap: floa
     return discs
 
 
-def draw_poles(axes: Axes, places: _Places, *, used: bool = False, size: float = 6.0) -> None:
+def draw_poles(axes: "Axes", places: _Places, *, used: bool = False, size: float = 6.0) -> None:
     """Draw poles as squares, filled if they carry a sensor."""
     axes.plot(*places.T, zorder=5, **{**pole_style(used), "markersize": size})
 
 
-def name_poles(axes: Axes, places: _Places, names: Sequence[str], points_per_metre: float, keep_off: _Places) -> None:
+def name_poles(axes: "Axes", places: _Places, names: Sequence[str], points_per_metre: float, keep_off: _Places) -> None:
     """Write names beside poles where there is room. Poles, other names and sensors (`keep_off`) may take the room."""
     around = [(place * points_per_metre, 4.0) for place in places]
     around += [(place * points_per_metre, DISC / 2 + 1) for place in keep_off]
@@ -316,7 +320,7 @@ def pole_style(used: bool) -> PlotStyle:
     return edge | {"markerfacecolor": canvas.POLE_INK if used else PAPER_WHITE, "linestyle": "none"}
 
 
-def draw_objects(axes: Axes, objects: Objects) -> None:
+def draw_objects(axes: "Axes", objects: Objects) -> None:
     """Draw boxes filled by class."""
     for label, name in enumerate(LABELS):
         chosen = objects.boxes[objects.labels == label]
@@ -324,7 +328,7 @@ def draw_objects(axes: Axes, objects: Objects) -> None:
             axes.fill(*corners.T, facecolor=CLASS[name], edgecolor=INK, linewidth=0.5, zorder=2.6)
 
 
-def draw_outcome(axes: Axes, boxes: Shaped[np.ndarray, "n 7"], outcome: Outcome) -> None:
+def draw_outcome(axes: "Axes", boxes: Shaped[np.ndarray, "n 7"], outcome: Outcome) -> None:
     """Draw boxes that share an outcome: outline, a line from centre to front, and the outcome's mark."""
     style = OUTCOME[outcome]
     line: PlotStyle = {"color": style.colour, "linestyle": style.line, "linewidth": style.width, "zorder": style.order}

@@ -3,10 +3,7 @@
 What stands still is cast once per sensor and kept. What moves is cast body by body: every body has a ray casting scene
 of its own, in its own frame, built once, and only the rays that can meet an object's box are turned into that frame.
 The nearest hit counts. A `Moment` holds everything that moves in one frame in one scene, which is faster for many lines
-from many places.
-"""
-
-from __future__ import annotations
+from many places."""
 
 from collections.abc import Sequence
 from functools import lru_cache
@@ -69,8 +66,7 @@ class Moment:
     def met(self, lines: Float32[np.ndarray, "n 6"]) -> tuple[Int32[np.ndarray, " n"], Float32[np.ndarray, " n"]]:
         """First object that each line (start, direction; world frame) meets, -1 for none, and the length.
 
-        The length is in directions, infinite for a line that meets none.
-        """
+        The length is in directions, infinite for a line that meets none."""
         if self._scene is None or not len(lines):
             return np.full(len(lines), -1, np.int32), np.full(len(lines), np.inf, np.float32)
         found = self._scene.cast_rays(o3d.core.Tensor.from_numpy(lines), self._threads)
@@ -159,8 +155,7 @@ class Renderer:
 
     bodies: counted by `Snapshot.bodies`; scenery: mesh of the static scene, made from the site by default; threads: of
     Open3D, 0 for all cores. `background` holds each sensor's measurement of the empty site; no rays are kept, so
-    thousands of sensors fit. Pickles as its arguments.
-    """
+    thousands of sensors fit. Pickles as its arguments."""
 
     def __init__(
         self, site: Site, bodies: _Bodies, sensors: Sequence[Sensor], scenery: Mesh | None = None, threads: int = 0
@@ -175,19 +170,19 @@ class Renderer:
     def __reduce__(self) -> tuple[type, tuple[object, ...]]:
         return Renderer, (self._site, self.bodies, self.sensors, self._scenery, self._threads)
 
-    def looking(self, sensors: Sequence[Sensor]) -> Renderer:
+    def looking(self, sensors: Sequence[Sensor]) -> "Renderer":
         """Renderer of other sensors at the same site."""
         other = self._with(sensors=tuple(sensors))
         other.background = tuple(self._cast_all(self._still, sensor) for sensor in other.sensors)
         return other
 
-    def of(self, bodies: Sequence[Body]) -> Renderer:
+    def of(self, bodies: Sequence[Body]) -> "Renderer":
         """Renderer of other bodies at the same site."""
         other = self._with(bodies=tuple(bodies))
         other._measure_bodies()
         return other
 
-    def _with(self, **changes: object) -> Renderer:
+    def _with(self, **changes: object) -> "Renderer":
         other = object.__new__(Renderer)
         other.__dict__.update(self.__dict__, **changes)
         return other

@@ -2,10 +2,7 @@
 
 The ground follows `Site.ground`; footways are level with the street behind their kerbstones. Houses get windows set
 into their walls, hedges a rough surface, crowns of trees leaves with gaps between them, and a pond is a hole in the
-ground with its surface below. Chance is seeded by the site: the same site gives the same mesh.
-"""
-
-from __future__ import annotations
+ground with its surface below. Chance is seeded by the site: the same site gives the same mesh."""
 
 from collections.abc import Callable
 

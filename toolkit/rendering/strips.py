@@ -8,10 +8,7 @@ they do in `toolkit.rendering.renderer`, ray for ray; only below `STRIP_WIDTH` i
 Successive frames share strips: an object that stands where it stood, and all that may hide it, is not cast again. What
 may hide an object is taken generously: whatever overlaps with it in azimuth and elevation and begins no farther off
 than the object ends, with circles for footprints. Bodies that stick in each other are cast every time, since which of
-them a ray meets is chance.
-"""
-
-from __future__ import annotations
+them a ray meets is chance."""
 
 from collections.abc import Callable
 from itertools import pairwise
@@ -48,7 +45,7 @@ class Strips(NamedTuple):
     top: Float32[np.ndarray, " n"]
     shows: Int32[np.ndarray, " n"]  # `OUTSIDE`, `WITHIN` or `BEYOND`
 
-    def take(self, rows: Int64[np.ndarray, " m"]) -> Strips:
+    def take(self, rows: Int64[np.ndarray, " m"]) -> "Strips":
         """Choose some strips."""
         return Strips(*(each.take(rows) for each in self))
 
@@ -70,7 +67,7 @@ class Sectors(NamedTuple):
     columns: Int64[np.ndarray, " p"]  # their number
     step: Float64[np.ndarray, " p"]  # between the rays of a column (rad, about)
 
-    def take(self, pairs: Int64[np.ndarray, " q"]) -> Sectors:
+    def take(self, pairs: Int64[np.ndarray, " q"]) -> "Sectors":
         """Sectors of some pairs."""
         return Sectors(*(each.take(pairs) for each in self))
 
@@ -88,8 +85,7 @@ class _Columns(NamedTuple):
 def cast_strips(renderer: Renderer, moment: Moment, viewpoints: Eyes, counted: Counted, windows: Sectors) -> Strips:
     """Cast the strips of some sectors of a moment's objects, one after the other.
 
-    renderer: of the site, for its static scene; windows: see `find_sectors`.
-    """
+    renderer: of the site, for its static scene; windows: see `find_sectors`."""
     columns = _columns(moment.ground, viewpoints, windows)
     item, start = windows.item.astype(np.int32), viewpoints[windows.viewpoint].astype(np.float32)
 

@@ -7,10 +7,7 @@ A damaged file is put aside under another name, with a warning, and begun anew.
 Digest of a job's source: results on disk are valid only while their code is the same. The source of a job is its
 import closure: its module, the imports of that, inside functions too, and so on, within the house, but not of code
 under `if TYPE_CHECKING:`. A package whose face loads lazily adds only the names that are asked of it, as its stub says.
-Libraries count by their version.
-"""
-
-from __future__ import annotations
+Libraries count by their version."""
 
 import ast
 import hashlib

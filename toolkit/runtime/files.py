@@ -4,8 +4,6 @@ link stays, its target is replaced. On failure nothing is left behind, and one O
 killed process leaves is named `.NAME.0.unfinished`; the next one that writes NAME takes it over. A writer locks it, so
 that nobody takes over what is being written. Damage met in reading becomes one ValueError in one line."""
 
-from __future__ import annotations
-
 import errno
 import json
 import math

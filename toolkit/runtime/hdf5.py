@@ -3,8 +3,6 @@ Every access here stands in `reading`, which turns them into one OSError that na
 when it cannot write a file to its end: `hdf5_file` therefore writes through a file object that keeps the first error to
 itself and lets all later writes pass."""
 
-from __future__ import annotations
-
 import io
 import os
 from collections.abc import Callable, Iterable, Iterator

@@ -1,8 +1,6 @@
 """One function over many inputs: in this process, in several on this machine, or on a Ray cluster. The results are the
 same everywhere. Work that a process or a machine had begun when it died is done again."""
 
-from __future__ import annotations
-
 import ctypes
 import multiprocessing
 import os
@@ -208,7 +206,7 @@ def _in_processes(job: Task, inputs: Iterable[Value], workers: int, ticks: Calla
 
 
 @contextmanager
-def _pool(pickled: bytes, workers: int) -> Iterator[_Pool]:
+def _pool(pickled: bytes, workers: int) -> "Iterator[_Pool]":
     """Give the block processes, which end at once if it raises. The last ones are kept for `IDLE_S` seconds: a search
     repeats the same job, and a process takes seconds to begin."""
     with _lock:

@@ -1,10 +1,7 @@
 """Work in blocks that survives being killed: every finished block is one whole file.
 
 A shard is called `{block}.{crc32}.hdf5`. It is written under another name, synced to disk, then renamed; a shard that
-does not fit its checksum is damaged and made again. The plan of the shards stands beside them in `plan.json`.
-"""
-
-from __future__ import annotations
+does not fit its checksum is damaged and made again. The plan of the shards stands beside them in `plan.json`."""
 
 import errno
 import json

@@ -4,10 +4,7 @@ A command takes the smallest class that holds what it uses: `Processes` (workers
 files, `Simulation` (those, seed, frames) where traffic is simulated, `Run` (those, cache) where results are kept. Other
 usual values are the parameter's default, `run: Run = Run(frames=1000)`. tyro makes options and help of the fields. The
 same seed and frames give the same answer on one machine; cache and processes change its time alone. Fields that do not
-fit raise ValueError, a cluster without Ray ImportError.
-"""
-
-from __future__ import annotations
+fit raise ValueError, a cluster without Ray ImportError."""
 
 import os
 from collections.abc import Callable, Iterable, Iterator
@@ -123,7 +120,7 @@ class Run(Simulation):
             raise ValueError(f"the cache is a folder, got the file {self.cache}: give another path, or leave it out")
 
     @cached_property
-    def memo(self) -> Cache | None:
+    def memo(self) -> "Cache | None":
         """The cache's one file; None without a folder."""
         from toolkit.runtime.cache import Cache
 

@@ -1,7 +1,5 @@
 """Tables as lines of text, and names of others made safe to print."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 

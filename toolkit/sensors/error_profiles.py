@@ -12,10 +12,7 @@ both beside the model's own. Add any other term in a profile of your own: `Error
 rain(25.0)))`.
 
 Terms act in order: first what a surface sends back, then what lies between, then what the sensor makes of it, then
-where it is believed to be. Every term draws from a stream of its own: adding one changes no other.
-"""
-
-from __future__ import annotations
+where it is believed to be. Every term draws from a stream of its own: adding one changes no other."""
 
 import zlib
 from collections import Counter

@@ -51,10 +51,7 @@ Readings: what a sensor says it measured and where it is believed to be, and how
 
 An error term makes one `Reading` of another. The truth beside it (`TrueImage`), as rendered, never changes. A random
 number depends on the seed, the error term and what it is drawn for, never on how many were drawn before, so that a
-sensor measures the same in any order of sensors, frames and processes.
-"""
-
-from __future__ import annotations
+sensor measures the same in any order of sensors, frames and processes."""
 
 from collections.abc import Sequence
 from dataclasses import Field, dataclass, fields, replace
@@ -157,8 +154,7 @@ class TrueImage:
     def cosines(self) -> Float32[np.ndarray, "rows columns"]:
         """Cosine of the angle between each ray and the surface's normal; 1 where it is unknown.
 
-        From the differences to the nearer of the neighbours across and along.
-        """
+        From the differences to the nearer of the neighbours across and along."""
         rays = self.sensor.model.rays().astype(np.float64)
         points = rays * np.where(self.valid, self.measurement, np.float32(0))[..., None]
         normal = np.cross(_tangent(points, self.valid, 0), _tangent(points, self.valid, 1))
@@ -173,8 +169,7 @@ class Reading:
     """Measurement of a sensor as it reports it.
 
     measurement: 0 for no return; pose: believed world_SE3_sensor; shift: displacement of each pixel's point off its ray
-    (m, world frame), None for none.
-    """
+    (m, world frame), None for none."""
 
     truth: TrueImage
     measurement: Float32[np.ndarray, "rows columns"]
@@ -182,7 +177,7 @@ class Reading:
     shift: ImageVectors | None = None
 
     @staticmethod
-    def of(truth: TrueImage) -> Reading:
+    def of(truth: TrueImage) -> "Reading":
         """Reading without error; NaN and infinity become 0, no return."""
         image = np.asarray(truth.measurement, np.float32)
         finite = np.isfinite(image)
@@ -193,11 +188,11 @@ class Reading:
         """Mask of pixels that return anything now."""
         return is_return(self.measurement, self.truth.sensor.model.max_range)
 
-    def without(self, lost: Bool[np.ndarray, "rows columns"]) -> Reading:
+    def without(self, lost: Bool[np.ndarray, "rows columns"]) -> "Reading":
         """Remove the returns of some pixels."""
         return self.measuring(np.where(lost, np.float32(0), self.measurement)) if lost.any() else self
 
-    def measuring(self, measurement: Float32[np.ndarray, "rows columns"]) -> Reading:
+    def measuring(self, measurement: Float32[np.ndarray, "rows columns"]) -> "Reading":
         """Replace the image."""
         return replace(self, measurement=measurement)
 
@@ -283,8 +278,7 @@ def velocities(objects: Objects, time: float, around: Sequence[tuple[Objects, fl
     """Velocity (m/s, world frame) of each object of a frame, from its track in the frames before and after.
 
     It is their mean, 0 for a track in neither. time: of the frame (s); around: objects and time of its neighbours.
-    Raises ValueError without neighbours and for one farther off than `MOST_APART`.
-    """
+    Raises ValueError without neighbours and for one farther off than `MOST_APART`."""
     gaps = [abs(then - time) for _, then in around]
     if not gaps or not all(0 < gap <= MOST_APART for gap in gaps):
         apart = ", ".join(f"{gap:g} s" for gap in gaps) or "nothing"
@@ -374,8 +368,7 @@ _NEIGHBOURS = ((0, 1), (0, -1), (1, 0), (-1, 0))
 class MixedPixels(_Term):
     """Pixels beside an edge that measure something between two surfaces, with even probability.
 
-    One of the four neighbours of each pixel is drawn. A neighbour without return mixes nothing.
-    """
+    One of the four neighbours of each pixel is drawn. A neighbour without return mixes nothing."""
 
     share: float = 0.0  # of the pixels beside an edge
     gap: float = 0.3  # least difference to a neighbour at an edge (m)
@@ -414,8 +407,7 @@ class PoleSway(_Term):
     """Slow sway of poles; all sensors of a pole sway together.
 
     To first order a sensor that moved, placed where it stood, is one that stood, placed where it did not: nothing is
-    rendered anew. A pole's foot is taken to be at z = 0.
-    """
+    rendered anew. A pole's foot is taken to be at z = 0."""
 
     _strengths, _positive = ("amplitude",), ("period",)
     amplitude: float = angle(0.0)  # angle by which the tip of a pole turns (rad)

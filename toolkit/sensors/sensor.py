@@ -7,10 +7,7 @@
 
 A model that measures "depth" has rays of length 1 along its optical axis, one that measures "range" rays of length 1.
 A measurement that is NaN, infinite, zero or negative is no return and makes no point. A model is a frozen dataclass
-whose fields all have defaults: files hold them under the name of its class (`models.register_sensor_model`).
-"""
-
-from __future__ import annotations
+whose fields all have defaults: files hold them under the name of its class (`models.register_sensor_model`)."""
 
 import json
 from collections.abc import Sequence
@@ -84,8 +81,7 @@ class SensorModel(Protocol):
         """Rectangles of pixels (row, top, bottom, left, right) around boxes, given by corners in the sensor frame.
 
         No ray outside its rectangles meets a box. A box may come more than once, as across the seam of a spinning
-        lidar, or not at all. See `clip_windows`.
-        """
+        lidar, or not at all. See `clip_windows`."""
 
 
 def is_return(measurement: Float[np.ndarray, "*shape"], max_range: float = np.inf) -> Bool[np.ndarray, "*shape"]:
@@ -179,8 +175,7 @@ def check_noise(sigma: float, max_range: float) -> None:
 class Sensor:
     """Sensor model at a pose, world_SE3_sensor, in a site's own frame: float32 points are good to 1 mm within 10 km.
 
-    Raises ValueError if the pose is no rigid motion.
-    """
+    Raises ValueError if the pose is no rigid motion."""
 
     name: str
     model: SensorModel

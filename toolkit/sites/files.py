@@ -5,10 +5,7 @@ Coordinates are local metres of the site frame, so a GIS tool shows the plan at 
 earth; `map_SE3_site` and `geo_reference` say where that is. Polygons are closed rings without holes; angles degrees.
 
 Solids, mounts and bays have an `origin`, and the road a `road_origin`: mapped, surveyed or drawn. What does not say its
-origin is mapped. Files from before there were origins say none, so what an import drew into them counts as mapped.
-"""
-
-from __future__ import annotations
+origin is mapped. Files from before there were origins say none, so what an import drew into them counts as mapped."""
 
 import json
 import sys
@@ -32,8 +29,7 @@ def load_site(name_or_path: str | Path) -> Site:
     """Load a site; built-in ones go by name, saved ones by path.
 
     Raises ValueError, in one line with file, field, rule and value, for a damaged file; FileNotFoundError if neither a
-    file nor a built-in site has that name.
-    """
+    file nor a built-in site has that name."""
     path = Path(name_or_path)
     if str(name_or_path) in BUILT_IN:
         path = Path(__file__).parent / f"{name_or_path}.json"
@@ -129,7 +125,7 @@ class _Node:
             raise ValueError(f"{self.where(key)} must be {_WORDS[kind]}, got {str(value)[:60]!r}")
         return value
 
-    def node(self, key: str) -> _Node:
+    def node(self, key: str) -> "_Node":
         return _Node(self.get(key, dict), self.where(key))
 
     def number(self, key: str) -> float:

@@ -1,10 +1,7 @@
 """Street furniture as solids on level ground, and `settle` for uneven ground.
 
 Things about as big as a car, such as hedges, containers and skips, are what a detector mistakes for one, so a drawn
-street holds plenty of them. They are made about the origin, lengthwise along x; `move_solids` puts them in place.
-"""
-
-from __future__ import annotations
+street holds plenty of them. They are made about the origin, lengthwise along x; `move_solids` puts them in place."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
@@ -120,8 +117,7 @@ def set_kerbs(edge: shapely.Geometry, road: shapely.Geometry, size: Point, *, br
 def settle(solids: Iterable[Solid], relief: Relief) -> tuple[Solid, ...]:
     """Lift solids made for level ground by the height of uneven ground under their middle.
 
-    Solids on the ground (base 0) reach 0.3 m into it, so that no gap shows.
-    """
+    Solids on the ground (base 0) reach 0.3 m into it, so that no gap shows."""
     solids = list(solids)
     middles = np.array([solid.footprint.mean(axis=0) for solid in solids]).reshape(-1, 2)
     lifts = Site("", np.array([0.0, 0, 1, 1]), relief=relief).ground(middles).round(3).tolist()

@@ -6,10 +6,7 @@ to true north (grid convergence), 0 at the centre of coview's own maps and up to
 
 GeoJSON written here is to look at and to draw over; coview itself reads a site's own file (`toolkit.sites.files`).
 Outer rings run counter-clockwise and holes clockwise, coordinates have 8 decimals (about 1 mm), the collection has a
-bbox, and every feature says what it is as `layer`.
-"""
-
-from __future__ import annotations
+bbox, and every feature says what it is as `layer`."""
 
 import json
 import re
@@ -37,8 +34,7 @@ def longitude_latitude(site: Site, xy: Float[np.ndarray, "n 2"]) -> Float64[np.n
     """Convert site metres to degrees of longitude and latitude (WGS84).
 
     None if the site has no known place on earth. Raises ValueError if `geo_reference` is no projection or does
-    not reach there; ImportError if pyproj is needed and missing.
-    """
+    not reach there; ImportError if pyproj is needed and missing."""
     if site.geo_reference is None:
         return None
     xy = np.asarray(xy, np.float64)
@@ -49,8 +45,7 @@ def longitude_latitude(site: Site, xy: Float[np.ndarray, "n 2"]) -> Float64[np.n
 def site_metres(site: Site, lon_lat: Float[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n 2"]:
     """Convert degrees of longitude and latitude (WGS84) to site metres.
 
-    Raises ValueError for a site without a known place on earth, and the errors of `longitude_latitude`.
-    """
+    Raises ValueError for a site without a known place on earth, and the errors of `longitude_latitude`."""
     if site.geo_reference is None:
         raise ValueError(f"site {site.name!r} does not say where on earth it is (geo_reference): give site metres")
     on_map = _convert(site, site.geo_reference, np.asarray(lon_lat, np.float64), inverse=False)
@@ -76,8 +71,7 @@ def projection(longitude: float, latitude: float) -> str:
 def project(lon_lat: Float[np.ndarray, "n 2"], centre: tuple[float, float]) -> Float64[np.ndarray, "n 2"]:
     """Convert degrees to metres of `projection(*centre)`.
 
-    Good to 1 mm within 2 km (Snyder, Map Projections, equations 8-9 to 8-15, cut after the terms of third order).
-    """
+    Good to 1 mm within 2 km (Snyder, Map Projections, equations 8-9 to 8-15, cut after the terms of third order)."""
     longitude, latitude = np.deg2rad(lon_lat).T
     longitude_0, latitude_0 = np.deg2rad(centre)
     sine, cosine = np.sin(latitude), np.cos(latitude)
@@ -131,7 +125,7 @@ def _convert(site: Site, reference: str, points: np.ndarray, *, inverse: bool) -
 
 
 @lru_cache(maxsize=8)  # to make one takes longer than to use it
-def _proj(geo_reference: str, inverse: bool) -> Transformer:
+def _proj(geo_reference: str, inverse: bool) -> "Transformer":
     from pyproj import CRS, Transformer
     from pyproj.exceptions import ProjError
 
@@ -152,8 +146,7 @@ _Json = dict[str, Any]
 def site_geojson(site: Site) -> str:
     """GeoJSON text of a site in longitude and latitude.
 
-    Raises ValueError for a site without a known place on earth; ImportError if its map needs pyproj.
-    """
+    Raises ValueError for a site without a known place on earth; ImportError if its map needs pyproj."""
     if site.geo_reference is None:
         silent = f"site {site.name!r} does not say where on earth it is (geo_reference is null)"
         remedy = "import it from a map that has, or use the site file, which is GeoJSON in metres"

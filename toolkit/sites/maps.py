@@ -3,10 +3,7 @@
 SUMO's netconvert makes their roads. The site frame is centred at the given place, x along `heading`; `map_SE3_site`
 leads back to the map's coordinates: those of the OpenDRIVE file, or metres of a transverse Mercator map of WGS84
 (`geo_reference`) about the centre. The site has no sensors yet; mounts on lamp posts are real, mounts along the kerbs
-are suggestions, all at the price of one. Where the map is silent, surroundings are drawn from a seed.
-"""
-
-from __future__ import annotations
+are suggestions, all at the price of one. Where the map is silent, surroundings are drawn from a seed."""
 
 import tempfile
 import warnings
@@ -80,8 +77,7 @@ def whole_road(
     """Lanes and footways within `window` without cracks, stubs and slivers.
 
     Driven ground is carriageway, and a footway begins where the carriageway ends. fillings: carriageway and footway
-    where the map is silent of both.
-    """
+    where the map is silent of both."""
     around = window.buffer(2 * STUB)
     paved = shapely.union_all([*lanes, tracks]).intersection(around)
     walk = shapely.union_all(list(footways)).intersection(around)
@@ -116,8 +112,7 @@ def legs(network: str) -> tuple[list[Float64[np.ndarray, "_ 2"]], list[tuple[flo
     """Paths of the network's streets within 100 m of the site's middle, with half their widths left and right (m).
 
     A path runs along the lane nearest to the middle of the street, one for each direction, and straight on for 130 m
-    where its edge ends, since houses are drawn along 90 m.
-    """
+    where its edge ends, since houses are drawn along 90 m."""
     edges: dict[ElementTree.Element, list[ElementTree.Element]] = {}
     for edge, lane in nets.list_lanes(network):
         edges.setdefault(edge, []).append(lane)
@@ -157,8 +152,7 @@ def furnish_site(
 def redraw(site: Site, seed: int) -> Site:
     """Draw again, from another seed, what an import drew; the map's things, the ground and all mounts stay.
 
-    Raises ValueError for a site that no import furnished.
-    """
+    Raises ValueError for a site that no import furnished."""
     if site.furnished == "none":
         raise ValueError(f"site {site.name!r} has no furnishing to draw again: coview site import draws one")
     kept = tuple(solid for solid in site.solids if solid.origin != "drawn")
@@ -268,8 +262,7 @@ class MapPiece:
     of x (rad counter-clockwise from the map's east); seed: draws what the map is silent of, which a warning lists, None
     leaves it bare; density: how much is drawn.
 
-    Raises FileNotFoundError for a missing file, ValueError for an empty one and for an impossible place.
-    """
+    Raises FileNotFoundError for a missing file, ValueError for an empty one and for an impossible place."""
 
     path: Path
     centre: tuple[float | int, float | int]
@@ -311,8 +304,7 @@ def import_opendrive(piece: MapPiece) -> Site:
     and signals become solids and bays, mounts are made along the kerbs. Warnings name a georeference that is no
     projection, what is left out and what is drawn.
 
-    Raises ValueError in one line if the file is no OpenDRIVE map or has no road there, ImportError without SUMO.
-    """
+    Raises ValueError in one line if the file is no OpenDRIVE map or has no road there, ImportError without SUMO."""
     path, (x, y), heading = piece.path, map(float, piece.centre), piece.heading
     with name_errors(path):
         root = opendrive.read_opendrive(path, (x, y))
@@ -371,8 +363,7 @@ def import_osm(piece: MapPiece, *, lefthand: bool = False) -> Site:
     the map; mounts are on its lamp posts, or else along the kerbs. What the site cannot hold (tunnels, bridges over a
     road, buildings over a road) is left out with a warning.
 
-    Raises ValueError in one line if the file is no OSM map or has no road there, ImportError without SUMO.
-    """
+    Raises ValueError in one line if the file is no OSM map or has no road there, ImportError without SUMO."""
     path, place, heading = piece.path, (float(piece.centre[0]), float(piece.centre[1])), piece.heading
     extract, within = osm.read_map(path, place, heading), piece.around(REACH)
     pieces, notes = osm.roads(extract, within, lefthand=lefthand)
@@ -461,8 +452,7 @@ def _convert(options: Sequence[str], piece: MapPiece) -> str:
 def _elsewhere(network: str, window: shapely.Polygon) -> tuple[float, list[str], bool]:
     """Height of the nearest road, edges to remove, and True if any edge is left.
 
-    Edges to remove lie outside `window`, or on another storey than the road nearest to its middle.
-    """
+    Edges to remove lie outside `window`, or on another storey than the road nearest to its middle."""
     heights, near = {}, set()
     nearest, level = np.inf, 0.0
     for edge, lane in nets.list_lanes(network):

@@ -1,10 +1,7 @@
 """Road networks, made by SUMO's netconvert of maps or of plain nodes and edges, and road surfaces.
 
 Plain input is rows of attributes, named as SUMO's plain XML names them, in site coordinates.
-https://sumo.dlr.de/docs/Networks/PlainXML.html
-"""
-
-from __future__ import annotations
+https://sumo.dlr.de/docs/Networks/PlainXML.html"""
 
 import importlib.util
 import os
@@ -75,8 +72,7 @@ def build_network(nodes: _Rows, edges: _Rows, *, roundabouts: _Rows = ()) -> str
     nodes: id, x, y, type, radius...; edges: id, from, to, shape, spreadType, priority... and `lanes`, a list of rows as
     `street` makes them; roundabouts: nodes, edges. netconvert guesses where pedestrians cross.
 
-    Raises ValueError with netconvert's own words if it refuses the rows, ImportError without SUMO.
-    """
+    Raises ValueError with netconvert's own words if it refuses the rows, ImportError without SUMO."""
     ways = []
     for edge in edges:
         lanes = edge.get("lanes", ())
@@ -130,8 +126,7 @@ def road_polygons(
 ) -> tuple[Polygons, Polygons]:
     """Road polygons of a net.xml text within `margin` (m) around `area`: for wheels, and for feet.
 
-    Wheels: lanes, shoulders, junctions, crossings; feet: sidewalks, walking areas.
-    """
+    Wheels: lanes, shoulders, junctions, crossings; feet: sidewalks, walking areas."""
     xmin, ymin, xmax, ymax = area
     window = shapely.box(xmin - margin, ymin - margin, xmax + margin, ymax + margin)
     lanes: list[shapely.Geometry] = []

@@ -2,10 +2,7 @@
 
 A road is measured along its reference line, in plan view and elevation (chapters 7, 8). An object's place is s, t on
 its road, turned by hdg against it; its shape is an outline, a radius or a length and width (chapters 11, 12). Flat
-objects (crosswalks, markings) are no solids. Errors of damaged numbers do not name the file: their caller does.
-"""
-
-from __future__ import annotations
+objects (crosswalks, markings) are no solids. Errors of damaged numbers do not name the file: their caller does."""
 
 import re
 import warnings
@@ -218,8 +215,7 @@ def find_plane(roads: Sequence[MapRoad], window: shapely.Geometry, map_SE3_site:
     """Slope of the roads, their deviation from it (m), and the steepest slope (rise over run).
 
     The slope is along x and y of the site, fitted by least squares to the middle lines within `window` (map frame). It
-    is level if the roads give no slope in one direction.
-    """
+    is level if the roads give no slope in one direction."""
     found = [(road, *road.stations(window, STATIONS_EVERY)) for road in roads]
     steepest = max([0.0, *(float(abs(road.elevation.slope(s)).max(initial=0.0)) for road, s, _ in found)])
     places = np.concatenate([np.zeros((0, 2)), *(xy for _, _, xy in found)])
@@ -251,8 +247,7 @@ NAMES_PROJECTION = r"\+proj=(?!lat|lon)|EPSG:|PROJ(CS|CRS|ECTEDCRS)\b"  # in deg
 def read_opendrive(path: Path, centre: tuple[float, float]) -> ElementTree.Element:
     """Read the elements of an OpenDRIVE file, without namespaces.
 
-    Raises ValueError if the file is not a map, is damaged, or `centre` is outside it.
-    """
+    Raises ValueError if the file is not a map, is damaged, or `centre` is outside it."""
     try:
         root = ElementTree.parse(path).getroot()
     except (ElementTree.ParseError, LookupError, ValueError) as error:

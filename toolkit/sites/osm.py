@@ -12,10 +12,7 @@ Parking along the kerbs of an OpenStreetMap extract: strips beside the lanes of 
 Both tagging schemes are read, parking:SIDE with parking:SIDE:orientation and the older parking:lane:SIDE, and areas of
 amenity=parking beside a road. netconvert knows no such strips: they are put into the plain network that it writes, and
 it is run again. A strip lies between lanes and footway, also where vehicles stand half or all on the kerb.
-https://wiki.openstreetmap.org/wiki/Street_parking
-"""
-
-from __future__ import annotations
+https://wiki.openstreetmap.org/wiki/Street_parking"""
 
 import gzip
 import re
@@ -88,8 +85,7 @@ def read_map(path: Path, centre: tuple[float, float], heading: float = 0.0) -> E
     """Read a map (.osm, .osm.xml, or either with .gz) in metres around `centre` (longitude, latitude).
 
     heading: of x (rad counter-clockwise from east). Raises ValueError if the file is no OSM XML, is damaged or empty,
-    or `centre` lies outside it.
-    """
+    or `centre` lies outside it."""
     points: dict[str, list[float]] = {}
     place_tags: dict[str, Tags] = {}
     bounds: list[list[float]] = []
@@ -241,8 +237,7 @@ _RULES |= dict.fromkeys(("lanes", "lanes:forward", "lanes:backward"), "[1-8]")  
 def roads(extract: Extract, window: shapely.Geometry, *, lefthand: bool = False) -> tuple[list[Way], list[str]]:
     """Roads for vehicles within `window`, cut at its edge, and notes.
 
-    They have the tags meant for netconvert. Tunnels and bridges over another road are left out and noted.
-    """
+    They have the tags meant for netconvert. Tunnels and bridges over another road are left out and noted."""
     drivable = [way for way in extract.ways if way.tags.get("highway") in ROADS and way.tags.get("area") != "yes"]
     drivable = [w for w in drivable if w.tags.get("service") not in ("driveway", "parking_aisle", "drive-through")]
     near = [way for way in drivable if shapely.LineString(way.line).intersects(window)]
@@ -368,8 +363,7 @@ _BARRIERS |= {"guard_rail": (f.railing, 0.8), "handrail": (f.railing, 1.0)}
 def buildings(extract: Extract, window: shapely.Geometry, road: shapely.Geometry) -> tuple[list[Solid], list[str]]:
     """Buildings that reach into `window`, cut off at `road`, and notes.
 
-    A building with parts (building:part) is made of them; its own outline stands where there are none.
-    """
+    A building with parts (building:part) is made of them; its own outline stands where there are none."""
     near = [(shape, tags) for shape, tags in extract.areas if shape.intersects(window)]
     parts = [(shape, tags) for shape, tags in near if tags.get("building:part", "") not in _NO_BUILDING]
     covered = shapely.union_all([shape for shape, _ in parts])

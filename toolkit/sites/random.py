@@ -1,7 +1,5 @@
 """Random junctions, 3 to 5 legs or a roundabout, with surroundings, mounts and sensors; each has a seed."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -58,8 +56,7 @@ def random_site(rng: Rng | int) -> Site:
     are at least 12 mounts with 1 to 10 default sensors. By chance there are avenues whose crowns hang over the road,
     vehicles parked along kerbs, road works, and hedges, containers and the like beside the lanes and on islands.
 
-    Raises ValueError for a negative seed.
-    """
+    Raises ValueError for a negative seed."""
     if not isinstance(rng, np.random.Generator) and rng < 0:
         raise ValueError(f"seed of a random site must be a whole number from 0 up, got {rng}")
     rng = np.random.default_rng(rng)
@@ -98,8 +95,7 @@ def random_sensors(site: Site, rng: Rng | int, count: int | None = None) -> tupl
     They hang `LOWEST` to `HIGHEST` m up as far as their mounts allow, tilted the more the higher they hang, most
     of them headed for the middle of the area. Cameras come first in order of name: d0, d1, ... then lidars l2, l3, ...
 
-    Raises ValueError for a site without mounts and for a count below 1.
-    """
+    Raises ValueError for a site without mounts and for a count below 1."""
     rng = np.random.default_rng(rng)
     count = int(rng.integers(1, 11)) if count is None else count
     if count < 1:

@@ -2,10 +2,7 @@
 
 Site frame: right-handed, metres, z up, zero at the mean height of the street; where that slopes, z is 0 at the origin.
 `map_SE3_site` turns it into the frame of the map the site was taken from, which is right-handed too (a CARLA map: x,
--y_carla, z).
-"""
-
-from __future__ import annotations
+-y_carla, z)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, is_dataclass
@@ -38,8 +35,7 @@ class Solid:
 
     footprint: (k, 2) polygon; kind: one of `KINDS`; origin: one of `ORIGINS`. A tree is two solids, a `trunk` and a
     crown (`tree`). A `pond` is a hole: there is no ground inside its footprint, but a surface at `top`, below the
-    street.
-    """
+    street."""
 
     footprint: Float64[np.ndarray, "k 2"]
     base: float
@@ -108,8 +104,7 @@ class Site(Displayed):
     """A junction: detection area, roads, solids, mounts, sensors and network.
 
     Two sites are equal if all fields are, numbers to `EQUAL`, networks line by line. Raises ValueError that names the
-    field that does not fit.
-    """
+    field that does not fit."""
 
     name: str
     area: Float64[np.ndarray, "4"]  # xmin ymin xmax ymax of the detection area
@@ -194,8 +189,7 @@ class Site(Displayed):
         """Height of the ground (m) at places (..., 2) of the site.
 
         On the plane lies a smooth, seeded sum of plane waves 7 to 160 m long whose mean over a large place is zero.
-        Ponds, kerbs and islands are solids and not part of it.
-        """
+        Ponds, kerbs and islands are solids and not part of it."""
         xy = np.asarray(xy, np.float64)
         plane = self.plane(xy)
         if self.relief.amplitude == 0:

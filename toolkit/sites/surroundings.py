@@ -9,10 +9,7 @@ A tree's crown is several clumps of leaves with gaps between them. It keeps clea
 traffic passes below it: only the trunk takes ground. Islands are kerbed, planted and signed. Road works lie off the
 lanes that are driven, closed off by cones, barriers or a fence.
 
-Things of a site by their origin: taken from a map, surveyed, or drawn by coview where the map is silent.
-"""
-
-from __future__ import annotations
+Things of a site by their origin: taken from a map, surveyed, or drawn by coview where the map is silent."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -77,8 +74,7 @@ class Plot:
     """Ground around a road, where solids are placed one by one.
 
     open: ground beside the road; lanes: kept clear, with LANE_CLEARANCE; driven: the part kept clear even of solids on
-    shoulders; mounts: (n, 2) places of sensors.
-    """
+    shoulders; mounts: (n, 2) places of sensors."""
 
     def __init__(self, road: Road, window: shapely.Geometry, mounts: Iterable[Mount]) -> None:
         self.road, self.window = road, window
@@ -93,8 +89,7 @@ class Plot:
     def claim(self, ground: shapely.Geometry, *, footway: bool = False, shoulder: bool = False) -> bool:
         """Take `ground` off the lanes and, unless `footway`, off the footways, if it is free; return success.
 
-        shoulder: it may lie on any ground that is not driven.
-        """
+        shoulder: it may lie on any ground that is not driven."""
         if shoulder:
             allowed = not self.driven.intersects(ground)
         else:
@@ -118,8 +113,7 @@ def place_mounts(
     """Choose sensor places at the kerb and behind the footway, their feet at z = 0.
 
     `FEWEST_MOUNTS` to twice as many mounts in and just around `area`, out of `avoid`, `spacing` m apart where there is
-    room.
-    """
+    room."""
     window = shapely.box(*area).buffer(5.0)
     kerb = along(road.carriageway.buffer(0.7).boundary.intersection(window), 1.0)
     behind = along(road.surface.buffer(0.6).boundary.intersection(window), 1.0)
@@ -169,8 +163,7 @@ _UNSEEN = 15.0  # m from the edge of the furnished ground; no bays lie on the ro
 def kerb_bays(plot: Plot, strips: Mapping[str, Strip], angles: Mapping[str, int], rng: Rng) -> Bays:
     """Draw bays x, y, yaw on the strips that have an angle (degrees, 0 in line with the kerb).
 
-    The junction is at the end of a strip of an edge `in...`, and at the start of the others.
-    """
+    The junction is at the end of a strip of an edge `in...`, and at the start of the others."""
     rows, seen = [np.zeros((0, 3))], plot.window.buffer(-_UNSEEN, join_style="mitre")
     size = BAY[0] - 0.2, BAY[1] - 0.2
     for edge, angle in angles.items():
@@ -253,8 +246,7 @@ def avenues(plot: Plot, kerb: Points, rng: Rng) -> None:
 def plant(plot: Plot, foot: np.ndarray, radius: float, levels: f.Span, rng: Rng, *, footway: bool = True) -> bool:
     """Plant a tree at `foot`; return False if there is no room.
 
-    radius: of the crown, less near walls and mounts, and off the road if it hangs too low; levels: its ends (m).
-    """
+    radius: of the crown, less near walls and mounts, and off the road if it hangs too low; levels: its ends (m)."""
     x, y = (round(float(c), 3) for c in foot)
     spot = shapely.Point(x, y)
     houses = [shapely.Polygon(solid.footprint) for solid in plot.solids if solid.kind == "building"]
@@ -466,7 +458,7 @@ def furnish(
     return solids, bays
 
 
-def _fill_bays(plot: Plot, bays: Bays, rng: Rng) -> Bays:
+def _fill_bays(plot: Plot, bays: Bays, rng: Rng) -> Float64[np.ndarray, "left 3"]:
     """Put skips, containers and the like in some bays, close to vehicles that park; return the bays left."""
     filled = rng.random(len(bays)) < rng.uniform(0.0, 0.3)
     for x, y, yaw in bays[filled]:
@@ -563,8 +555,7 @@ def count_things(site: Site) -> dict[str, dict[str, int]]:
     """Count the things of a site by origin, then by kind.
 
     Solids of a kind that touch are one thing: a fence has many. A tree counts once, by its trunk. A pole is a mount,
-    and its own post no thing beside it. A drawn road is one thing.
-    """
+    and its own post no thing beside it. A drawn road is one thing."""
     found: dict[str, Counter[str]] = {origin: Counter() for origin in ORIGINS}
     trunks = unite(s.footprint for s in site.solids if s.kind == "trunk").buffer(6.0)
     feet = shapely.MultiPoint([mount.position[:2] for mount in site.mounts]).buffer(0.3)

@@ -10,10 +10,7 @@ dropped.
 A share of all may be `Strays`, road users where their class seldom is: on any lane or footway, beside walls and
 vehicles, shoulder to shoulder. Where everybody keeps to lanes of their own, a detector learns the place in place of the
 shape: a pedestrian on a lane becomes a cyclist. Strays stand or go straight on, at any heading, for as many frames as
-other road users live.
-"""
-
-from __future__ import annotations
+other road users live."""
 
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass, replace
@@ -39,8 +36,7 @@ _WALKABLE = 0.3  # m above the ground; lower solids can be stepped on
 class Obstacles:
     """Static solids high enough to be in the way, indexed by place.
 
-    Heights count from the plane of the ground, as those of boxes do until a snapshot puts them on the ground.
-    """
+    Heights count from the plane of the ground, as those of boxes do until a snapshot puts them on the ground."""
 
     def __init__(self, site: Site) -> None:
         middles = np.array([solid.footprint.mean(axis=0) for solid in site.solids]).reshape(-1, 2)
@@ -61,8 +57,7 @@ class Obstacles:
 def separate(boxes: _Boxes, obstacles: Obstacles) -> tuple[_Boxes, Bool[np.ndarray, " n"], int]:
     """Separate boxes; return them, a mask of kept rows and the number of changes.
 
-    Earlier rows have precedence. A row in the way steps aside by up to 1 m across its heading, or is dropped.
-    """
+    Earlier rows have precedence. A row in the way steps aside by up to 1 m across its heading, or is dropped."""
     kept = np.ones(len(boxes), bool)
     in_the_way = np.flatnonzero(overlaps(boxes).any(axis=0) | obstacles.hit(boxes))
     if not len(in_the_way):
@@ -115,7 +110,7 @@ class StrayGround:
     edges: Float64[np.ndarray, "m 4"]
 
     @staticmethod
-    def of(site: Site, obstacles: Obstacles, rng: np.random.Generator) -> StrayGround:
+    def of(site: Site, obstacles: Obstacles, rng: np.random.Generator) -> "StrayGround":
         """Draw places all over a site's road."""
         surface = shapely.intersection(unite([*site.lanes, *site.footways]), shapely.box(*site.area))
         drawn = rng.uniform(site.area[:2], site.area[2:], (8000, 2))
@@ -156,7 +151,7 @@ class Strays:
     left: Int64[np.ndarray, " n"]
 
     @staticmethod
-    def draw(site: Site, obstacles: Obstacles, supply: Supply, number: int, vehicles: np.ndarray) -> Strays:
+    def draw(site: Site, obstacles: Obstacles, supply: Supply, number: int, vehicles: np.ndarray) -> "Strays":
         """Draw so many strays. vehicles: boxes (n, 7) of those that park, which strays stand beside too."""
         rng, none = supply.rng, np.zeros(0)
         ground = StrayGround.of(site, obstacles, rng) if number else StrayGround(np.zeros((0, 2)), np.zeros((0, 4)))
@@ -175,7 +170,7 @@ class Strays:
         x, y, yaw = self.poses.T
         return np.column_stack([x + gone * np.cos(yaw), y + gone * np.sin(yaw), yaw])
 
-    def later(self, supply: Supply, time: float) -> Strays:
+    def later(self, supply: Supply, time: float) -> "Strays":
         """Strays a frame later, others in place of those whose life is over. time: of that frame (s)."""
         number, left = len(self.ids), self.left - 1
         kept = left > 0
@@ -183,7 +178,7 @@ class Strays:
         missing = number - int(kept.sum())
         return replace(self, **columns, left=left[kept])._add(missing, supply, time, np.full(missing, LIFE))
 
-    def _add(self, number: int, supply: Supply, time: float, left: np.ndarray) -> Strays:
+    def _add(self, number: int, supply: Supply, time: float, left: np.ndarray) -> "Strays":
         rng, chosen = supply.rng, [label for label in STRAY_SHARES if (supply.labels == label).any()]
         shares = np.array([STRAY_SHARES[label] for label in chosen])
         bodies, poses, speeds = list[int](), list[np.ndarray](), list[float]()
@@ -258,7 +253,7 @@ class Parked:
     poses: Float64[np.ndarray, "n 3"]
 
     @staticmethod
-    def draw(site: Site, obstacles: Obstacles, supply: Supply, *, most: int) -> Parked:
+    def draw(site: Site, obstacles: Obstacles, supply: Supply, *, most: int) -> "Parked":
         """Park vehicles in a random share of the free bays, `most` at most."""
         x, y, yaw = site.parking.T
         room = np.column_stack([x, y, np.full((len(x), 4), (ROOM[2] / 2, *ROOM)), yaw])
@@ -267,7 +262,7 @@ class Parked:
         places, nobody = supply.rng.permutation(len(bays))[:number], np.zeros(number, np.int64)
         return Parked(bays, places, nobody, nobody, np.zeros((number, 3)))._refill(np.ones(number, bool), supply)
 
-    def later(self, supply: Supply) -> Parked:
+    def later(self, supply: Supply) -> "Parked":
         """Parked vehicles a frame later: each has left with probability 1 / `STAY`, another stands in a free bay."""
         return self._refill(supply.rng.random(len(self.ids)) < 1 / STAY, supply)
 
@@ -276,7 +271,7 @@ class Parked:
         sizes = supply.sizes[self.bodies]
         return np.column_stack([self.poses[:, :2], sizes[:, 2] / 2, sizes, self.poses[:, 2]])
 
-    def _refill(self, left: np.ndarray, supply: Supply) -> Parked:
+    def _refill(self, left: np.ndarray, supply: Supply) -> "Parked":
         if not left.any():
             return self
         rng, number = supply.rng, int(left.sum())
@@ -350,8 +345,7 @@ def simulate(
     simulation runs at a time in a process: use up or close() the iterator before the next.
 
     Raises ValueError where the site has no network, nothing can drive near its area, or an argument does not fit;
-    ImportError without SUMO; RuntimeError where another simulation is open.
-    """
+    ImportError without SUMO; RuntimeError where another simulation is open."""
     if not site.network:
         raise ValueError(f"site {site.name!r} has no network, so no traffic: import one from a map, or build_network")
     if frames < 0:

@@ -2,10 +2,7 @@
 
 SUMO runs in this process: one simulation at a time, silent, its errors raised. It gives the middle of a vehicle's front
 bumper, and as its angle the direction to it from the middle of the rear bumper, both on the path, so headings turn
-continuously through bends. A body's box lies on that line.
-"""
-
-from __future__ import annotations
+continuously through bends. A body's box lies on that line."""
 
 import io
 import os
@@ -46,8 +43,7 @@ def running(network: str, types: str, *, seed: int, step: float = STEP) -> Itera
     """Run the libsumo module with a network (net.xml text) and vehicle types (additional-file text); step: s.
 
     Raises ImportError without SUMO, RuntimeError where a simulation is open in this process already (libsumo knows only
-    one), ValueError with SUMO's own words where it refuses the network.
-    """
+    one), ValueError with SUMO's own words where it refuses the network."""
     try:
         with redirect_stdout(io.StringIO()):  # it greets with a warning about pyarrow, which is not used here
             sumo = import_module("libsumo")
@@ -104,8 +100,7 @@ class Supply:
 
     labels: class numbers; sizes: length, width, height (m); classes: SUMO's, which say what lanes are open to it; once:
     a body that was taken does not come again before all others offered with it have been taken too, so that in a large
-    fleet every object has a body of its own.
-    """
+    fleet every object has a body of its own."""
 
     def __init__(self, bodies: Sequence[Body], rng: np.random.Generator, *, once: bool = False) -> None:
         self.rng, self.once, self.ids, self._taken = rng, once, count(), np.zeros(len(bodies), bool)
@@ -188,7 +183,7 @@ class Roads:
     lanes: Mapping[str, Lane]
 
     @staticmethod
-    def read(sumo: ModuleType) -> Roads:
+    def read(sumo: ModuleType) -> "Roads":
         """Read the roads of the network that SUMO runs."""
         lanes = {}
         for name in sumo.lane.getIDList():
@@ -204,8 +199,7 @@ class Roads:
     def places(self, area: Float64[np.ndarray, "4"], reach: float, vehicle_class: str) -> Places:
         """Places within `reach` (m) of the area to start a vehicle or pedestrian of a SUMO class.
 
-        Outside the area they are headed for it. Pedestrians start on lanes of their own and walk either way.
-        """
+        Outside the area they are headed for it. Pedestrians start on lanes of their own and walk either way."""
         walks = vehicle_class == "pedestrian"
         names, offsets, points = [], [np.zeros(0)], [np.zeros((0, 2))]
         for lane in self.lanes.values():
@@ -284,8 +278,7 @@ class Spawned:
 class Spawner:
     """Spawn and remove everything that SUMO moves, at most `most` objects at a time.
 
-    Object n is vehicle or person "n" in SUMO. Raises ValueError where no lane near the area is open to cars.
-    """
+    Object n is vehicle or person "n" in SUMO. Raises ValueError where no lane near the area is open to cars."""
 
     def __init__(self, sumo: ModuleType, site: Site, supply: Supply, *, most: int, step: float = STEP) -> None:
         self.sumo, self.area, self.most, self.step = sumo, site.area, most, step

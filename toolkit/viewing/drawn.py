@@ -2,8 +2,6 @@
 rule `measured` of `toolkit.detection.evaluation`: a detection is true if its IoU by volume with a label of its class,
 which no surer detection took, is at least `toolkit.detection.metrics.TRUE_IOU`."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal, NamedTuple
@@ -31,8 +29,7 @@ def sort_outcomes(each: Detected) -> dict[Marked, dict[str, Detections]]:
     """Detections of each outcome and class, world frame, and labelled boxes that were missed, with scores NaN.
 
     Every detection is a hit, a false alarm or ignored: beyond the area or the complete labels, or on an object that
-    does not count.
-    """
+    does not count."""
     made: dict[Marked, dict[str, Detections]] = {name: {} for name in MARKED}
     if not len(each.frame.objects):
         return {}
@@ -225,7 +222,7 @@ class Scales:
     age: _Span = (0.0, 1.0)
 
     @staticmethod
-    def of(sample: DrawnSample) -> Scales:
+    def of(sample: DrawnSample) -> "Scales":
         """Choose ranges that cover nearly all points of a frame."""
         spans, newest = {}, find_newest(sample)
         for colouring in COLOURINGS[1:]:

@@ -14,10 +14,7 @@ The page is one file of HTML that works from disk, without server or network: fr
 scene holds every frame as nodes of their own; the page shows one at a time and plays them. Points are stored once,
 whatever they are coloured by, and thinned to what a page can hold.
 
-The live view reads the recording while it is shown, with a slider for frames and switches.
-"""
-
-from __future__ import annotations
+The live view reads the recording while it is shown, with a slider for frames and switches."""
 
 import secrets
 from collections.abc import Callable, Iterable, Sequence
@@ -99,7 +96,7 @@ def list_sensors(samples: Iterable[DrawnSample]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(cloud.name for sample in samples for cloud in sample.clouds))
 
 
-def add_groups(api: SceneApi, style: SceneStyle) -> list[Handle]:
+def add_groups(api: "SceneApi", style: SceneStyle) -> list[Handle]:
     """Add the nodes above all others; return their handles."""
     groups = (*_LINES, TAGS)
     names = ["/sensors", *(f"/{group}" for group in groups)]
@@ -108,7 +105,7 @@ def add_groups(api: SceneApi, style: SceneStyle) -> list[Handle]:
     return made + [handle for number in range(len(style.sensors)) for handle in add_sensor(api, style, number)]
 
 
-def add_sensor(api: SceneApi, style: SceneStyle, number: int) -> list[Handle]:
+def add_sensor(api: "SceneApi", style: SceneStyle, number: int) -> list[Handle]:
     """Add the nodes above all nodes of one sensor."""
     nodes = {f"/sensors/{number}": True, f"/sensors/{number}/place": True}
     nodes |= {f"/sensors/{number}/{each}": each == style.colourings[0] for each in style.colourings}
@@ -116,7 +113,7 @@ def add_sensor(api: SceneApi, style: SceneStyle, number: int) -> list[Handle]:
 
 
 def add_sample(
-    api: SceneApi, sample: DrawnSample, style: SceneStyle, *, frame: int = 0, visible: bool = True
+    api: "SceneApi", sample: DrawnSample, style: SceneStyle, *, frame: int = 0, visible: bool = True
 ) -> list[Handle]:
     """Add one frame below `add_groups`; return the handles."""
     newest = drawings.find_newest(sample)
@@ -152,7 +149,7 @@ def nodes_of_kind(kind: str, *, outcomes: bool) -> list[str]:
     return [f"/{group}/{kind}" for group in ((*_LINES, TAGS) if outcomes else (*BOXES, TAGS))]
 
 
-def add_grid(api: SceneApi, area: tuple[float, float, float, float]) -> Handle:
+def add_grid(api: "SceneApi", area: tuple[float, float, float, float]) -> Handle:
     """Add a grid of 10 m squares on the ground, for scale."""
     xmin, ymin, xmax, ymax = area
     colours = Look(cell_color=scene.rgb(_GRID_COLOUR), section_color=scene.rgb(_GRID_COLOUR))
@@ -263,7 +260,7 @@ class LiveView:
     """Scene of one frame at a time, served by viser. It has controls. said: the line below the slider, with the frame's
     contents or the reason why it cannot be shown. Raises the errors of reading the first frame."""
 
-    def __init__(self, server: ViserServer, samples: Part, drawing: Drawing) -> None:
+    def __init__(self, server: "ViserServer", samples: Part, drawing: Drawing) -> None:
         self.server, self.samples, self.drawing = server, samples, drawing
         self.said, self._lock = "", Lock()
         self.colouring: Colouring = COLOURINGS[0]

@@ -2,8 +2,6 @@
 writes it, with its viewer, as one page of HTML. Its server does nothing else; it listens on 127.0.0.1, at a port of the
 system's choice, while the scene is written."""
 
-from __future__ import annotations
-
 import json
 import re
 import secrets
@@ -43,7 +41,7 @@ def check_viser() -> None:
 
 
 @contextmanager
-def viser_server(port: int = 0, token: str = "") -> Iterator[ViserServer]:
+def viser_server(port: int = 0, token: str = "") -> "Iterator[ViserServer]":
     """Open a viser server for this machine alone. Its scene is empty, with light and up direction. port: 0 for one of
     the system's choice, else this or, if it is taken, one after it; token: that its address ends with, "" to serve
     nobody. Nothing is printed, and viser does not rebuild its viewer, for which it would use the network. Raises
@@ -99,7 +97,7 @@ def _serve_guarded(serve: Handle, token: str, *arguments: object, process_reques
     return serve(*arguments, process_request=guard, **options)
 
 
-def set_view(server: ViserServer, position: tuple[float, ...], look_at: tuple[float, ...]) -> None:
+def set_view(server: "ViserServer", position: tuple[float, ...], look_at: tuple[float, ...]) -> None:
     """Set the camera's place and target when the scene opens."""
     server.initial_camera.position = np.array(position)
     server.initial_camera.look_at = np.array(look_at)
@@ -119,7 +117,7 @@ def overview(area: tuple[float, float, float, float], height: float = 0.0) -> tu
     return (x - 0.15 * size, y - 0.75 * size, height + 0.65 * size), (x, y, height)
 
 
-def scene_html(server: ViserServer) -> str:
+def scene_html(server: "ViserServer") -> str:
     """Return the scene as a page for an iframe, which tells when it is ready and switches nodes by messages."""
     server.scene.add_frame("/end", show_axes=False)
     return _with_head(server.get_scene_serializer().as_html(), "control.js")
@@ -132,7 +130,7 @@ def _with_head(html: str, script: str) -> str:
     return f"{html[:head_end]}{style}<script>\n{ours}</script>{html[head_end:]}"
 
 
-def add_mesh(api: SceneApi, name: str, mesh: Mesh, colour: str, *, opacity: float | None = None) -> None:
+def add_mesh(api: "SceneApi", name: str, mesh: Mesh, colour: str, *, opacity: float | None = None) -> None:
     """Add a mesh of one colour, if it has triangles."""
     if len(mesh.triangles):
         parts, shadows = (mesh.vertices.astype(np.float32), mesh.triangles.astype(np.uint32)), ("cast", "receive")
@@ -141,8 +139,8 @@ def add_mesh(api: SceneApi, name: str, mesh: Mesh, colour: str, *, opacity: floa
 
 
 def add_lines(
-    api: SceneApi, name: str, segments: Float64[np.ndarray, "n 2 3"], colour: str, *, width: float, visible: bool
-) -> LineSegmentsHandle | None:
+    api: "SceneApi", name: str, segments: Float64[np.ndarray, "n 2 3"], colour: str, *, width: float, visible: bool
+) -> "LineSegmentsHandle | None":
     """Add lines of one colour, if there are any."""
     if not len(segments):
         return None
@@ -152,7 +150,7 @@ def add_lines(
 
 
 def add_points(
-    api: SceneApi,
+    api: "SceneApi",
     name: str,
     points: Float32[np.ndarray, "n 3"],
     colour: tuple[int, int, int] | UInt8[np.ndarray, "n 3"],
@@ -160,7 +158,7 @@ def add_points(
     size: float,
     visible: bool,
     precision: Literal["float16", "float32"] = "float16",
-) -> PointCloudHandle:
+) -> "PointCloudHandle":
     """Add square points of one colour, or one each."""
     return api.add_point_cloud(
         name, points, colour, point_size=size, point_shading="flat", precision=precision, visible=visible

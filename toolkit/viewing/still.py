@@ -1,7 +1,5 @@
 """One frame of a recording as a picture from above: points in one colouring, boxes and their outcomes, sensors."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

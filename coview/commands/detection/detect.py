@@ -1,7 +1,5 @@
 """`coview detect`: find road users in recordings in any layout."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Iterator
 from contextlib import ExitStack
@@ -46,8 +44,7 @@ def detect(
             general has it where the site is known, general-background has not; +phases4 detects on four shifted grids;
             +float32 in exact numbers where the processor has quicker ones.
         frames: Number of first frames of each recording; all when left out.
-        format: One JSON file (boxes), openlabel or kitti.
-    """
+        format: One JSON file (boxes), openlabel or kitti."""
     from toolkit.datasets.recordings import Part
     from toolkit.detection.detect import Detected, describe_summary, detect_frames, summarise, write_detections
 

@@ -1,7 +1,5 @@
 """`coview evaluate`: score schemes and sensor sets on a recording."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
@@ -114,8 +112,7 @@ def evaluate(
 
     Args:
         dataset: Recording made by coview simulate, one of the authors' files, or clouds in any layout.
-        out: Folder for table.json and the PR curves.
-    """
+        out: Folder for table.json and the PR curves."""
     from toolkit.calibration.empty_scene import Scenes
     from toolkit.calibration.poses import TOGETHER, Corrected, find_poses
     from toolkit.calibration.registration import read_surface
@@ -190,7 +187,7 @@ def evaluate(
     return OK
 
 
-def _compare(rules: Rules, *, known: bool) -> Comparison:
+def _compare(rules: Rules, *, known: bool) -> "Comparison":
     from toolkit.detection.evaluation import Comparison
     from toolkit.detection.link.range_images import find_codec
     from toolkit.detection.schemes import PAPER_SCHEMES, schemes_in_steps

@@ -1,7 +1,5 @@
 """`coview stress`: what is left of the AP when messages are late or lost, poses are wrong and sensors fail."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -42,8 +40,7 @@ def stress(
         detector: Detector, as in coview evaluate.
         site: Name or file of the site, for recordings that show no built-in one.
         table: Built-in site or .npz of coview table, to add exact figures for one or two failing sensors.
-        out: Folder for stress.json and stress.svg, rewritten after each condition.
-    """
+        out: Folder for stress.json and stress.svg, rewritten after each condition."""
     from coview.studies.stress import outputs, stressing
     from coview.studies.stress.noticing import time_faults
     from placement_env.fidelity.table import load_table

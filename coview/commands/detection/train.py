@@ -1,7 +1,5 @@
 """`coview train` and `coview export`: networks of your own."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from tyro.conf import Positional
@@ -23,8 +21,7 @@ def train(site: Positional[str | None] = None, /, *, training: TrainingOptions, 
 
     Args:
         site: Area to train for: tjunction, roundabout, a site file, or general for any place; the data's when left out.
-        json: Print the summary as JSON.
-    """
+        json: Print the summary as JSON."""
     from models.train import run
     from models.training.loop import LOG, read_curves
     from toolkit.plots.curves import draw_training
@@ -58,8 +55,7 @@ def export(
     Args:
         weights: Shipped weights, or a weights file.
         out: ONNX file to write; the card is NAME.json beside it.
-        area: Area xmin ymin xmax ymax (m), for weights that go anywhere; that of the weights when left out.
-    """
+        area: Area xmin ymin xmax ymax (m), for weights that go anywhere; that of the weights when left out."""
     from models.detector import weights_file
     from models.onnx_files import card_file, export_onnx
 

@@ -1,7 +1,5 @@
 """`coview demo`: what coview does, in a minute or two."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from coview.arguments import check_least
@@ -40,8 +38,7 @@ def demo(
         plan_frames: Number of frames of each part of the plan's traffic; 0 for no plan.
         seed: Seed of the traffic.
         detector: Detector, as in coview evaluate.
-        overwrite: Replace existing files; those of another demo are replaced anyway.
-    """
+        overwrite: Replace existing files; those of another demo are replaced anyway."""
     from toolkit.detection.evaluation import curve_files, draw_example
 
     check_least("--frames", frames, 1)

@@ -1,7 +1,5 @@
 """`coview live` and `coview what-if`: move sensors by hand, in the browser or on the command line."""
 
-from __future__ import annotations
-
 import math
 import sys
 from dataclasses import dataclass, replace
@@ -42,7 +40,7 @@ class Changes:
     fail: UseAppendAction[tuple[str, ...]] = ()
     """Sensor that fails; may be repeated."""
 
-    def apply(self, planner: LivePlanner) -> None:
+    def apply(self, planner: "LivePlanner") -> None:
         """Make the changes. Raises ValueError for an unknown sensor or pole, and for a pole without room."""
         for name in self.drop:
             planner.remove(name)
@@ -97,8 +95,7 @@ def what_if(
     Example: coview what-if tjunction --drop d2 --carry d0 pole05 --add pole07 200 15 --json
 
     Args:
-        plan: Folder of a plan, or a site with sensors.
-    """
+        plan: Folder of a plan, or a site with sensors."""
     planner = open_planner(plan, stock, classes, USUAL_CASES, run)
     before = planner.finish()
     changes.apply(planner)
@@ -131,8 +128,7 @@ def live(
     Example: coview live out/plan --project out/live/main-street.json
 
     Args:
-        site: A site with or without sensors, or the folder of a plan; the page asks for a map or site when left out.
-    """
+        site: A site with or without sensors, or the folder of a plan; the page asks for a map or site when left out."""
     import webbrowser
 
     from coview.live_page import LiveSession
@@ -144,7 +140,7 @@ def live(
     def find_project(where: str) -> Path:
         return keeping.project or keeping.out / f"{Path(where).stem or 'site'}.live.json"
 
-    def begin(where: str) -> tuple[LivePlanner, ProjectFile]:
+    def begin(where: str) -> "tuple[LivePlanner, ProjectFile]":
         planner = open_planner(where, stock, classes, cases, run)
         return planner, ProjectFile(find_project(where), planner, last_good=keeping.last_good)
 
@@ -163,21 +159,18 @@ def live(
     return OK
 
 
-def open_planner(where: str, stock: StockOptions, classes: ClassOptions, cases: Cases, run: Run) -> LivePlanner:
+def open_planner(where: str, stock: StockOptions, classes: ClassOptions, cases: Cases, run: Run) -> "LivePlanner":
     """Open a planner at a site, or with the sensors of a plan's folder.
 
     That brings a budget and number of sensors, and classes, poles and frames where the options are left out. Raises
-    ValueError and OSError for what cannot be read.
-    """
+    ValueError and OSError for what cannot be read."""
     from placement_env.handover.exchange import MAP, SITE
     from placement_env.live.planner import LivePlanner
 
     folder, most, count = Path(where), math.inf, math.inf
     if folder.is_dir():
         if not (folder / SITE).is_file() or not (folder / "plan.json").is_file():
-            raise FileNotFoundError(
-                f"{where} is no folder of a plan: it needs plan.json and {SITE}, as coview plan writes"
-            )
+            raise FileNotFoundError(f"{where} is no folder of a plan: it needs plan.json and {SITE} of coview plan")
         asked = read_json(folder / "plan.json")["question"]
         where, count = str(folder / SITE), math.inf if asked["sensors"] is None else asked["sensors"]
         named = asked["candidates"] in ("pool", "paper")
@@ -195,7 +188,7 @@ def open_planner(where: str, stock: StockOptions, classes: ClassOptions, cases: 
     return LivePlanner(setting, run=run, most_sensors=count)
 
 
-def _describe(before: LiveAnswer, after: LiveAnswer) -> str:
+def _describe(before: "LiveAnswer", after: "LiveAnswer") -> str:
     from placement_env.analysis.intervals import describe_interval
     from toolkit.runtime.text_tables import align_columns
 

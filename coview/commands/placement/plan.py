@@ -1,7 +1,5 @@
 """`coview plan`: a deployment plan with a report."""
 
-from __future__ import annotations
-
 import math
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -131,8 +129,7 @@ def plan(
     Example: coview plan tjunction --budget 4 --min-ap 0.9 --out out/plan
 
     Args:
-        site: tjunction, roundabout, or a site file.
-    """
+        site: tjunction, roundabout, or a site file."""
     from placement_env.report.planning.planning import plan as answer, write_plan
 
     out = output.out or Path("out/plan")
@@ -162,7 +159,7 @@ def _says_no(path: Path) -> bool:
     return False
 
 
-def _describe(plan: Plan) -> str:
+def _describe(plan: "Plan") -> str:
     from placement_env.analysis.intervals import describe_interval
 
     verdict = plan.verdict

@@ -1,7 +1,5 @@
 """`coview reproduce`: the paper's experiments, our figures beside the paper's."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -38,8 +36,7 @@ def reproduce(
         frames: Number of test frames; the paper has 1000, 20 take minutes.
         detector: Detector, as in coview evaluate; any but the site's own makes a new table, which takes long.
         table: Table of all sensor sets (.npz of coview table) in place of the shipped one.
-        json: Print all figures as JSON.
-    """
+        json: Print all figures as JSON."""
     from coview.studies.paper.reproduction import PAGE, check_paper_site, run_reproduction
 
     check_paper_site(site)

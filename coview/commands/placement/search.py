@@ -1,7 +1,5 @@
 """`coview search`: which sensors to build."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Literal
@@ -77,8 +75,7 @@ def search(
     Example: coview search tjunction --budget 4 --scheme early --confidence 0.9 --out answer
 
     Args:
-        site: tjunction, roundabout, or a site file.
-    """
+        site: tjunction, roundabout, or a site file."""
     from placement_env.search.answer import answer_files, check_georeference, write_answer
     from placement_env.search.exact.cheapest import Demand
     from placement_env.search.order import SearchOrder, run_search

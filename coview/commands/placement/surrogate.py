@@ -1,7 +1,5 @@
 """`coview surrogate`: fit to a detector what predicts its AP from how many points sensors have on each object."""
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -72,8 +70,7 @@ def surrogate(
 
     Args:
         sites: tjunction, roundabout, or site files; none with --random-sites.
-        out: File of models to write (.json), for coview search --surrogate.
-    """
+        out: File of models to write (.json), for coview search --surrogate."""
     from coview.options import ClassOptions
     from placement_env.fidelity.hit_fit import Sampling, fit_sites
     from placement_env.fidelity.hit_model import save_models

@@ -1,7 +1,5 @@
 """`coview table`: the AP of every sensor set of a recording."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -57,8 +55,7 @@ def table(
 
     Args:
         dataset: Recording of at most 16 sensors.
-        out: Table to write (.npz).
-    """
+        out: Table to write (.npz)."""
     from models.train import commit
     from placement_env.fidelity.renders import Recorded
 

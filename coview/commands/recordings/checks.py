@@ -1,7 +1,5 @@
 """`coview survey`, `doctor` and `calibrate`: checks of a recording."""
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -42,8 +40,7 @@ def survey(
         frames: Number of first frames to use; all when left out.
         errors: Error profile, as in coview evaluate.
         seed: Seed of the sensors' noise and errors.
-        json: Print as JSON.
-    """
+        json: Print as JSON."""
     from toolkit.datasets.recordings import Reads
     from toolkit.detection.survey import survey as count
     from toolkit.frame import select_sensors
@@ -82,8 +79,7 @@ def doctor(
         reference: Reference, as in coview calibrate, against which the sensors' poses are checked too.
         layout: Layout, as in coview evaluate.
         frames: Number of first frames whose labels are checked; of hdf5 all are.
-        json: Print as JSON.
-    """
+        json: Print as JSON."""
     from toolkit.calibration.poses import check_drift
     from toolkit.detection.label_doctor import diagnose
     from toolkit.sites.files import load_site
@@ -150,8 +146,7 @@ def calibrate(
     Args:
         dataset: Recording in any layout.
         out: Copy of the recording to write with corrected poses; a plain folder for clouds.
-        poses: JSON file to write, with each sensor's pose, uncertainty and unobserved motions; coview fuse reads it.
-    """
+        poses: JSON file to write, with each sensor's pose, uncertainty and unobserved motions; coview fuse reads it."""
     from toolkit.calibration.poses import TOGETHER, find_poses, save_poses, write_corrected
     from toolkit.calibration.registration import read_surface
     from toolkit.datasets.recordings import Part, ReadRecording, Reads

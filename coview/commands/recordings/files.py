@@ -1,7 +1,5 @@
 """`coview convert`, `fuse` and `pack`: files of recordings."""
 
-from __future__ import annotations
-
 from contextlib import ExitStack, nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
@@ -63,8 +61,7 @@ def convert(
     Args:
         recording: Recording in any layout.
         to: Layout to write: one of those of --layout, or of a plug-in; rosbag has no labels, hdf5 keeps everything.
-        out: Folder to write, or file for hdf5.
-    """
+        out: Folder to write, or file for hdf5."""
     check_least("--frames", contents.frames, 1, "leave it out for all")
     if contents.errors is not None:
         find_profile(contents.errors)
@@ -127,8 +124,7 @@ def fuse(
         poses: One file with all poses, or one per cloud; pipes such as <(...) work too.
         inverted: Take the poses as world to sensor (extrinsics) instead of sensor to world.
         out: File for the fused cloud (ply, pcd or npz).
-        argoverse: Log with two lidars; prints its points per labelled cuboid beside the recorded counts.
-    """
+        argoverse: Log with two lidars; prints its points per labelled cuboid beside the recorded counts."""
     from toolkit.clouds import down_sample, save
 
     if argoverse is not None:
@@ -198,8 +194,7 @@ def pack(
     Args:
         datasets: Recordings, at the same or different sites.
         out: Packed file to write.
-        packed: Packed files whose frames are appended, to train on simulated and recorded frames together.
-    """
+        packed: Packed files whose frames are appended, to train on simulated and recorded frames together."""
     from models.training.packing import (
         dataset_recording,
         drawn_file,

@@ -1,7 +1,5 @@
 """`coview simulate`: record a site."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from pathlib import Path
 from time import perf_counter
@@ -51,8 +49,7 @@ def simulate(
     Args:
         site: tjunction, roundabout, or a site file.
         out: HDF5 file to write.
-        every: Seconds between frames: 5, or 0.1 for sensors at 10 Hz, in runs of 50 frames.
-    """
+        every: Seconds between frames: 5, or 0.1 for sensors at 10 Hz, in runs of 50 frames."""
     from toolkit.bodies.fleet import fleet_named
     from toolkit.datasets.simulation import FRAMES, simulate_dataset
     from toolkit.sites.files import load_site

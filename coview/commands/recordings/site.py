@@ -1,7 +1,5 @@
 """`coview site`: make, draw and check sites."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from math import radians
 from pathlib import Path
@@ -40,8 +38,7 @@ class ImportMap:
             (light), also houses, gardens, works and parked cars (dense).
         seed: Seed of the surroundings.
         sensors: Number of cameras to place by greedy coverage, to try the site with.
-        overwrite: Replace existing files.
-    """
+        overwrite: Replace existing files."""
 
     centre: tuple[float, float]
     size: tuple[float, float]
@@ -95,8 +92,7 @@ class ExportSite:
     Attributes:
         site: tjunction, roundabout, or a site file.
         out: GeoJSON file to write.
-        overwrite: Replace existing files.
-    """
+        overwrite: Replace existing files."""
 
     site: Positional[str]
     out: Path
@@ -124,8 +120,7 @@ class RandomSite:
     Attributes:
         out: Site file to write.
         seed: Seed of the junction.
-        overwrite: Replace existing files.
-    """
+        overwrite: Replace existing files."""
 
     out: Path
     seed: int = 0
@@ -150,8 +145,7 @@ class ShowSite:
     Attributes:
         site: tjunction, roundabout, or a site file.
         out: Picture to write.
-        overwrite: Replace existing files.
-    """
+        overwrite: Replace existing files."""
 
     site: Positional[str]
     out: Path | None = None
@@ -189,7 +183,7 @@ def site(
 SITE_ENDINGS = (".json", ".geojson")
 
 
-def _save(made: Site, out: Path) -> int:
+def _save(made: "Site", out: Path) -> int:
     from toolkit.sites.files import save_site
 
     save_site(made, out)

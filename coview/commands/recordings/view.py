@@ -1,7 +1,5 @@
 """`coview view`: look at a recording in three dimensions."""
 
-from __future__ import annotations
-
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -77,8 +75,7 @@ def view(
         recording: Recording in any layout.
         out: HTML page to write instead of serving, with at most 600,000 points.
         still: Picture (.png or .svg) of one frame from above to write instead of serving.
-        port: Port of the address in the browser; the next free one where it is taken.
-    """
+        port: Port of the address in the browser; the next free one where it is taken."""
     check_least("--frames", shown.frames, 1, "leave it out for all")
     check_least("--every", shown.every, 1)
     check_least("--frame", shown.frame, 0)

@@ -14,10 +14,7 @@ built-in sites. AP at IoU 0.7 unless stated otherwise; shares of vehicles betwee
 Page of the paper's experiments, and its charts.
 
 The page is one file that opens from disk, requests nothing and prints. In charts ours is filled and the paper's hatched
-or hollow, so that the two are told apart in grey print too.
-"""
-
-from __future__ import annotations
+or hollow, so that the two are told apart in grey print too."""
 
 import csv
 from base64 import b64encode
@@ -185,8 +182,7 @@ class Listed:
     def best(self) -> dict[str, tuple[SensorSet, ...]]:
         """Best set of each size with early and with late fusion, most sensors first.
 
-        With early fusion these are the rows in bold; the paper draws PR curves and density curves of them.
-        """
+        With early fusion these are the rows in bold; the paper draws PR curves and density curves of them."""
         sizes = [list(rows) for _, rows in groupby(self.rows, key=lambda row: len(row.sensors))]
         early, late = (tuple(max(rows, key=itemgetter(at)).sensors for rows in sizes) for at in (1, 2))
         return {"early": early, "late": late}
@@ -228,8 +224,7 @@ class Compared:
     """Figure of ours beside the paper's.
 
     labels: a cell for each of the experiment's heads; ours, paper: None if missing; interval: of ours; relation: of the
-    paper's statement to its figure; an interval that is NaN is None; reason: for a large difference, "" for none.
-    """
+    paper's statement to its figure; an interval that is NaN is None; reason: for a large difference, "" for none."""
 
     labels: tuple[str, ...]
     unit: Unit
@@ -273,8 +268,7 @@ class Experiment:
     """Experiment of the paper.
 
     name: of its files; source: place in the paper; heads: of the labels of its rows; basis: data behind our figures;
-    conclusion: a sentence or two; draw: writes its picture; curves: more tables by file name, heads first.
-    """
+    conclusion: a sentence or two; draw: writes its picture; curves: more tables by file name, heads first."""
 
     name: str
     title: str
@@ -412,8 +406,7 @@ def paper_page(
 ) -> str:
     """Build the page as HTML.
 
-    pictures: SVG by name of the experiment; conditions: how the figures were computed; causes: by letter.
-    """
+    pictures: SVG by name of the experiment; conditions: how the figures were computed; causes: by letter."""
     rows = [row for each in experiments for row in each.rows]
     compared = sum(row.unit == "AP" and row.difference is not None for row in rows)
     about = "".join(f"<tr><th>{escape(name)}</th><td>{escape(value)}</td></tr>" for name, value in conditions.items())
@@ -510,7 +503,7 @@ def draw_log_fit(
 
 
 @contextmanager
-def _chart(out: Path, width: float, height: float) -> Iterator[Axes]:
+def _chart(out: Path, width: float, height: float) -> "Iterator[Axes]":
     """Axes to draw on, written at the end."""
     from matplotlib import rc_context
 

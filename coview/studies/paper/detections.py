@@ -8,10 +8,7 @@ Two kinds of value are kept on disk for each frame:
              best, bits sent and milliseconds
 
 All experiments are computed from these without a detector. The values of a frame are stored together, so an interrupted
-run resumes with the frame it was at, and a run with more frames or sets computes only those.
-"""
-
-from __future__ import annotations
+run resumes with the frame it was at, and a run with more frames or sets computes only those."""
 
 import sys
 from collections.abc import Sequence
@@ -52,8 +49,7 @@ class FrameTruth(NamedTuple):
 
     boxes: of the vehicles; points: of each sensor on each vehicle; sent: per sensor the points in the crop, those
     beyond the hybrid radius in the horizontal plane, and those beyond it as the published code measures
-    (`toolkit.points.is_beyond`).
-    """
+    (`toolkit.points.is_beyond`)."""
 
     boxes: Float64[np.ndarray, "m 7"]
     points: Int64[np.ndarray, "m sensors"]
@@ -65,8 +61,7 @@ class FrameRun(NamedTuple):
 
     boxes, scores: of the detections; truth: at each of `IOUS` the scored vehicle that each hit, or FALSE_ALARM or
     IGNORED; published: the same by the protocol `published`, where 0 is a hit; best: IoU of each scored vehicle with
-    the detection that overlaps it most; bits: sent by each sensor; ms: from measurement to fused boxes.
-    """
+    the detection that overlaps it most; bits: sent by each sensor; ms: from measurement to fused boxes."""
 
     boxes: Float64[np.ndarray, "n 7"]
     scores: Float64[np.ndarray, " n"]
@@ -122,13 +117,10 @@ def detect_runs(
     """Detect each run in the first `frames` frames.
 
     Runs in the memo are taken from it. stage: name of this work for the progress callback, which is not called if all
-    frames are kept. Raises ValueError for a detector without `digest`, or if fewer frames were recorded.
-    """
+    frames are kept. Raises ValueError for a detector without `digest`, or if fewer frames were recorded."""
     digest = getattr(detector, "digest", None)
     if digest is None:
-        raise ValueError(
-            f"detections are kept under the detector's digest, {type(detector).__name__} has none: add one"
-        )
+        raise ValueError(f"detections are kept by the detector's digest, {type(detector).__name__} has none: add one")
     if not 1 <= frames <= renders.frames:
         raise ValueError(f"frames must be from 1 to the {renders.frames} recorded, got {frames}")
     runs = tuple(dict.fromkeys(runs))
@@ -200,8 +192,7 @@ class ApScore(NamedTuple):
     """AP of a run at one IoU, with its interval and companions. NaN where a figure is undefined.
 
     recall: of all detections; vehicles: to find; hit_iou: mean IoU, over all frames, of the vehicles that were hit with
-    the detection that overlaps them most; tally: of the detections that are not ignored.
-    """
+    the detection that overlaps them most; tally: of the detections that are not ignored."""
 
     ap: float
     interval: Interval
@@ -219,8 +210,7 @@ class ApScore(NamedTuple):
 def in_view_of_all(sensors: list[Sensor], boxes: Float64[np.ndarray, "n 7"]) -> Bool[np.ndarray, " n"]:
     """Select boxes whose centre every sensor has in its field of view, occluded or not.
 
-    This is the region of the paper's table 3.
-    """
+    This is the region of the paper's table 3."""
     views = [s.model.in_view(transform(invert(s.pose), boxes[:, :3])) for s in sensors]
     return np.logical_and.reduce([np.ones(len(boxes), bool), *views])
 
@@ -229,8 +219,7 @@ def score_run(stored: StoredDetections, run: SchemeRun, iou: float = 0.7, region
     """Compute the AP of a run by the exact protocol. See `toolkit.detection.metrics.evaluate`.
 
     region: in view of all these sensors, () for the whole area. Vehicles there are to be found, a hit counts if it hits
-    one of them, and a false alarm if its centre lies there.
-    """
+    one of them, and a false alarm if its centre lies there."""
     row, sensors = IOUS.index(iou), [stored.sensors[c] for c in region]
     scores, hits, to_find, ious = [], [], [], [np.zeros(0)]
     for truth, found in zip(stored.truths, stored.runs[run], strict=True):

@@ -15,10 +15,7 @@ any. Densities from 0 to the maximum are cut into 200 bins of equal width; the I
 vehicles. The fit is IoU = a + b ln(points) by least squares over the bins, weighted by their vehicles, at the mean
 density of each; vehicles without a point take no part in bins and fit. A log curve keeps rising where IoU no longer
 does, so the density that a wanted IoU needs is given twice: by the fit, and by the measured mean IoU, made monotone in
-the density (isotonic regression).
-"""
-
-from __future__ import annotations
+the density (isotonic regression)."""
 
 import json
 from collections.abc import Callable
@@ -135,8 +132,7 @@ def _explain_kbit(stored: StoredDetections, run: SchemeRun, paper: float) -> str
 def set_experiment(table: Table, seen: StoredDetections, site: str) -> Experiment:
     """Compare table 2: AP of all sensor sets, the best three of each size.
 
-    seen: points in the table's frames, for reasons.
-    """
+    seen: points in the table's frames, for reasons."""
     listed, origin = sensor_sets(site), table.origin
     names, count = [set_name(row.sensors) for row in listed.rows], len(listed.rows)
     sets = np.array([np.isin(np.arange(len(origin.sensors)), row.sensors) for row in listed.rows])
@@ -315,9 +311,7 @@ def density_experiment(stored: StoredDetections, site: str, basis: str) -> Exper
     """Compare point densities of the best sensor sets."""
     sets = sensor_sets(site).best["early"]
     stated = comparison.DENSITY_STATEMENTS[site]
-    paper: dict[tuple[str, comparison.SensorSet], comparison.Statement] = {
-        (each.of, each.sensors): each for each in stated
-    }
+    paper = {(str(each.of), each.sensors): each for each in stated}
     rows = []
     for of, below in (("no points", 1), (f"below {FEW} points", FEW)):
         for sensors in sets:
@@ -525,8 +519,7 @@ def run_reproduction(
     frames: of the test recording that are evaluated; detector: makes one for the recording, None for the site's shipped
     network; table: file of `coview table` with the AP of all sensor sets, None for the shipped table, or for a new one
     if that was not measured at this site with this detector; recorded: frames of the recording, at least `frames`.
-    Raises ValueError for a site that the paper has no figures for, and for arguments that do not fit.
-    """
+    Raises ValueError for a site that the paper has no figures for, and for arguments that do not fit."""
     check_paper_site(site)
     check_whole("frames", frames, least=1)
     check_whole("recorded", recorded, least=1)
@@ -537,9 +530,7 @@ def run_reproduction(
     try:
         simulate_dataset(site, path, run=run, fleet=fleet_named("catalogue"))
     except FileExistsError:
-        raise FileExistsError(
-            f"{path} is damaged or not the test recording: remove it, or give another --out"
-        ) from None
+        raise FileExistsError(f"{path} is damaged or no test recording: remove it, or give another --out") from None
     with CoopDataset(path) as recording:
         if detector is None:
             from models.detector import load_site_detector

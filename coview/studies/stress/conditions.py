@@ -15,10 +15,7 @@
 
 Pose errors are root mean squares. They are drawn for each sensor, and again for every block of frames used by the
 bootstrap, so that the intervals cover other draws too. The last four kinds need frames that lie close together
-(`coview simulate --every 0.1`).
-"""
-
-from __future__ import annotations
+(`coview simulate --every 0.1`)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -74,8 +71,7 @@ class Condition:
 
     errors: of the sensors; channel: of their messages; tracks: whether the centre moves
     detections to where they are by now; silent, blinded, frozen: sensors (indices); amount: the level as a number where
-    the levels of a kind are ordered; redrawn: whether errors are redrawn for each block of frames.
-    """
+    the levels of a kind are ordered; redrawn: whether errors are redrawn for each block of frames."""
 
     kind: str
     level: str
@@ -147,8 +143,7 @@ def make_systems(schemes: Sequence[Scheme], kind: str) -> list[System]:
     """Return the systems to test in a kind of condition.
 
     Every scheme sends bytes. Under `bytes` it is counted the paper's way as well, and schemes that send points do so in
-    all steps.
-    """
+    all steps."""
     if kind != "bytes":
         return [System(scheme, RangeImages(), _step_name(STEPS[0])) for scheme in schemes]
     systems = []

@@ -3,10 +3,7 @@
 In every stretch of traffic each sensor fails in turn, `ONSET` after the stretch began: it falls silent, repeats what it
 measured then, or sees nothing any more. Its monitor (`toolkit.detection.sensor_monitor`) looks at what arrives, once
 with whole images and once with foreground. A sensor must see the objects that the centre detects in all messages and
-that have points from other sensors. False alarms are counted over the same traffic with nothing wrong but the link.
-"""
-
-from __future__ import annotations
+that have points from other sensors. False alarms are counted over the same traffic with nothing wrong but the link."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -63,8 +60,7 @@ def time_faults(
     """Time every fault of every sensor, and count false alarms over every link.
 
     recording: frames close together; run: with the seed of noise and links, and the number of first frames. Raises
-    ValueError if no stretch of traffic is longer than `ONSET`.
-    """
+    ValueError if no stretch of traffic is longer than `ONSET`."""
     count, seed = min(len(recording), run.frames_or(len(recording))), run.seed
     scenes = Scenes(ReadRecording(recording, Reads(noise_seed=seed)))
     wrong = [each for kind in ("delay", "loss") for each in make_conditions(kind, ()) if not each.tracks]

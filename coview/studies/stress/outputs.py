@@ -3,10 +3,7 @@
 The condition gets worse with its level. AP is taken as linear between two levels. The second scheme overtakes the first
 at the level from which its AP is higher up to the greatest level tried; if one of them never leads by `LEAST_LEAD`,
 neither overtakes. The interval of that level comes from draws of blocks of frames, the same draws for both schemes; a
-draw in which the second scheme never overtakes counts as infinite.
-"""
-
-from __future__ import annotations
+draw in which the second scheme never overtakes counts as infinite."""
 
 import json
 import math
@@ -40,8 +37,7 @@ _Schemes = dict[str, list[StressRow]]
 class Crossing:
     """Level from which scheme `after` has a higher AP than `before`.
 
-    low, high: interval of the level, infinite beyond what was tried; share: of the draws with a crossing at all.
-    """
+    low, high: interval of the level, infinite beyond what was tried; share: of the draws with a crossing at all."""
 
     kind: str
     iou: float
@@ -154,8 +150,7 @@ STRESS_FILES = ("stress.json", "stress.svg")
 class ExactFailure:
     """AP of all sensors, and its mean and minimum over every choice of `failing` sensors that fail.
 
-    without: names of the sensors whose failure leaves the least.
-    """
+    without: names of the sensors whose failure leaves the least."""
 
     scheme: str
     iou: float
@@ -171,8 +166,7 @@ def exact_failures(
 ) -> tuple[ExactFailure, ...]:
     """Compute N-1 and N-2 of every scheme at those IoUs that the table holds.
 
-    Raises ValueError if it holds none of the IoUs, or not this class.
-    """
+    Raises ValueError if it holds none of the IoUs, or not this class."""
     names = table.origin.sensors
     at = table.origin.ious[table.origin.classes.index(label)] if label in table.origin.classes else table.origin.ious[0]
     known = [iou for iou in ious if iou in at]
@@ -198,8 +192,7 @@ def exact_failures(
 class StressResults:
     """Results of a stress test, None where nothing was examined.
 
-    rows: of each scheme, condition and IoU; noticed, false_alarms: of the sensors' monitors; exact: from a table.
-    """
+    rows: of each scheme, condition and IoU; noticed, false_alarms: of the sensors' monitors; exact: from a table."""
 
     rows: tuple[StressRow, ...]
     crossings: tuple[Crossing, ...] | None = None

@@ -3,10 +3,7 @@
 Objects centred in the site's area are to be found, by protocol `exact`. Where frames lie close together, the first
 second after traffic restarts is not scored under any condition, because late messages cannot have arrived yet.
 Intervals are a bootstrap over blocks of frames (`placement_env.analysis.intervals`) with one seed, so conditions are
-compared on the same draws. They are too narrow over frames close together, which resemble each other.
-"""
-
-from __future__ import annotations
+compared on the same draws. They are too narrow over frames close together, which resemble each other."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -52,8 +49,7 @@ class StressRow:
 
     judged: AP with its interval; kbit_per_sensor: per frame, over the sensors that send; age: mean over sensors and
     frames of what the centre shows (s); label, iou: of what is to be found; amount: how much goes wrong, None if that
-    is no number; tally: the detections behind `judged`.
-    """
+    is no number; tally: the detections behind `judged`."""
 
     kind: str
     level: str
@@ -82,8 +78,7 @@ def check_kinds(kinds: Sequence[str]) -> None:
 def choose_kinds(recording: SiteRecording, kinds: Sequence[str] | None = None) -> tuple[str, ...]:
     """Return the given kinds of stress, by default all that a recording can show.
 
-    Raises ValueError for an unknown kind, and for one that needs frames closer together.
-    """
+    Raises ValueError for an unknown kind, and for one that needs frames closer together."""
     close = is_sequence(recording)
     check_kinds(kinds or ())
     for kind in kinds or ():
@@ -104,8 +99,7 @@ class KeptDetections:
 
     cache: where detections are kept, None for memory alone; on disk, an interrupted stress test resumes, and one with
     other schemes, levels or IoU thresholds detects only what is new. Raises ValueError for a cache with a path and a
-    detector without the attribute `digest`.
-    """
+    detector without the attribute `digest`."""
 
     def __init__(self, detector: Detector, cache: Cache | None = None) -> None:
         digest, self._cache, self.asked = getattr(detector, "digest", None), Cache() if cache is None else cache, 0
@@ -118,7 +112,7 @@ class KeptDetections:
         self._detector, self._depends_on = detector, [digest, code_digest(type(detector).__module__)]
 
     @staticmethod
-    def of(detector: Detector, cache: Cache | None = None) -> KeptDetections:
+    def of(detector: Detector, cache: Cache | None = None) -> "KeptDetections":
         """Return a detector that keeps its detections."""
         return detector if isinstance(detector, KeptDetections) else KeptDetections(detector, cache)
 
@@ -147,8 +141,7 @@ def run_stress(
 
     run: its seed is that of noise, errors, channels and bootstrap, its frames are the first ones of the recording; with
     its cache an interrupted run resumes; finished: called with the rows of each condition. Raises ValueError as
-    `choose_kinds` and `KeptDetections`, and for a label that the detector does not know.
-    """
+    `choose_kinds` and `KeptDetections`, and for a label that the detector does not know."""
     check_known(detector, [question.label])
     kept = KeptDetections.of(detector, run.memo)
     names = [sensor.name for sensor in recording.sensors]
@@ -207,12 +200,11 @@ class _ConditionJob:
         return [row for trial in trials for row in trial.rows(condition, self.seed)]
 
     def _look(
-        self, trials: Sequence[Trial], lagged: Lagged, condition: Condition, memory: LinkMemory, *, scored: bool
+        self, trials: "Sequence[Trial]", lagged: Lagged, condition: Condition, memory: LinkMemory, *, scored: bool
     ) -> None:
         """Fuse one frame by every system; those that send alike share views.
 
-        Chained messages follow from frames as they were measured, whichever arrive, and restore whole images.
-        """
+        Chained messages follow from frames as they were measured, whichever arrive, and restore whole images."""
         frame, site, views = lagged.frame, self.recording.site, {}
         sending = [k for k, age in enumerate(lagged.ages) if age == age and k not in condition.silent]
         for trial in trials:

@@ -1,7 +1,5 @@
 """The first page of a report: the decision in words that an operator knows, with one map."""
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 

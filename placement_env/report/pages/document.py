@@ -4,10 +4,7 @@ A document is sections of paragraphs, lists, tables and drawings; every section 
 sentence. All texts are plain text. The page works from disk: styles, script, drawings and the 3D scene are all inside,
 and a policy in the page forbids every request. The scene is held as data until the reader scrolls near it.
 
-Figures of a plan as words: shares, prices, names, AP with its interval, and sensors by the names of their poles.
-"""
-
-from __future__ import annotations
+Figures of a plan as words: shares, prices, names, AP with its interval, and sensors by the names of their poles."""
 
 import json
 import math
@@ -194,8 +191,7 @@ def to_html(document: Document, scene: Scene | None) -> str:
 def to_pdf(document: Document) -> bytes:
     """Return the PDF, set by typst. The same document gives the same bytes.
 
-    All texts are passed as data, so none of them is read as markup. Raises ValueError if a drawing is not SVG.
-    """
+    All texts are passed as data, so none of them is read as markup. Raises ValueError if a drawing is not SVG."""
     import typst
 
     content = asdict(document)
@@ -302,8 +298,7 @@ def interval_text(judged: content.Judgement) -> str:
 def use_pole_names(plan: content.Plan, site: Site) -> tuple[content.Plan, Site]:
     """Call the sensors of a pool by their poles, in all texts of a plan and on its site.
 
-    Sensors of the chosen set that share a pole are numbered; other aims than the chosen ones are marked.
-    """
+    Sensors of the chosen set that share a pole are numbered; other aims than the chosen ones are marked."""
     poles = {name: pole for each in plan.considered for name, pole in zip(each.sensors, each.poles, strict=False)}
     poles |= {sensor.name: sensor.pole for sensor in plan.sensors}
     names = {}

@@ -1,7 +1,5 @@
 """The report of a plan, as report.html and report.pdf. Its sections come in the order in which a reader needs them."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -596,8 +594,7 @@ def build_document(plan: content.Plan, site: Site, ground: Ground | None) -> Doc
 def write_report(planned: content.Planned, out: Path) -> None:
     """Write `REPORT_FILES` into a folder, made if missing. Both are written or neither, with the same bytes each time.
 
-    Raises ImportError without the packages of `coview[report]`, OSError if the folder cannot be written.
-    """
+    Raises ImportError without the packages of `coview[report]`, OSError if the folder cannot be written."""
     offered = planned.candidates.mounts if planned.candidates else planned.site.mounts
     plan, site = use_pole_names(planned.plan, replace(planned.site, mounts=offered))
     ground = planned.ground

@@ -1,10 +1,7 @@
 """The junction in 3D, as a page of viser that plays in an iframe without server or network.
 
 viser's own player cannot hide one sensor with its points under a name that a reader knows. So every sensor, frame and
-kind of box is a node of its own, and the page around the scene switches nodes by messages (`Layer.node`).
-"""
-
-from __future__ import annotations
+kind of box is a node of its own, and the page around the scene switches nodes by messages (`Layer.node`)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -88,7 +85,7 @@ def build_scene(plan: Plan, site: Site, ground: Ground | None, moments: Sequence
     return Scene(html, (*layers, *BOXES), frames)
 
 
-def add_site(api: SceneApi, site: Site, used: set[str]) -> None:
+def add_site(api: "SceneApi", site: Site, used: set[str]) -> None:
     """Add ground, streets, solids and poles. used: names of poles drawn thicker."""
     scene.add_mesh(api, "/site/ground", ground_mesh(site), _BARE_GROUND)
     for layer, lift, colour in (("lanes", 0.03, _LANE), ("footways", 0.04, GROUND["footways"])):
@@ -107,7 +104,7 @@ def add_site(api: SceneApi, site: Site, used: set[str]) -> None:
         scene.add_mesh(api, f"/site/{name}", merge(tubes), colour)
 
 
-def _add_sensor(api: SceneApi, site: Site, sensor: PlannedSensor, index: int, *, seen: Mesh | None) -> Layer:
+def _add_sensor(api: "SceneApi", site: Site, sensor: PlannedSensor, index: int, *, seen: Mesh | None) -> Layer:
     colour, node = sensor_colour(index), f"/sensors/{index}"
     api.add_frame(node, show_axes=False)
     foot = float(site.ground(np.array([sensor.x, sensor.y])))
@@ -121,7 +118,7 @@ def _add_sensor(api: SceneApi, site: Site, sensor: PlannedSensor, index: int, *,
     return Layer(sensor.name, node, colour, "points, field of view and visible ground")
 
 
-def _add_views(api: SceneApi, site: Site, planned: Sequence[PlannedSensor]) -> None:
+def _add_views(api: "SceneApi", site: Site, planned: Sequence[PlannedSensor]) -> None:
     mounted = {sensor.name: sensor for sensor in site.sensors}
     found = [(index, mounted[each.name]) for index, each in enumerate(planned) if each.name in mounted]
     if not found:
@@ -132,7 +129,7 @@ def _add_views(api: SceneApi, site: Site, planned: Sequence[PlannedSensor]) -> N
         scene.add_lines(api, f"/sensors/{index}/view", edges, sensor_colour(index), width=1.5, visible=True)
 
 
-def _add_clouds(api: SceneApi, moments: Sequence[Moment], sensors: int) -> None:
+def _add_clouds(api: "SceneApi", moments: Sequence[Moment], sensors: int) -> None:
     most = MOST_DRAWN // max(sum(len(moment.clouds) for moment in moments), 1)
     for frame, moment in enumerate(moments):
         for index, points in enumerate(moment.clouds[:sensors]):
@@ -140,7 +137,7 @@ def _add_clouds(api: SceneApi, moments: Sequence[Moment], sensors: int) -> None:
             scene.add_points(api, name, scene.thin_evenly(points, most), colour, size=0.09, visible=frame == 0)
 
 
-def _add_boxes(api: SceneApi, moments: Sequence[Moment]) -> None:
+def _add_boxes(api: "SceneApi", moments: Sequence[Moment]) -> None:
     """Add truth and detections in distinct colours, lines and marks."""
     for layer in BOXES:
         api.add_frame(layer.node, show_axes=False)
@@ -195,8 +192,7 @@ def seen_cells(site: Site, ground: Ground, index: int) -> Mesh:
 def view_edges(sensor: Sensor, background: Float32[np.ndarray, "rows columns"]) -> scene.Segments:
     """Outline of a sensor's view of the empty site, and rays that lead to it from the sensor.
 
-    background: measurement of each ray, 0 without a return.
-    """
+    background: measurement of each ray, 0 without a return."""
     rows, columns = background.shape
     index = np.arange(rows * columns).reshape(rows, columns)
     ring = np.concatenate([index[0], index[1:, -1], index[-1, -2::-1], index[-2:0:-1, 0]])

@@ -10,10 +10,7 @@ The best of them has the greatest mean AP over the detector's IoU thresholds of 
 the highest. Without a requirement the answer is the cheapest set that cannot be told from it (`is_as_good`: on the same
 frames, its whole interval of the loss lies within the tolerance). With one it is the cheapest set whose AP reaches it;
 sets are judged by price until one does. If none does, it is the best set. AP is that over the cases of the plan
-(`PlanOption.counted`).
-"""
-
-from __future__ import annotations
+(`PlanOption.counted`)."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -67,17 +64,16 @@ class Judge:
 
     profiles: at each error profile of the cases, matched at all their IoU thresholds; seed: of the bootstrap; levels:
     frames of each level of traffic, none if traffic is undivided; drawings: judges of the same candidates at other
-    drawings of the site, over which figures of sets are means.
-    """
+    drawings of the site, over which figures of sets are means."""
 
     profiles: tuple[Detected, ...]
     cases: Cases = USUAL_CASES
     seed: int = 0
     levels: tuple[Int64[np.ndarray, " _"], ...] = ()
-    drawings: tuple[Judge, ...] = ()
+    drawings: "tuple[Judge, ...]" = ()
 
     @classmethod
-    def of(cls, prepared: Preparation, seed: int) -> Judge:
+    def of(cls, prepared: Preparation, seed: int) -> "Judge":
         """Judge on the traffic of a preparation."""
         cases = prepared.setting.cases
         profiles = [prepared.detected(errors).at(cases.ious[0], cases.ious) for errors in cases.profiles]
@@ -119,7 +115,7 @@ class Judge:
         return CasesEvaluator(profiles, self.cases, self.levels, tuple(each.evaluator for each in self.drawings))
 
     @property
-    def alone(self) -> tuple[Judge, ...]:
+    def alone(self) -> "tuple[Judge, ...]":
         """Judge of each drawing of the site by itself."""
         return replace(self, drawings=()), *self.drawings
 
@@ -149,8 +145,7 @@ class Judge:
     ) -> tuple[list[SetJudgement], _Figures]:
         """Judge sets intact and in all cases. stage: makes a progress callback from a name.
 
-        Also returns the AP by which sets are compared in each resample, [n, resamples].
-        """
+        Also returns the AP by which sets are compared in each resample, [n, resamples]."""
         first = replace(self.cases, errors=self.cases.profiles[0])
         judged, draws = self.judge_drawn(sets, self.intact, stage("chosen set"))
         left: Sequence[Judgement | None] = [None] * len(sets)
@@ -176,7 +171,7 @@ class Judge:
         found = self._at_profiles(row, self.cases)[:, 0]
         return {name: _judgement(at, self.detected.classes) for name, at in zip(self.cases.names, found, strict=True)}
 
-    def of_classes(self, classes: Classes) -> Judge:
+    def of_classes(self, classes: Classes) -> "Judge":
         """Judge of other classes at the first error profile."""
         return replace(self, profiles=(self.detected.of_classes(classes),), cases=self.intact, levels=(), drawings=())
 
@@ -286,8 +281,7 @@ class Choice:
 
     chosen, best: indices of the answer and of the best set; alike: of sets that cannot be told from the best, without
     the answer; confidence: with which the race of its size ended, that no set of as many sensors is better by more than
-    `AP_TOLERANCE`; None where none was run, as where sets were judged by price.
-    """
+    `AP_TOLERANCE`; None where none was run, as where sets were judged by price."""
 
     options: tuple[PlanOption, ...]
     sets: Bool[np.ndarray, "n C"]
@@ -405,8 +399,7 @@ def _find_rivals(
 ) -> Int64[np.ndarray, " k"]:
     """Places of the winner of a race and its `KEPT` - 1 likeliest rivals: by mean AP over IoU, then by rank.
 
-    The mean AP is that on the frames of the first rung, which all sets share.
-    """
+    The mean AP is that on the frames of the first rung, which all sets share."""
     tied = np.flatnonzero(ran.expected >= ran.expected[0] - LIKELY_TIE)[1:]
     means = evaluator.mean_ap(ranked[tied], order[: ran.frames.min()]) if len(tied) else np.empty(0)
     by_mean = tied[np.argsort(-means, kind="stable")]
@@ -441,8 +434,7 @@ def choose(
 ) -> tuple[int, tuple[int, ...]]:
     """Return the index of the best option, and those that cannot be told from it, itself too, cheap ones first.
 
-    draws: resampled AP of each judged option, on the same frames.
-    """
+    draws: resampled AP of each judged option, on the same frames."""
     judged = {i: counted for i in sorted(draws) if (counted := options[i].counted) is not None}
     highest = max(each.ap for each in judged.values())
     close = [i for i, each in judged.items() if each.ap >= highest - NEAR_TIE]

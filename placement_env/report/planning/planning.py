@@ -2,10 +2,7 @@
 
 There are three parts of traffic, each with its own seed: searches see the first, the detector compares the entrants on
 the second, and the plan's figures for the chosen set are from the third. In breakdowns, vehicles and false alarms
-belong to the group of their box's centre, a hit to the group of the vehicle it hit.
-"""
-
-from __future__ import annotations
+belong to the group of their box's centre, a hit to the group of the vehicle it hit."""
 
 import json
 import math
@@ -69,8 +66,7 @@ class Scored:
     """Detections of one set, box by box.
 
     truths: scored objects of all frames, in order; points: of the set on each; boxes: of the detections; hits: the
-    truth that each hit at each IoU threshold, or FALSE_ALARM or IGNORED; frames: their number; classes: that count.
-    """
+    truth that each hit at each IoU threshold, or FALSE_ALARM or IGNORED; frames: their number; classes: that count."""
 
     truths: Float64[np.ndarray, "t 7"]
     truth_frame: Int64[np.ndarray, " t"]
@@ -286,8 +282,7 @@ class Findings:
 
     objective: of the searches; network: shipped one that detects if the question has no detector; excluded: sentences
     on what excludes candidates; traffic: of searches, comparison and judgement; drawings: results at each, where there
-    are several.
-    """
+    are several."""
 
     question: Question
     found: Entrants
@@ -367,8 +362,7 @@ class ChosenSet:
     """Schemes, worth of each sensor, failures and order of building of the chosen set.
 
     members: indices of its candidates, ascending; names: of these; judge: on the final traffic; objective: of the
-    searches, which scores subsets of large sets.
-    """
+    searches, which scores subsets of large sets."""
 
     members: tuple[int, ...]
     names: tuple[str, ...]
@@ -493,8 +487,7 @@ def plan(question: Question) -> content.Planned:
     """Answer a question with a plan, which says why if nothing may be built.
 
     The same question has the same plan, byte for byte, whatever the cache and the processes. Raises ValueError and
-    OSError for damaged inputs, ImportError without SUMO.
-    """
+    OSError for damaged inputs, ImportError without SUMO."""
     if reasons := sentences.refuse_question(question):
         return _refuse(question, reasons)
     try:
@@ -619,8 +612,7 @@ def write_plan(planned: content.Planned, out: Path) -> list[Path]:
     """Write a plan's files into a folder, made if missing, all or none; return their paths.
 
     Files of `PLAN_FILES` that an earlier plan left there and this one lacks are removed. Raises ImportError without
-    the packages of `coview[report]`, OSError if the folder cannot be written.
-    """
+    the packages of `coview[report]`, OSError if the folder cannot be written."""
     plan = planned.plan
     with writing_together(out) as folder:
         write_text(folder / CONTENT, format_json(plan))

@@ -1,7 +1,5 @@
 """`Question` and `Stock`, the inputs of a plan, checked before any work begins."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -32,8 +30,7 @@ class Stock:
 
     candidates: "pool", "paper" for the site's own sensors, or a GeoJSON file of poles; catalogue: sensor models and
     prices, None for the paper's camera at no price; keep_out: areas where no sensor may stand; capacity_kbit: of the
-    link of every mount, None for each mount's own. Raises ValueError if a field does not fit.
-    """
+    link of every mount, None for each mount's own. Raises ValueError if a field does not fit."""
 
     candidates: str | Path = "pool"
     catalogue: SensorCatalogue | None = None
@@ -45,15 +42,12 @@ class Stock:
         if self.capacity_kbit == 0:
             raise ValueError("capacity_kbit must be above 0: leave it out for each mount's own")
         if self.candidates == "paper" and self.catalogue is not None:
-            raise ValueError(
-                "the site's own sensors have their models: give a catalogue with a pool or a file of poles"
-            )
+            raise ValueError("the site's own sensors have their models: give a catalogue with a pool or poles")
 
     def __call__(self, site: Site) -> Candidates:
         """Candidates with prices and links.
 
-        Raises `NoCandidates` if no pole or pose is left, ValueError and OSError for a damaged file.
-        """
+        Raises `NoCandidates` if no pole or pose is left, ValueError and OSError for a damaged file."""
         found = choose_candidates(site, self.candidates, catalogue=self.catalogue, keep_out=self.keep_out)
         price = None if self.catalogue is None else self.catalogue.pole_price
         return with_terms(found, 1.0 if price is None else price, self.capacity_kbit)
@@ -90,8 +84,7 @@ class Question:
     the traffic gets as many frames as it takes, None for a fixed number; drawings: of what no map knows at the site,
     over which sets are searched, compared and judged.
 
-    Raises ValueError in one line if a field does not fit.
-    """
+    Raises ValueError in one line if a field does not fit."""
 
     setting: Setting
     run: Run = Run()
@@ -169,7 +162,7 @@ class Question:
         return replace(plain, fidelity="surrogate")
 
     @cached_property
-    def at_drawings(self) -> tuple[Question, ...]:
+    def at_drawings(self) -> "tuple[Question, ...]":
         """The question at each drawing of the site, the first as it is."""
         sites = [redraw(self.site, DRAWING_SEED + n) for n in range(1, self.drawings)]
         return (self, *(replace(self, setting=replace(self.setting, site=site), drawings=1) for site in sites))

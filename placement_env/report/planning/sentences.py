@@ -1,7 +1,5 @@
 """Sentences of a plan: verdict and refusals, why this set, assumptions and unknowns."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

@@ -7,10 +7,7 @@ is reached, and is then pruned; its AP is the surrogate's own in every case of f
 
 A pole whose sensor fails is a separate case, in which the steps must be reached without it. Few cases bind, so those
 that an answer violates join one after another. When none is violated it answers all cases, and every bound until then
-is valid.
-"""
-
-from __future__ import annotations
+is valid."""
 
 import math
 from collections.abc import Sequence
@@ -55,8 +52,7 @@ class Demand:
     """Conditions that the cheapest set must meet. Raises ValueError where these do not fit.
 
     at_least: AP, or share covered; failing: sensors that may fail, 0 or 1; parts, levels: number of consecutive parts
-    of the traffic, or of its levels by the number of road users, that must each reach it.
-    """
+    of the traffic, or of its levels by the number of road users, that must each reach it."""
 
     at_least: float = 0.9
     failing: int = 0
@@ -132,8 +128,7 @@ def search(
     Fewest sensors decide among equally cheap sets; the empty set answers where none meets it. seconds: 60 if None, of
     which the bound may take `BOUNDING` under conditions; evaluations: of the search for an answer by a surrogate;
     effort: OR-Tools' deterministic seconds of each programme, None for unlimited. Raises ValueError for fidelities
-    other than coverage and surrogate (early, late fusion), ImportError without OR-Tools.
-    """
+    other than coverage and surrogate (early, late fusion), ImportError without OR-Tools."""
     progress = Progress(objective, budget, SECONDS if seconds is None else seconds, evaluations)
     prices = Prices.in_units(objective, max(float(objective.candidates.prices.max(initial=0.0)), 1e-300) / PRICE_UNITS)
     if isinstance(objective.scored_by, Coverage):

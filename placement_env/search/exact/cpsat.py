@@ -5,10 +5,7 @@
 x_c: candidate c is built; y_o: at least k of the built ones see object o, each with enough points. Objects that the
 same candidates see are one object of weight w. What cannot be covered is left out, and so is a pose that sees nothing
 which another on its mount does not see. Of several classes the shares that are covered count by their weights, or the
-worst of them: max z where z <= Σ_o w_ko y_o for every class k.
-"""
-
-from __future__ import annotations
+worst of them: max z where z <= Σ_o w_ko y_o for every class k."""
 
 import time
 from dataclasses import replace
@@ -54,8 +51,7 @@ def search(
     visibility: of the candidates, None for the objective's own; views: k; effort: of solving, in OR-Tools'
     deterministic seconds, None for unlimited; seconds: 60 if None; evaluations: of the choice among equals. The same
     seed finds the same set as long as `seconds` do not cut the solver short. Raises ValueError without visibility, and
-    ImportError without OR-Tools.
-    """
+    ImportError without OR-Tools."""
     visibility = objective.visibility if visibility is None else visibility
     if visibility is None:
         raise ValueError("CP-SAT needs to know what each candidate sees: pass visibility=see(traffic, candidates)")
@@ -139,8 +135,7 @@ def cover_most(
 def compute_worth(labels: Int64[np.ndarray, " O"], classes: Classes) -> tuple[_Worth, int]:
     """Whole worth of covering each object, and the total: their number where one class counts, else `PARTS`.
 
-    The objects of a class share its parts equally. The mean of classes is one row; the worst has one row per class.
-    """
+    The objects of a class share its parts equally. The mean of classes is one row; the worst has one row per class."""
     there = [(label, weight) for label, weight in zip(classes.labels, classes.weights, strict=True) if label in labels]
     if len(classes.names) == 1 or not there:
         return np.ones((1, len(labels)), np.int64), len(labels)
@@ -237,7 +232,7 @@ def prove_bound(
 
 def _model(
     seen: np.ndarray, weights: np.ndarray, poles: Poles, budget: int, *, views: int, start: list[int], bound: int
-) -> tuple[CpModel, list[IntVar]]:
+) -> "tuple[CpModel, list[IntVar]]":
     """The programme and its variables x. The set `start` is a complete hint."""
     cp = cp_model()
     model = cp.CpModel()

@@ -1,7 +1,5 @@
 """Every set of up to 16 candidates. Yields the optimum, the best set of each size and the exact AP-kbit-price front."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from placement_env.objective import Objective, Score, Scores
@@ -24,8 +22,7 @@ def search(
     """The best set of at most `budget` sensors, proven; the smaller one, then the first among equals.
 
     budget: None for any number; seed: not used. Nothing is proven if a limit stops it. Raises ValueError above 16
-    candidates.
-    """
+    candidates."""
     size = len(objective.candidates)
     if size > LARGEST:
         raise ValueError(f"exhaustive search takes at most {LARGEST} candidates, got {size}: select some")

@@ -1,9 +1,6 @@
 """The most expected hits, with a proven bound: the surrogate's probabilities in steps, solved by CP-SAT.
 
-Steps cut the curve in the middle (`placement_env.search.exact.programme`). The objective decides among equal sets.
-"""
-
-from __future__ import annotations
+Steps cut the curve in the middle (`placement_env.search.exact.programme`). The objective decides among equal sets."""
 
 import numpy as np
 
@@ -24,8 +21,7 @@ def search(
     """The set of most expected hits, and its score by the objective; the certificate is of the share of hits in steps.
 
     The search starts at greedy's set; seconds: 60 if None; evaluations: of greedy and of the choice among equals.
-    Raises ValueError for fidelities other than the surrogate, or hybrid fusion; ImportError without OR-Tools.
-    """
+    Raises ValueError for fidelities other than the surrogate, or hybrid fusion; ImportError without OR-Tools."""
     surrogate = objective.scored_by
     if not isinstance(surrogate, Surrogate):
         raise ValueError(f"hits are what a surrogate predicts, got {objective.fidelity}: say --fidelity surrogate")

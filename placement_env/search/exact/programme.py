@@ -9,10 +9,7 @@ Either the worth of the reached levels is maximal, or the set is as cheap as pos
 of threshold 1 an object is covered or not; several make steps of a hit's probability, which a surrogate says grows with
 the evidence Σ n_i ^ norm. Steps above the curve make the programme worth no less than the truth, so anything it proves
 impossible is impossible; steps that cut it in the middle are near the truth. Where every pole has one place, its price
-is part of the sensor's.
-"""
-
-from __future__ import annotations
+is part of the sensor's."""
 
 import math
 from collections.abc import Sequence
@@ -47,7 +44,7 @@ class SolverLimits:
     seed: int = 0
     effort: float | None = None
 
-    def build_solver(self) -> CpSolver:
+    def build_solver(self) -> "CpSolver":
         """A solver of one worker within these limits."""
         solver = cp_model().CpSolver()
         solver.parameters.catch_sigint_signal = False  # its handler would stay, and end Python at the next Ctrl-C
@@ -60,7 +57,7 @@ class SolverLimits:
         return solver
 
 
-def run_solver(solver: CpSolver, model: CpModel) -> str:
+def run_solver(solver: "CpSolver", model: "CpModel") -> str:
     """Solve a model, stopping at Ctrl-C; return the name of the status."""
     with ThreadPoolExecutor(1) as pool:
         solving = pool.submit(solver.solve, model)
@@ -84,8 +81,7 @@ class Prices(NamedTuple):
     """Prices in exact whole units, rounded down; the limit is rounded up, so no set within the money is excluded.
 
     each: of the candidates, with their mounts where these have one place; shared: of a mount with more, paid once;
-    most: limit on the total; unit: price of one.
-    """
+    most: limit on the total; unit: price of one."""
 
     each: Int64[np.ndarray, " C"]
     shared: Int64[np.ndarray, " C"]
@@ -94,7 +90,7 @@ class Prices(NamedTuple):
     unit: float = 1.0
 
     @staticmethod
-    def in_units(objective: Objective, unit: float) -> Prices:
+    def in_units(objective: Objective, unit: float) -> "Prices":
         """Prices of an objective's candidates, in units of a price."""
         candidates = objective.candidates
         several = candidates.places[candidates.mount] > 1
@@ -105,14 +101,14 @@ class Prices(NamedTuple):
         return Prices(_whole(each, unit), _whole(shared, unit), candidates.mount, most, unit)
 
     @staticmethod
-    def of(objective: Objective) -> Prices | None:
+    def of(objective: Objective) -> "Prices | None":
         """Prices of an objective whose sets have a most price."""
         if math.isinf(objective.most_price):
             return None
         highest = float(objective.candidates.prices.max(initial=0.0))
         return Prices.in_units(objective, max(highest, objective.most_price, 1e-300) / FINEST)
 
-    def select(self, kept: Int64[np.ndarray, " k"]) -> Prices:
+    def select(self, kept: Int64[np.ndarray, " k"]) -> "Prices":
         """Prices of some candidates."""
         return self._replace(each=self.each[kept], shared=self.shared[kept], mount=self.mount[kept])
 
@@ -121,7 +117,7 @@ class Prices(NamedTuple):
         _, first = np.unique(self.mount[chosen], return_index=True)
         return int(self.each[chosen].sum() + self.shared[chosen][first].sum())
 
-    def expression(self, model: CpModel, built: list[IntVar], *, times: int = 1, plus: int = 0) -> LinearExpr:
+    def expression(self, model: "CpModel", built: "list[IntVar]", *, times: int = 1, plus: int = 0) -> "LinearExpr":
         """Price of the built sensors, multiplied by `times`. `plus` is added for each sensor."""
         linear = cp_model().LinearExpr
         parts = [linear.weighted_sum(built, (self.each * times + plus).tolist())]
@@ -143,7 +139,7 @@ class Poles(NamedTuple):
     kept: tuple[int, ...] = ()
 
     @staticmethod
-    def of(objective: Objective) -> Poles:
+    def of(objective: Objective) -> "Poles":
         """Poles of an objective's candidates."""
         candidates, sent = objective.candidates, objective.shared_links
         load = np.zeros(len(candidates)) if sent is None else np.minimum(sent / candidates.capacity, 2.0)
@@ -156,11 +152,11 @@ class Poles(NamedTuple):
         count = int(self.mount.max(initial=-1)) + 1
         return np.where(self.places > 1, count + np.arange(len(self.mount)), self.mount)
 
-    def select(self, kept: Int64[np.ndarray, " k"]) -> Poles:
+    def select(self, kept: Int64[np.ndarray, " k"]) -> "Poles":
         """Poles of some candidates."""
         return self._replace(mount=self.mount[kept], places=self.places[kept], load=self.load[kept])
 
-    def constrain(self, model: CpModel, built: list[IntVar]) -> None:
+    def constrain(self, model: "CpModel", built: "list[IntVar]") -> None:
         """Add the constraints of places and links, and of mounts that must carry a sensor."""
         linear = cp_model().LinearExpr
         for here in self.kept:
@@ -183,8 +179,7 @@ def _whole(figures: np.ndarray, unit: float) -> Int64[np.ndarray, " C"]:
 class Levels(NamedTuple):
     """Levels of evidence and their worth: `known` is what each candidate adds to each object, in whole numbers.
 
-    threshold, gain: of each level of each object; parties: rows of worth that an object counts in; the least counts.
-    """
+    threshold, gain: of each level of each object; parties: rows of worth that an object counts in; the least counts."""
 
     known: Int64[np.ndarray, "C O"]
     threshold: Int64[np.ndarray, "J O"]
@@ -219,8 +214,7 @@ class Programme:
     """Integer programme over sets of at most `budget` candidates.
 
     failing: 1 for the worth that survives the failure of any one sensor (levels of threshold 1 alone); lost: cases of
-    candidates without which worth is counted, the least of them, for levels of any threshold.
-    """
+    candidates without which worth is counted, the least of them, for levels of any threshold."""
 
     levels: Levels
     budget: int
@@ -231,7 +225,7 @@ class Programme:
     lost: list[_Mask] | None = None
 
     @staticmethod
-    def of(objective: Objective, budget: int, levels: Levels, **cases: Any) -> Programme:
+    def of(objective: Objective, budget: int, levels: Levels, **cases: Any) -> "Programme":
         """Programme of an objective's candidates, with its poles and money. cases: `failing` or `lost`."""
         return Programme(levels, budget, Poles.of(objective), objective.allowed([]), Prices.of(objective), **cases)
 
@@ -239,8 +233,7 @@ class Programme:
 def levels_of_hits(powers: Float[np.ndarray, "C O"], model: HitModel, *, above: bool) -> Levels:
     """Steps of each object's hit probability, from n ^ norm of each candidate and object, without the floor.
 
-    above: no step lies below the curve, else each cuts it in the middle.
-    """
+    above: no step lies below the curve, else each cuts it in the middle."""
     count = powers.shape[1]
     e = (np.log(1 / (1 / np.array(HIT_STEPS) - 1)) - model.intercept) / max(model.density, 1e-9)
     needed = np.expm1(np.clip(model.norm * e, 1e-12, 500.0))
@@ -304,7 +297,7 @@ def solve(
     return Solved(chosen, figure, bound, bound == figure)
 
 
-def _reached(model: CpModel, built: list[IntVar], levels: Levels, may_stand: _Mask) -> list[LinearExpr]:
+def _reached(model: "CpModel", built: "list[IntVar]", levels: Levels, may_stand: _Mask) -> "list[LinearExpr]":
     """Worth of the levels reached, of each party."""
     linear = cp_model().LinearExpr
     reached: list[tuple[int, IntVar, int]] = []
@@ -320,7 +313,7 @@ def _reached(model: CpModel, built: list[IntVar], levels: Levels, may_stand: _Ma
     return [linear.weighted_sum([level for level, _ in each], [gain for _, gain in each]) for each in own]
 
 
-def _surviving(model: CpModel, built: list[IntVar], levels: Levels, may_stand: _Mask) -> list[LinearExpr]:
+def _surviving(model: "CpModel", built: "list[IntVar]", levels: Levels, may_stand: _Mask) -> "list[LinearExpr]":
     """Worth of each party that survives any one failure: what two sensors see, or another than the failing one."""
     linear = cp_model().LinearExpr
     once: list[IntVar] = []

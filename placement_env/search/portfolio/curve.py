@@ -2,10 +2,7 @@
 
 The searches of a portfolio run for each budget. Its entrants race each other, and those of an amount also the winner of
 the amount before. All winners are judged together on the third part of traffic, with the same resamples, so their AP is
-comparable. A checkpoint keeps the progress of searches and the winners of finished races.
-"""
-
-from __future__ import annotations
+comparable. A checkpoint keeps the progress of searches and the winners of finished races."""
 
 import math
 from collections.abc import Iterator
@@ -33,8 +30,7 @@ class CurvePoint:
     searches: that answered with it, empty for a neighbour; predicted: AP by the searched objective; ap, low, high: on
     traffic that neither searches nor race saw; confidence: that no other entrant of this budget is better by more than
     0.01; pays: whether no set of the curve costs as little or less and has as much AP; by_errors: AP at each of several
-    error profiles.
-    """
+    error profiles."""
 
     sensors: int
     subset: tuple[int, ...]
@@ -65,8 +61,7 @@ def budget_curve(
     """Points of a budget curve, one for each number of sensors from 1 to `most` with a feasible set.
 
     Where `amounts` of money are given (`list_amounts`), there is one for each amount with a new best set of at most
-    `most` sensors. Other arguments, and errors, as in `placement_env.search.portfolio.portfolio.search`.
-    """
+    `most` sensors. Other arguments, and errors, as in `placement_env.search.portfolio.portfolio.search`."""
     check_whole("budget", most, least=1)
     objective.setting.check_budget(most)
     Limits(seconds, evaluations)
@@ -138,8 +133,7 @@ def _groups(
 def list_amounts(objective: Objective, most: int, money: float, count: int = AMOUNTS) -> tuple[float, ...]:
     """Amounts of money for a curve, ascending, each the price of some set of at most `most` sensors.
 
-    These are all up to `money`, or else `count` of them, evenly spread and as large as possible.
-    """
+    These are all up to `money`, or else `count` of them, evenly spread and as large as possible."""
     check_whole("budget", most, least=1)
     candidates, alone = objective.candidates, objective.allowed([])
     prices = np.unique(candidates.prices[alone])

@@ -5,10 +5,7 @@ swap also perception entropy (Ma, Liu, Li), CP-SAT coverage. Every set is tried 
 prices differ a thrifty search looks for cheaper sets. Where an AP is required, cheap sets join that reach it, or some
 AP around it, since the objective may be off: the exact search's and swap's, in which more AP than that gains nothing.
 Neighbours join their answers: the best by the objective, and
-those that no other beats in the objective's reward, perception entropy and coverage at once.
-"""
-
-from __future__ import annotations
+those that no other beats in the objective's reward, perception entropy and coverage at once."""
 
 import json
 import math
@@ -49,8 +46,7 @@ FRONT_OF = 400  # best neighbours of an answer by reward, searched for the front
 class Entrants:
     """Sets that enter a race, all feasible and different, small ones first, with the searches that answered with each.
 
-    predicted: AP by the fidelity of the searches; considered: number of sets scored in all.
-    """
+    predicted: AP by the fidelity of the searches; considered: number of sets scored in all."""
 
     sets: Bool[np.ndarray, "n C"]
     predicted: Float64[np.ndarray, " n"]
@@ -63,8 +59,7 @@ class Effort:
     """Limits of the searches. sizes: most sensors of each run; neighbours: number that join the answers of each size.
 
     min_ap: required AP that cheap sets are to reach, None for none; seconds, evaluations: of each search at each size,
-    None for its default.
-    """
+    None for its default."""
 
     sizes: tuple[int, ...]
     seconds: float | None = None
@@ -95,8 +90,7 @@ def keep_entrants(
 ) -> Entrants:
     """Entrants, from a cache where possible; an objective made from a site knows its own.
 
-    depends_on: digest of the objective's traffic and other inputs.
-    """
+    depends_on: digest of the objective's traffic and other inputs."""
     if (made := objective.preparation) is not None:
         cache, depends_on = objective.run.memo, made.traffic.digest()
     asked = (objective.provenance, objective.most_price, vars(effort), seed)

@@ -3,10 +3,7 @@
 `DetectorEvaluator` detects; `FastEvaluator` lets another fidelity, such as the surrogate, score batches of the frames.
 Both know one error profile and give figures at every IoU threshold; `CasesEvaluator` combines them into one figure.
 Frames of one block of `BLOCK_FRAMES` show the same objects, so blocks are drawn whole. `Schedule` divides the time of a
-portfolio: what a stage does not use goes to the next.
-"""
-
-from __future__ import annotations
+portfolio: what a stage does not use goes to the next."""
 
 import time
 from collections.abc import Callable
@@ -37,8 +34,7 @@ Report = Callable[[int], None]
 class Evaluated(NamedTuple):
     """Figures of n sets on some frames, at each of several IoU thresholds or over them.
 
-    frames: number of requested frames used, from the first, where time ran out; None for all.
-    """
+    frames: number of requested frames used, from the first, where time ran out; None for all."""
 
     ap: Float64[np.ndarray, "*ious n"]
     kbit: Float64[np.ndarray, " n"]
@@ -46,7 +42,7 @@ class Evaluated(NamedTuple):
     frames: int | None = None
 
 
-def build_evaluator(preparation: Preparation, fidelity: FidelityName, *, seed: int = 0) -> CasesEvaluator:
+def build_evaluator(preparation: Preparation, fidelity: FidelityName, *, seed: int = 0) -> "CasesEvaluator":
     """Evaluator of a preparation's traffic by a fidelity, over the cases of its setting. seed: of the resamples."""
     cases = preparation.setting.cases
     if fidelity != "detector":
@@ -70,13 +66,12 @@ class CasesEvaluator:
 
     levels: frames of each level of traffic, empty where it is undivided. A resample draws each level from its own
     blocks, and the worst case is found within the resample. drawings: evaluators of the same candidates at other
-    drawings of the site, over which figures are means.
-    """
+    drawings of the site, over which figures are means."""
 
-    profiles: tuple[DetectorEvaluator | FastEvaluator, ...]
+    profiles: "tuple[DetectorEvaluator | FastEvaluator, ...]"
     cases: Cases = USUAL_CASES
     levels: tuple[Int64[np.ndarray, " _"], ...] = ()
-    drawings: tuple[CasesEvaluator, ...] = ()
+    drawings: "tuple[CasesEvaluator, ...]" = ()
 
     @property
     def name(self) -> str:
@@ -187,8 +182,7 @@ class FastEvaluator:
     """Evaluate by a fidelity that scores visibility. Only requested sets are rendered. seed: of the resamples.
 
     The AP is that of all frames together; its resamples are means over batches of blocks drawn with replacement,
-    shifted so that their mean is that AP.
-    """
+    shifted so that their mean is that AP."""
 
     def __init__(self, preparation: Preparation, fidelity: FidelityName, seed: int) -> None:
         self.name: FidelityName = fidelity
@@ -234,8 +228,7 @@ class TimedEvaluator:
     """Evaluate frame by frame until time is up, by the monotonic clock (s), and report the number of frames done.
 
     It is called with the same frames in the same order every time, for fewer and fewer sets. at_once: frames between
-    two looks at the clock; least: frames done regardless of time.
-    """
+    two looks at the clock; least: frames done regardless of time."""
 
     evaluator: CasesEvaluator
     until: float
@@ -277,7 +270,7 @@ class Schedule:
     began: float = field(default_factory=time.monotonic)
 
     @staticmethod
-    def of(seconds: float | None, processes: Processes) -> Schedule:
+    def of(seconds: float | None, processes: Processes) -> "Schedule":
         """Schedule with batches that keep the processes busy."""
         return Schedule(seconds, 16 if processes.ray else 1 if processes.alone else 2 * processes.count)
 

@@ -3,10 +3,7 @@
 Traffic has three parts. The searches see the objective's own; the entrants race on the second until the best is known
 confidently enough (`placement_env.racing.race_until`); the figures of the answer come from the third. So the stated AP
 carries neither the optimism of the searches nor that of the race. Picking the best of many by noisy or biased scores
-overrates it (the winner's curse), by the amount that `Contender.curse` gives for each search.
-"""
-
-from __future__ import annotations
+overrates it (the winner's curse), by the amount that `Contender.curse` gives for each search."""
 
 import math
 from dataclasses import dataclass, replace
@@ -52,8 +49,7 @@ class Judging:
     by: fidelity of both; confidence: at which the race ends, that no entrant is better by more than `AP_TOLERANCE`;
     race_frames, final_frames: of parts 1 and 2 of the traffic of the run; neighbours: entrants that join the
     answers; contenders: judge the answer of each search beside the winner; setting: asked of both, None for the
-    objective's; evaluators: of both, in place of most of these.
-    """
+    objective's; evaluators: of both, in place of most of these."""
 
     by: FidelityName = "detector"
     confidence: float = 0.95
@@ -97,8 +93,7 @@ def search(
     """Winner of the race: its score by the objective, and the judge's assessment.
 
     seconds: of searches, race and assessment together; with less time there are fewer frames; evaluations: of each
-    search; checkpoint: keeps the progress of the searches. Raises ValueError where these do not fit.
-    """
+    search; checkpoint: keeps the progress of the searches. Raises ValueError where these do not fit."""
     check_whole("budget", budget, least=1)
     objective.setting.check_budget(budget)
     limits, confidence = Limits(seconds, evaluations), judging.confidence
@@ -148,8 +143,7 @@ def contest(
     most: set-frames to be scored; frames: to race on at most, None for all of the evaluator's.
 
     Of the sets that end within `NEAR_TIE` of the first, that of the greatest mean AP over the detector's IoU
-    thresholds wins, then the cheapest.
-    """
+    thresholds wins, then the cheapest."""
 
     def rewards(rows: Sets, frames: Frames) -> Resampled:
         found = evaluator.evaluate(rows, frames, objective.run.stage("racing", len(frames)))

@@ -7,8 +7,6 @@ TABLE: a .npz of `placement_env.fidelity.table` or a built-in site's name; RECOR
 Intervals are 95 % of 2000 bootstraps over sets; ms per evaluation is one process's, sets a thousand at a time.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from collections.abc import Callable, Sequence
@@ -56,7 +54,7 @@ def ms_each(fidelity: Callable[[np.ndarray], object], sets: np.ndarray) -> float
 
 
 def leaderboard(
-    visibility: Visibility, scheme: str, iou: float, sets: np.ndarray, ap: np.ndarray, model: HitModel | None = None
+    visibility: "Visibility", scheme: str, iou: float, sets: np.ndarray, ap: np.ndarray, model: "HitModel | None" = None
 ) -> None:
     from information_gain import InformationGain
 

@@ -20,8 +20,6 @@ sensor reaches one when it has a point on some vehicle over it in any frame. The
 kbit is as in `placement_env.fidelity.coverage`, recall is the same figure as AP.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from placement_env.fidelity.coverage import SentData

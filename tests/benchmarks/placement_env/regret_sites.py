@@ -5,8 +5,6 @@ seeds from 41801 on whose detection area is below 7,000 m², since judging takes
 are no part of this repository; their sites are left out where COVIEW_SHARED has none.
 """
 
-from __future__ import annotations
-
 import os
 import warnings
 from collections.abc import Callable
@@ -37,11 +35,11 @@ class Place:
     """make: the site; seed: of the poses that are taken of its pool, and of its traffic (three seeds from here on);
     models: names of the sensor models, none for the paper's camera."""
 
-    make: Callable[[], Site]
+    make: "Callable[[], Site]"
     seed: int
     models: tuple[str, ...] = ()
 
-    def candidates(self, site: Site) -> Candidates:
+    def candidates(self, site: "Site") -> "Candidates":
         """Some poses of the pool, drawn evenly over it."""
         named = {"models": tuple(map(find_model, self.models))} if self.models else {}
         every = pool(site, **named)
@@ -49,21 +47,21 @@ class Place:
         return every.select(np.sort(drawn))
 
 
-def _random(seed: int) -> Site:
+def _random(seed: int) -> "Site":
     return random_site(seed)
 
 
-def _built(name: str) -> Site:
+def _built(name: str) -> "Site":
     return load_site(name)
 
 
-def _town(name: str, centre: tuple[float, float], size: tuple[float, float]) -> Site:
+def _town(name: str, centre: tuple[float, float], size: tuple[float, float]) -> "Site":
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         return import_opendrive(MapPiece(SHARED / "carla" / f"{name}.xodr", centre=centre, size=size, seed=0))
 
 
-def _drawn_by_hand() -> Site:
+def _drawn_by_hand() -> "Site":
     return import_osm(MapPiece(ROOT / "docs" / "own-junction.osm", centre=(8.0, 49.5), size=(70.0, 50.0), seed=0))
 
 

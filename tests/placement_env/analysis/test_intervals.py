@@ -1,7 +1,5 @@
 """Intervals and tallies, against an oracle that takes one resample after the other."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 from scipy.stats import binomtest, norm
@@ -72,15 +70,12 @@ def test_resamples_taken_in_pieces_are_the_same(monkeypatch):
         assert tally.resamples(seed=1).tolist() == whole.tolist()
     taken, draws = [], block_draws(30, seed=1)
 
-    class Draws:
-        def __len__(self):
-            return len(draws)
-
+    class Draws(np.ndarray):
         def __getitem__(self, some):
             taken.append(len(draws[some]) * len(tally.scores))
             return draws[some]
 
-    given: Any = Draws()
+    given = draws.view(Draws)
     monkeypatch.setattr("placement_env.analysis.intervals.HELD_AT_ONCE", HELD_AT_ONCE)
     tally.resamples(draws=given)
     assert taken == [1000 * len(tally.scores)]  # all at once, usually
@@ -247,8 +242,5 @@ def test_blocks_are_two_lives_and_words_say_how_many_are_needed():
 
 
 def test_a_loss_of_the_tolerance_itself_is_as_good():
-    best = np.full(1000, 0.25)
-    assert is_as_good(np.zeros(1000), best, 15, tolerance=0.25)
-    assert not is_as_good(np.zeros(1000), best, 15, tolerance=0.24)
-    assert is_as_good(np.zeros(1000), np.full(1000, 0.01), 15)  # the usual one
+    assert is_as_good(np.zeros(1000), np.full(1000, 0.01), 15)
     assert not is_as_good(np.zeros(1000), np.full(1000, 0.0101), 15)

@@ -219,7 +219,6 @@ def test_wrong_arguments_are_refused_and_heights_warned_of():
     points = street(np.random.default_rng(0))
     for arguments, message in (
         *(({"method": "spline"}, "method"), ({"max_tilt": 1.0}, "max_tilt must lie in 0..45 degrees, got 57.3")),
-        ({"reach": 0.0}, "reach must be above 0 m, got 0"),
     ):
         with pytest.raises((ValueError, TypeError), match=message):
             level(points, **arguments)
@@ -307,7 +306,7 @@ def test_points_on_the_lines_of_a_grid_begin_a_cell():
     assert [low_points(column, 1.0, share=share)[0, 2] for share in (0.0, 0.1, 0.5, 1.0)] == [0.0, 1.0, 5.0, 10.0]
 
 
-def test_seeds_are_handed_on_and_are_0_unless_given(monkeypatch):
+def test_the_steepest_slope_is_handed_on(monkeypatch):
     asked = []
 
     def noted(points, **given):
@@ -316,12 +315,9 @@ def test_seeds_are_handed_on_and_are_0_unless_given(monkeypatch):
 
     monkeypatch.setattr(module, "fit_plane", noted)
     street = np.column_stack([np.random.default_rng(0).uniform(-20, 20, (400, 2)), np.full(400, -1.7)])
-    for given in ({}, {"seed": 5}):
-        seed = given.get("seed", 0)
-        level(street, method="plane", max_tilt=0.1, **given)
-        level_warning(street, **given)
-        assert asked == [{"max_tilt": 0.1, "seed": seed}, {"seed": seed}]
-        asked.clear()
+    level(street, method="plane", max_tilt=0.1)
+    level_warning(street)
+    assert asked == [{"max_tilt": 0.1}, {}]
 
 
 def slowly_lowest(cells, slope, step, window, edge=1.0):

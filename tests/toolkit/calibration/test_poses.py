@@ -401,10 +401,14 @@ def test_registrations_know_the_deviations_and_need_three_tenths_of_the_points(m
         return Registration(believed, np.eye(6), np.zeros((0, 6)), overlaps.pop(), 0.01)
 
     monkeypatch.setattr("toolkit.calibration.registration.register", register)
+    points, deviations = np.zeros((2, 3)), np.ones(2)
+    surface = Surface(np.zeros((1, 3)), np.ones((1, 3)), np.zeros(1))
     for is_found in (True, False):
-        each = poses.find_pose("points", TRUE[0], "surface", deviation="deviations")  # type: ignore[arg-type]
+        each = poses.find_pose(points, TRUE[0], surface, deviation=deviations)
         assert (each.registration is not None) is is_found
-        assert asked.pop() == ("points", "surface", TRUE[0].pose, "deviations")
+        assert all(
+            one is other for one, other in zip(asked.pop(), (points, surface, TRUE[0].pose, deviations), strict=True)
+        )
 
 
 def test_scenes_are_learnt_of_the_frames_that_are_asked_and_sensors_are_the_first_ones(monkeypatch):

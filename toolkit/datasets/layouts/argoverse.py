@@ -2,8 +2,6 @@
 the ego vehicle's. `check_log` fuses the two lidars as any two sensors, and counts the points in every labelled cuboid
 beside the recording's own count."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain

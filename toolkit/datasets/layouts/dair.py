@@ -11,10 +11,7 @@ level with the ground, and the clouds of velodyne/ are in it already.
   infrastructure's place in that world; a missing offset is left out or an empty string.
 - Infrastructure and vehicle of a pair measured up to tens of milliseconds apart; each cloud's time says when.
 - Of label/camera, taken where there are no other labels, nobody labelled what the camera does not show.
-- CarIgnore and its like are not objects, Trafficcone and Barrowlist none of our classes: they are counted.
-"""
-
-from __future__ import annotations
+- CarIgnore and its like are not objects, Trafficcone and Barrowlist none of our classes: they are counted."""
 
 import json
 from collections.abc import Iterable

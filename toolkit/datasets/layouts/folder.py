@@ -7,10 +7,7 @@ World frame: that of the poses, world_SE3_sensor; without a pose file the clouds
   files of each are one frame, in the order of their names.
 - A pose goes by the name of the sensor, or of SENSOR/NAME or NAME if it moves.
 - labels.json is `toolkit.datasets.records`, by the names of the frames.
-- A name that is a number of seconds, milli-, micro- or nanoseconds since 1970 gives the time.
-"""
-
-from __future__ import annotations
+- A name that is a number of seconds, milli-, micro- or nanoseconds since 1970 gives the time."""
 
 import json
 import re
@@ -116,8 +113,7 @@ def parse_epoch(name: str) -> float:
 def write_folder(samples: Iterable[Frame], path: Path) -> None:
     """Write frames as SENSOR/000000.pcd and on, with labels.json and poses.
 
-    Poses are lines of poses.txt, or poses.json where a sensor's name would not stay one word there.
-    """
+    Poses are lines of poses.txt, or poses.json where a sensor's name would not stay one word there."""
     entries, poses = [], dict[str, list[float]]()
     for k, sample in enumerate(samples):
         name = f"{k:06d}"

@@ -11,10 +11,7 @@ Recorded clouds are kept in one file, nothing lost. Each frame is a group of its
     samples/K/others            float64 [o, 7]    boxes of other classes; others_counts int64 [o] if it has some
     samples/K/clouds/S/points   float32 [n, 3]    in the frame that `about` says
     samples/K/clouds/S/pose     float64 [4, 4]    world_SE3_sensor; intensity float32 [n], time float64 [n] and ring
-                                                  int64 [n] if known
-"""
-
-from __future__ import annotations
+                                                  int64 [n] if known"""
 
 import json
 from collections.abc import Iterable, Iterator

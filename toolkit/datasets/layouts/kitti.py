@@ -8,10 +8,7 @@ World frame: the lidar's, x forward, y left, z up, about 1.73 m above the ground
 - Rectified camera ← lidar is R0_rect · Tr_velo_to_cam, and neither rotation is exactly one.
 - Only what camera 2 shows is labelled, the lidar sees all round. `DontCare` marks regions of the image in which nobody
   labelled: its box is -1 -1 -1 -1000 -1000 -1000 -10 and no object.
-- calib names differ between the benchmarks (R0_rect: and R_rect, Tr_velo_to_cam: and Tr_velo_cam).
-"""
-
-from __future__ import annotations
+- calib names differ between the benchmarks (R0_rect: and R_rect, Tr_velo_to_cam: and Tr_velo_cam)."""
 
 import struct
 from collections.abc import Iterable
@@ -29,9 +26,7 @@ from toolkit.runtime.files import read_bytes, write_bytes, write_text
 
 _OTHER_NAMES = {"R_rect": "R0_rect", "R_rect_00": "R0_rect", "Tr_velo_cam": "Tr_velo_to_cam"}
 IMAGE = 1242, 375  # pixels, used without an image
-NONE_SHOWN = (
-    "labels lie all outside the image, so that none counts: P2, R0_rect or Tr_velo_to_cam are of another camera"
-)
+NONE_SHOWN = "labels lie all outside the image: P2, R0_rect or Tr_velo_to_cam are of another camera"
 _CAMERA = invert(BODY_SE3_CAMERA)  # camera_SE3_lidar of what is written
 _FOCAL = 721.5377  # of the camera that is written where a recording has none
 

@@ -9,10 +9,7 @@ World frame: the ego vehicle's when the lidar measured, x forward, z up, its ori
 - The lidar's own x points right and its y forward.
 - .pcd.bin is float32 x y z intensity ring, not a PCD file.
 - num_lidar_pts is the set's own count, over the lidar's points at that time; boxes without points are labelled too.
-- Time is in microseconds.
-"""
-
-from __future__ import annotations
+- Time is in microseconds."""
 
 import json
 from collections.abc import Iterable

@@ -9,10 +9,7 @@ coordinate systems if these give a sensor's pose.
 - The class is object_data.type in TUM Traffic and `type` of the object itself in the standard, whose `objects` at the
   top say it for all frames.
 - num_points among the attributes is the set's own count, -1 if nobody counted.
-- An object seen by two lidars has a label in each lidar's file: they are different frames here, not doubled labels.
-"""
-
-from __future__ import annotations
+- An object seen by two lidars has a label in each lidar's file: they are different frames here, not doubled labels."""
 
 import json
 from collections.abc import Iterable

@@ -9,10 +9,7 @@ World frame: level, its origin at the first agent's lidar, x where that lidar fa
 - Only objects that this agent's lidar hit are listed: an object that another agent alone hit is in that agent's file.
   The agents' lists are put together by id.
 - A roadside unit's folder has a negative number; intensity is in the first of a .pcd's colours.
-- YAML 1.1 reads 1e-05 as a string.
-"""
-
-from __future__ import annotations
+- YAML 1.1 reads 1e-05 as a string."""
 
 from collections.abc import Iterable
 from dataclasses import replace

@@ -7,10 +7,7 @@ agent for itself: boxes of one class that two agents list and that overlap are o
 - SCENE lists its agents, "117-118-120-119"; files are named by their time in seconds and differ by milliseconds between
   agents: the k-th of one belongs to the k-th of the others.
 - Labels are as those of DAIR-V2X: centre, l w h, yaw about z in radians, numbers or strings.
-- lidar2world turns by a matrix that is not quite a rotation.
-"""
-
-from __future__ import annotations
+- lidar2world turns by a matrix that is not quite a rotation."""
 
 from os.path import lexists
 from pathlib import Path

@@ -7,10 +7,7 @@ own, and is counted.
 - Between two transforms of a moving frame the pose is interpolated; before the first and after the last it is theirs.
 - A frame is one round of the topics: it ends when a topic comes again. Its time is that of its first cloud.
 - A point's fields lie anywhere in its point_step bytes, in either byte order; `t`, `time` or `timestamp` is its time.
-- There are no labels in a bag. Reading needs the package rosbags.
-"""
-
-from __future__ import annotations
+- There are no labels in a bag. Reading needs the package rosbags."""
 
 import warnings
 from collections.abc import Iterable, Iterator, Mapping
@@ -47,7 +44,7 @@ class Bag:
 
     path: Path
     rounds: int
-    frames: Mapping[str, _Moving]
+    frames: "Mapping[str, _Moving]"
     site: Site | None = None
     _reading: list[tuple[int, Iterator[Frame]]] = field(default_factory=list, compare=False, repr=False)
 

@@ -6,10 +6,7 @@ World frame: the lidar's, as recorded; z up, which way is forward differs betwee
   x y z its length, width and height, rotation x y z in radians, of which z is the yaw; x and y are hardly ever not 0
   and are dropped.
 - obj_id is a string, and the same through a scene.
-- Frames nobody has labelled yet have no file: their objects are unknown, not none.
-"""
-
-from __future__ import annotations
+- Frames nobody has labelled yet have no file: their objects are unknown, not none."""
 
 import json
 from collections.abc import Iterable

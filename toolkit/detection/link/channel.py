@@ -13,10 +13,7 @@ one frame to the next (as recordings of `coview simulate` do after each block), 
 ground plane (Bar-Shalom, Li and Kirubarajan: Estimation with Applications to Tracking and Navigation, 2001, section
 6.2: white noise acceleration). A detection joins the nearest track of its label within a gate, the nearest pairs first.
 At ten frames a second road users move by at most a third of the distance between them, so that an optimal assignment
-would join the same pairs. A box is moved only where its speed is sure: `SURE_SPEED` times its standard deviation.
-"""
-
-from __future__ import annotations
+would join the same pairs. A box is moved only where its speed is sure: `SURE_SPEED` times its standard deviation."""
 
 import math
 from collections.abc import Callable, Iterator, Sequence
@@ -42,8 +39,7 @@ class LinkChannel:
 
     delay: of every message (s); jitter: standard deviation of the extra delay, never below 0 (s); loss: share of lost
     messages; burst: mean number of messages lost in a row, None for independent losses; every: the sensor sends each
-    n-th frame. Raises ValueError for what no channel can have.
-    """
+    n-th frame. Raises ValueError for what no channel can have."""
 
     delay: float = 0.0
     jitter: float = 0.0
@@ -96,8 +92,7 @@ class Line:
 
 class Lagged(NamedTuple):
     """Frame as the centre has it, and as the sensors measure now (`sent`). ages: of each sensor's measurement (s), NaN
-    without one; since: seconds since traffic restarted.
-    """
+    without one; since: seconds since traffic restarted."""
 
     frame: Frame
     ages: Float64[np.ndarray, " sensors"]
@@ -122,8 +117,7 @@ def delay_frames(
     noise_seed: see `toolkit.datasets.recordings.read_frame`; frozen: sensors (indices) that keep sending, with current
     times, their first measurement since traffic started; needed: numbers of a sensor's messages that must have arrived
     to read one, None for itself alone. Raises ValueError for channels with any effect if frames are more than
-    `MOST_APART` from each other.
-    """
+    `MOST_APART` from each other."""
     count = min(len(recording), len(recording) if frames is None else frames)
     history: list[Frame] = []
     lines: list[Line] = []

@@ -10,10 +10,7 @@ image. A difference refers to
 
 A `Reference` has for every pixel of the last message the mean of its measurements since it last changed, so that noise
 averages out. Moving surfaces are better predicted from their neighbours, still ones from the reference; the sender
-chooses by squares of 8 x 8 pixels. All arithmetic is in whole numbers, so that both agree on every machine.
-"""
-
-from __future__ import annotations
+chooses by squares of 8 x 8 pixels. All arithmetic is in whole numbers, so that both agree on every machine."""
 
 import struct
 import zlib
@@ -49,8 +46,7 @@ class DifferenceSender:
     """Sender of one sensor's messages, whose empty scene is `scene`.
 
     step: of measurements (m); refers_to: see above; key_every: most messages, 1 to 255, from one whole image to the
-    next. Raises ValueError for others.
-    """
+    next. Raises ValueError for others."""
 
     def __init__(
         self, scene: EmptyScene, *, step: float = 0.02, refers_to: RefersTo = "previous", key_every: int = KEY_EVERY
@@ -64,8 +60,7 @@ class DifferenceSender:
         """Write the next message.
 
         Arguments as of `toolkit.detection.link.foreground.encode_foreground`. The image is sent whole when due, when
-        that is smaller because few pixels stand still, and when numbers do not continue.
-        """
+        that is smaller because few pixels stand still, and when numbers do not continue."""
         sent, missing = foreground.check_pixels(image, self.scene, missing)
         steps, reference, difference, stands = to_steps(image.measurement, sent, self.step), self._reference, b"", 0
         if reference is not None and reference.number < image.number < self._key + self.key_every:
@@ -96,8 +91,7 @@ class DifferenceReader:
         """Read the image of a message.
 
         Raises `MissedReference` for a difference from a message that never arrived, and ValueError as
-        `decode_foreground`; the reader then stays as it was.
-        """
+        `decode_foreground`; the reader then stays as it was."""
         header, content = read_message(message)
         if header.kind == MessageKind.FOREGROUND:
             restored = foreground.decode_foreground(message, self.scene)
@@ -108,9 +102,7 @@ class DifferenceReader:
             raise ValueError(f"a difference has at least {_REFERS.size} bytes of content, got {len(content)}")
         back, goes_on, checksum = _REFERS.unpack_from(content)
         if not back or goes_on > 1:
-            raise ValueError(
-                f"a message refers 1 to {MOST_BACK} messages back and goes on or not, got {back}, {goes_on}"
-            )
+            raise ValueError(f"a message refers 1 to {MOST_BACK} back and goes on or not, got {back}, {goes_on}")
         reference = self._reference
         if reference is None or reference.number != header.number - back or reference.checksum != checksum:
             has = "none" if reference is None else f"what message {reference.number} left"
@@ -148,8 +140,7 @@ class Reference:
     """Shared state of sender and reader after message `number`.
 
     fine: mean measurement of every pixel in 16ths of a step; images: number of averaged images, 0 for pixels that the
-    last message did not send.
-    """
+    last message did not send."""
 
     number: int
     step_mm: int
@@ -157,7 +148,7 @@ class Reference:
     images: ImageSteps
 
     @staticmethod
-    def of(number: int, step_mm: int, steps: ImageSteps, sent: ImageMask) -> Reference:
+    def of(number: int, step_mm: int, steps: ImageSteps, sent: ImageMask) -> "Reference":
         """Start from an image that was sent whole."""
         return Reference(number, step_mm, _FINE * steps, sent.astype(np.int64))
 
@@ -178,7 +169,7 @@ class Reference:
         """Mean measurements in whole steps, halves rounded up."""
         return (self.fine + _FINE // 2) >> _FINE_BITS
 
-    def after(self, number: int, steps: ImageSteps, sent: ImageMask) -> Reference:
+    def after(self, number: int, steps: ImageSteps, sent: ImageMask) -> "Reference":
         """State after one more image; means restart where pixels moved."""
         stands, images, measured = self.standing(steps, sent)[sent], self.images[sent], _FINE * steps[sent]
         images = np.where(stands, np.minimum(images + 1, MOST_IMAGES), 1)
@@ -210,8 +201,7 @@ def encode_difference(
     """Encode the sent pixels.
 
     squares: those that stand still. Raises ValueError for steps below 0 or from 2^24 on, and for an image of another
-    shape.
-    """
+    shape."""
     if steps.shape != reference.fine.shape:
         raise ValueError(f"the reference is an image of {reference.fine.shape}, got one of {steps.shape}")
     there = _count_pixels(reference.known) > 0
@@ -229,8 +219,7 @@ def encode_difference(
 
 def decode_difference(content: bytes, start: int, reference: Reference) -> tuple[ImageSteps, ImageMask, int]:
     """Decode the pixels that begin at `start`: steps (0 if not sent), mask of sent pixels, and end. Raises ValueError
-    for bytes that `encode_difference` does not write.
-    """
+    for bytes that `encode_difference` does not write."""
     shape = (int(reference.fine.shape[0]), int(reference.fine.shape[1]))
     there = _count_pixels(reference.known) > 0
     chosen, start = coding.read_bits(content, start, np.ones(int(there.sum()), np.int64))
@@ -269,8 +258,7 @@ def _spread(squares: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
 class ForegroundDifferences(foreground.SendsForeground):
     """Foreground scheme whose messages send only changes: the same points arrive as with `Foreground`. Pass a memory
     from view to view (`toolkit.detection.view.View`) when frames are read in order; otherwise every image is sent
-    whole. Fields as of `Foreground` and `DifferenceSender`; raises ValueError as these do.
-    """
+    whole. Fields as of `Foreground` and `DifferenceSender`; raises ValueError as these do."""
 
     step: float = 0.02
     refers_to: RefersTo = "previous"

@@ -5,10 +5,7 @@ in early fusion. A pixel in the crop stands out if its measurement lies farther 
 the scene. It is missing where the centre would draw a point of the empty scene and the sensor has none in the crop:
 nothing returned, or something stands close before the sensor. Single returns drop out in every image, and are better
 drawn than sent: missing pixels are sent where at least half of those about them (5 x 5) that should show the scene are
-missing too, three or all of them; and everywhere when all are.
-"""
-
-from __future__ import annotations
+missing too, three or all of them; and everywhere when all are."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -62,7 +59,7 @@ class SendsForeground(DetectsOnce):
 
         return view.transmit(sensor, self.digest, through)
 
-    def _exchange(self, view: View, sensor: int, image: RangeImage, missing: ImageMask) -> tuple[bytes, Restored]:
+    def _exchange(self, view: View, sensor: int, image: RangeImage, missing: ImageMask) -> "tuple[bytes, Restored]":
         """Message of a sensor, and what is restored of it."""
         raise NotImplementedError
 
@@ -72,8 +69,7 @@ class Foreground(SendsForeground):
     """Early fusion with a background known to the centre.
 
     step: of measurements (m), in whole millimetres; sigmas: spreads of the empty scene, above 0, within which a
-    measurement shows it. Raises ValueError for others.
-    """
+    measurement shows it. Raises ValueError for others."""
 
     step: float = 0.02
     sigmas: float = SIGMAS
@@ -84,7 +80,7 @@ class Foreground(SendsForeground):
         if not 0 < self.sigmas < np.inf:
             raise ValueError(f"sigmas must be above 0, got {self.sigmas}: 4 leaves one background pixel in 16000")
 
-    def _exchange(self, view: View, sensor: int, image: RangeImage, missing: ImageMask) -> tuple[bytes, Restored]:
+    def _exchange(self, view: View, sensor: int, image: RangeImage, missing: ImageMask) -> "tuple[bytes, Restored]":
         scene = view.scene(sensor)
         message = encode_foreground(image, scene, missing, step=self.step)
         return message, decode_foreground(message, scene)
@@ -104,8 +100,7 @@ def encode_foreground(
     image: RangeImage, scene: EmptyScene, missing: ImageMask | None = None, *, step: float = 0.02
 ) -> bytes:
     """Encode an image's foreground, all pixels that return something, and missing pixels. Raises ValueError for the
-    empty scene of another sensor, and for a missing pixel that returns something.
-    """
+    empty scene of another sensor, and for a missing pixel that returns something."""
     sent, missing = check_pixels(image, scene, missing)
     content = encode_pixels(to_steps(image.measurement, sent, step), sent)
     return write_scene_message(wire.MessageKind.FOREGROUND, image, scene, step, content, missing)
@@ -114,8 +109,7 @@ def encode_foreground(
 def decode_foreground(message: bytes, scene: EmptyScene) -> Restored:
     """Restore an image from a message and the empty scene.
 
-    Raises ValueError for a message that is damaged, of another version or sensor, or made with another empty scene.
-    """
+    Raises ValueError for a message that is damaged, of another version or sensor, or made with another empty scene."""
     header, content = wire.read_message(message)
     check_scene(header, wire.MessageKind.FOREGROUND, scene)
     return restore(header, content, scene, *read_pixels(content, 0, scene.model.shape))

@@ -3,10 +3,7 @@
 A mask is coded by the places where it changes along the rows, or by those where it differs from its left and upper
 neighbours, whichever takes less. Measurements are predicted from earlier pixels (left, up, upper left) as in lossless
 JPEG (LOCO-I, Weinberger, Seroussi and Sapiro, IEEE Transactions on Image Processing 9, 2000) if these are in the mask,
-else from those that are.
-"""
-
-from __future__ import annotations
+else from those that are."""
 
 import zlib
 
@@ -36,8 +33,7 @@ def pack_integers(values: Int64[np.ndarray, " n"]) -> bytes:
 def unpack_integers(data: bytes, start: int, most: int) -> tuple[Int64[np.ndarray, " n"], int]:
     """Unpack numbers that begin at `start`, and return their end.
 
-    Raises ValueError for more than `most` numbers, or bytes that `pack_integers` does not write.
-    """
+    Raises ValueError for more than `most` numbers, or bytes that `pack_integers` does not write."""
     count, start = _read_variable(data, start)
     if count > most:
         raise ValueError(f"at most {most} packed numbers are possible, got {count}")
@@ -158,8 +154,7 @@ def decode_mask(content: bytes, start: int, shape: tuple[int, int]) -> tuple[Ima
 def encode_values(steps: ImageSteps, mask: ImageMask, given: ImageMask | None = None) -> bytes:
     """Encode measurements of a mask's pixels.
 
-    given: other pixels, known to the reader. Raises ValueError for steps below 0 or from 2^24 on.
-    """
+    given: other pixels, known to the reader. Raises ValueError for steps below 0 or from 2^24 on."""
     values = steps[mask]
     if len(values) and not (values.min() >= 0 and values.max() < MOST_STEPS):
         raise ValueError(f"measurements must be 0 to {MOST_STEPS - 1} steps, got {values.min()} to {values.max()}")
@@ -170,8 +165,7 @@ def decode_values(
     content: bytes, start: int, mask: ImageMask, given: tuple[ImageSteps, ImageMask] | None = None
 ) -> tuple[ImageSteps, int]:
     """Decode steps of a mask's pixels, 0 elsewhere, and return their end. given: steps and mask of other known pixels.
-    Raises ValueError for bytes that `encode_values` does not write.
-    """
+    Raises ValueError for bytes that `encode_values` does not write."""
     residuals, end = unpack_integers(content, start, mask.size)
     if len(residuals) != mask.sum():
         raise ValueError(f"{mask.sum()} pixels are marked, got {len(residuals)} residuals")

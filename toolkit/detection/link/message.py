@@ -5,10 +5,7 @@ A reader takes nothing on trust: what is cut off, damaged, of another version, s
 Capacities of links are nominal and shared by all senders, so that a share well below 1 is needed: of 802.11p the
 default rate in a channel of 10 MHz (IEEE 802.11-2020, clause 17), of LTE-V2X a transport block of 7992 bits each ms,
 that is 50 resource blocks of 10 MHz, QPSK (3GPP TS 36.213, table 7.1.7.2.1-1, index 9), of Ethernet a cable
-(100BASE-TX). A packet of up to 1400 bytes fits an Ethernet frame with the headers of IP and UDP.
-"""
-
-from __future__ import annotations
+(100BASE-TX). A packet of up to 1400 bytes fits an Ethernet frame with the headers of IP and UDP."""
 
 import struct
 import zlib
@@ -127,8 +124,7 @@ CAPACITIES = {"802.11p": 6.0, "LTE-V2X": 8.0, "Ethernet": 100.0}  # Mbit/s
 @dataclass(frozen=True)
 class LinkLoad:
     """Load of some sensors on a shared link, each sending at `rate` (Hz). packets: mean number per message; one_packet:
-    share of messages that fit one; shares: of each link's capacity, by name.
-    """
+    share of messages that fit one; shares: of each link's capacity, by name."""
 
     rate: float
     mbit_per_s: float
@@ -152,8 +148,7 @@ class SetLoad:
 
 def link_load(bits: Int64[np.ndarray, "frames sensors"], rate: float) -> LinkLoad:
     """Load of all sensors' messages of every frame, at a rate (Hz). Raises ValueError for a rate not above 0 and
-    without messages.
-    """
+    without messages."""
     if not 0 < rate < np.inf:
         raise ValueError(f"rate must be above 0 Hz, got {rate:g}: such as 10")
     if not bits.size:

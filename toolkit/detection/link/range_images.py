@@ -3,10 +3,7 @@
 Points are sent as the pixels of their image and arrive within half a step of the measurement, along the pixel's ray.
 Boxes are sent in their order, in steps of 2 cm and half a degree. Yaw arrives between -180° and 180°, a score below 0
 as 0 and one above 1 as 1. A score s is sent as 511 times the square root of 1 - s: sure scores lie close together, and
-decide which of two boxes of an object stays.
-"""
-
-from __future__ import annotations
+decide which of two boxes of an object stays."""
 
 import struct
 from dataclasses import dataclass
@@ -82,9 +79,7 @@ def decode_boxes(content: bytes, sensor: Sensor) -> Detections:
         raise ValueError(f"{count} boxes must end the message, got {len(content) - start} more bytes")
     for name, place, most in (("yaw", _YAW, TURN - 1), ("scores", _SCORE, SCORES)):
         if not (columns[place].min() >= 0 and columns[place].max() <= most):
-            raise ValueError(
-                f"{name} must be sent as 0 to {most}, got {columns[place].min()} to {columns[place].max()}"
-            )
+            raise ValueError(f"{name} must be 0 to {most}, got {columns[place].min()} to {columns[place].max()}")
     yaw = (columns[_YAW] + TURN // 2) % TURN - TURN // 2
     boxes = np.column_stack([*(column * BOX_STEP for column in columns[:6]), yaw * (2 * np.pi / TURN)])
     _check_reach(check_boxes(boxes), sensor)
@@ -124,8 +119,7 @@ class RangeImages(Parameters):
     def decode_image(self, message: Message, sensor: Sensor, /) -> ImageRanges:
         """Decode an image, 0 where nothing was sent.
 
-        Raises ValueError for a message that is damaged or of another sensor.
-        """
+        Raises ValueError for a message that is damaged or of another sensor."""
         header, content = wire.read_message(message.content)
         rows, columns = sensor.model.shape
         expected = {"sensor": wire.sensor_number(sensor.name), "rows": rows, "columns": columns, "scene": 0}

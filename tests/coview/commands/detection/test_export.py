@@ -58,7 +58,7 @@ def test_commands_take_the_file_for_a_detector(recording, tmp_path, run, refused
     assert known.name == f"{tmp_path / 't.onnx'}+background"
     found = ("detect", recording, "--detector", tmp_path / "t.onnx")
     assert run(*found, *area, "--level", "none", "--out", tmp_path / "boxes.json")[0] == 0
-    assert "alone, got -9 -20 9 20" in refused(*found, "--area", -9, -20, 9, 20, "--out", tmp_path / "b.json")
+    assert "got -9 -20 9 20" in refused(*found, "--area", -9, -20, 9, 20, "--out", tmp_path / "b.json")
     card = tmp_path / "t.json"
     card.write_text(card.read_text().replace('"sha256"', '"sha"'))
     assert "has no sha" in refused(*found, "--out", tmp_path / "b.json")

@@ -138,7 +138,7 @@ def test_fewer_frames_need_no_detector(made, table, unwritten):
 
 def test_another_recording_in_its_place_is_refused(table, tmp_path):
     (tmp_path / f"recording_{FRAMES}.hdf5").write_bytes(b"damaged")
-    with pytest.raises(FileExistsError, match="is damaged or not the test recording: remove it"):
+    with pytest.raises(FileExistsError, match="is damaged or no test recording: remove it"):
         run(tmp_path, Guess(), table)
 
 

@@ -180,7 +180,7 @@ def test_sets_race_by_ap_less_costs_in_the_order_of_a_seed(street, monkeypatch):
 
     def noted(rewards, sets, order, rules, *, predicted):
         given.update(rewards=rewards, sets=sets, order=order, rules=rules, predicted=predicted)
-        return Contest(np.array([0, 1]), predicted, np.array([7, 7]), 1.0, 14, np.array([0.5, 0.4]))
+        return Contest(np.array([0, 1]), predicted[:2], np.array([7, 7]), 1.0, 14, np.array([0.5, 0.4]))
 
     monkeypatch.setattr(portfolio, "race_until", noted)
     weights = Weights(comm=0.001, price=0.01)
@@ -425,7 +425,7 @@ def test_whoever_watches_is_told_the_leader_of_the_race_with_its_costs(street, m
 
     def noted(rewards, sets, order, rules, *, predicted):
         given.update(rewards=rewards, order=order)
-        return Contest(np.array([0, 1]), predicted, np.array([7, 7]), 1.0, 14, np.array([0.5, 0.4]))
+        return Contest(np.array([0, 1]), predicted[:2], np.array([7, 7]), 1.0, 14, np.array([0.5, 0.4]))
 
     class Cut(Truth):
         def evaluate(self, sets, frames, progress=None):

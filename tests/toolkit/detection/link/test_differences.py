@@ -91,7 +91,7 @@ def test_what_refers_to_nothing_or_no_sender_writes_is_refused():
     for changed, body, said in (
         ({}, content[:5], "at least 6 bytes"),
         ({}, content[:6], "the message is cut off"),
-        ({}, b"\0" + content[1:], "1 to 255 messages back and goes on or not, got 0"),
+        ({}, b"\0" + content[1:], "1 to 255 back and goes on or not, got 0"),
         ({}, content[:1] + b"\2" + content[2:], "goes on or not, got 1, 2"),
         ({}, b"\2" + content[1:], "refers to message -1"),
         ({"step_mm": 40}, content, "has steps of its reference, 20 mm, got 40 mm"),

@@ -1,4 +1,4 @@
-"""What stands out from empty scenes is gathered into objects, and has boxes."""
+"""A cluster detector is learnt from empty scenes."""
 
 from dataclasses import replace
 
@@ -7,7 +7,7 @@ import pytest
 
 from toolkit.calibration.empty_scene import EmptyScene, Scenes
 from toolkit.detection import cluster as clusters
-from toolkit.detection.cluster import cluster_points, foreground_clusters, learn_cluster_detector
+from toolkit.detection.cluster import learn_cluster_detector
 from toolkit.detection.detect import detect_frames
 from toolkit.detection.place import Place
 from toolkit.frame import Frame, SensorCloud
@@ -52,31 +52,7 @@ def every():
     return list(samples())
 
 
-def test_objects_are_what_stands_out_of_the_grid(every):
-    found = foreground_clusters(every[-1], Scenes(every))
-    assert len(found) == 2
-    middles = np.array([found[k].mean(axis=0)[:2] for k in range(2)])
-    order = np.argsort(-middles[:, 0])
-    np.testing.assert_allclose(middles[order], CARS[:, :2], atol=1.5)
-    assert set(found.sensor.tolist()) == {0, 1}
-    assert len(found.points) == len(found.of) == len(found.sensor)
-    assert (found.of >= 0).mean() > 0.95
-    assert min(len(found[k]) for k in range(2)) > 100
-    assert len(foreground_clusters(every[0], Scenes(every))) == 0
-    with pytest.raises(IndexError, match="there are 2 objects, got number 2"):
-        found[2]
-    scenes = Scenes(every)
-    before = foreground_clusters(every[-1], scenes)
-    cloud = every[-1].clouds[0]
-    reach = scenes["a"].grid.model.max_range
-    own = transform(np.linalg.inv(cloud.world_SE3_sensor), before.points[before.sensor == 0])
-    beyond = (own * (1.5 * reach / np.linalg.norm(own, axis=1))[:, None]).astype(np.float32)
-    more = SensorCloud("a", np.concatenate([cloud.points, beyond]), cloud.world_SE3_sensor)
-    after = foreground_clusters(Frame.of_clouds("5", (more, every[-1].clouds[1]), Objects.empty()), scenes)
-    np.testing.assert_array_equal(after.points, before.points)
-
-
-def test_backgrounds_and_clusters_by_hand():
+def test_sweeps_of_an_empty_scene_by_hand():
     shape, model = (2, 500), RowLidar((0.0, -0.1), columns=500)
 
     def full(value):
@@ -90,14 +66,6 @@ def test_backgrounds_and_clusters_by_hand():
     assert 0.2 < near.mean() < 0.3
     assert ranges[near].std() == pytest.approx(0.01, rel=0.2)
     assert ranges[~near].std() == pytest.approx(0.1, rel=0.2)
-    rng = np.random.default_rng(1)
-    here, there = (rng.normal(0, 0.1, (count, 3)) + 1e6 for count in (30, 20))
-    there[:, 0] += 3
-    alone = np.array([[1e6, 1e6 + 9, 1e6]])
-    assert cluster_points(np.concatenate([here, there, alone])).tolist() == [0] * 30 + [1] * 20 + [-1]
-    assert cluster_points(here[:4]).tolist() == [-1] * 4
-    assert cluster_points(here[:5]).tolist() == [0] * 5
-    assert cluster_points(np.zeros((0, 3))).tolist() == []
 
 
 def test_detectors_that_learnt_no_label_have_boxes_or_refuse(every):
@@ -114,11 +82,3 @@ def test_detectors_that_learnt_no_label_have_boxes_or_refuse(every):
     boxes = boxes[np.argsort(-boxes[:, 0])]
     np.testing.assert_allclose(boxes[:, :2], CARS[:, :2], atol=0.4)
     np.testing.assert_allclose(boxes[:, 3:6], CARS[:, 3:6], atol=0.5)
-    scenes = Scenes(every)
-    with pytest.raises(ValueError, match=r"reach must be above 0 m and fewest at least 1, got 0\.0 and 5"):
-        foreground_clusters(every[0], scenes, reach=0.0)
-    stranger = Frame.of_clouds("0", (SensorCloud("c", np.ones((9, 3), np.float32), np.eye(4)),), Objects.empty())
-    with pytest.raises(ValueError, match="empty scenes of a, b, none of c"):
-        foreground_clusters(stranger, scenes)
-    empty = Frame.of_clouds("0", (SensorCloud("a", np.zeros((0, 3), np.float32), np.eye(4)),), Objects.empty())
-    assert len(foreground_clusters(empty, scenes)) == 0
