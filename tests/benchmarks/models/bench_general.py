@@ -117,10 +117,10 @@ def main() -> None:
             above = evaluate(reported, truths, iou_thresholds=(true,), counted=counted, label=label)[true]
             found = evaluate(detections, truths, iou_thresholds=ious, counted=counted, label=label)
             scores, hits = [np.zeros(0)], [np.zeros(0, bool)]
-            for said, there, counts in zip(reported, truths, counted, strict=True):
-                (at,) = matches(said, there, [true], label=label, counted=counts)
-                kept = (said.labels == label_index(label)) & ~at.ignored
-                scores.append(said.scores[kept])
+            for boxes, there, counts in zip(reported, truths, counted, strict=True):
+                (at,) = matches(boxes, there, [true], label=label, counted=counts)
+                kept = (boxes.labels == label_index(label)) & ~at.ignored
+                scores.append(boxes.scores[kept])
                 hits.append(at.truth[kept] >= 0)
             error = reliability(np.concatenate(scores), np.concatenate(hits)).error
             said = f"{above.fp / len(truths):11.2f} {above.precision:9.2f} {above.recall:6.2f} {error:5.2f}"

@@ -233,10 +233,15 @@ def test_batches_of_any_worker_equal_their_items(packed):
 
 
 def test_several_windows_are_cut_from_one_reading(packed, monkeypatch):
-    read = []
-    monkeypatch.setattr(module, "read_points", lambda *k, **more: read.append(k) or read_points(*k, **more))
+    read: list[int] = []
+
+    def noted(frames, k, *more, **settings):
+        read.append(k)
+        return read_points(frames, k, *more, **settings)
+
+    monkeypatch.setattr(module, "read_points", noted)
     one, four = (Samples(packed, CONFIG, replace(RECIPES[1], windows=n), seed=3)[1, 4] for n in (1, 4))
-    assert len(read) == 2
+    assert read == [4, 4]
     assert (len(one.labels), len(four.labels)) == (1, 4)
     assert torch.equal(one.labels[0], four.labels[0])  # the first is the one that a single window would be
     assert not torch.equal(four.labels[0], four.labels[1])
