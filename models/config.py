@@ -101,6 +101,8 @@ class VoxelNetConfig:
     rivalry: tuple[tuple[float, ...], ...] = ()
     """Per label a slope, an intercept and a weight for each label, by which scores are lowered where boxes of other
     labels stand at the same place (`models.network.candidates`); (): as they are."""
+    known: tuple[tuple[float, float], ...] = ()
+    """As `calibration`, of the scores that are left where the detector knows the empty site."""
     score_threshold: float = 0.1  # of detections, where the caller gives none
     thresholds: tuple[float, ...] = ()  # the same by label; (): `score_threshold` for all
 
@@ -124,8 +126,9 @@ class VoxelNetConfig:
             raise ValueError(f"anchors by class need a quality head and a kind for each label in its order, {got}")
         if not set(self.faces) <= set(self.labels):
             raise ValueError(f"faces must be among the labels, got {self.faces} and {self.labels}")
-        if len(self.calibration) not in (0, size) or any(slope <= 0 for slope, _ in self.calibration):
-            raise ValueError(f"calibration must have a slope above 0 per label or be empty, got {self.calibration}")
+        for name, rows in (("calibration", self.calibration), ("known", self.known)):
+            if len(rows) not in (0, size) or any(slope <= 0 for slope, _ in rows):
+                raise ValueError(f"{name} must have a slope above 0 per label or be empty, got {rows}")
         wrong = [row for row in self.rivalry if len(row) != size + 2 or row[0] <= 0 or min(row[2:]) < 0]
         if len(self.rivalry) not in (0, size) or wrong:
             needs = "a slope above 0, an intercept and a weight of at least 0 for each label"
@@ -192,7 +195,7 @@ class VoxelNetConfig:
     def to_dict(self) -> dict[str, Any]:
         """Return plain values for JSON."""
         # Entries younger than the first shipped weights are left out at their default, so that digests do not change.
-        young = ("kinds", "faces", "calibration", "rivalry", "score_threshold", "thresholds")
+        young = ("kinds", "faces", "calibration", "rivalry", "known", "score_threshold", "thresholds")
         defaults = {each.name: each.default for each in fields(self) if each.name in young}
         return {name: value for name, value in asdict(self).items() if name not in young or value != defaults[name]}
 
@@ -258,5 +261,10 @@ def _parse(value: Any, example: Any, name: str) -> Any:
 _LARGEST = 1e6
 _LENGTHS = {"area": 4, "height": 2, "voxel_size": 3, "anchor_size": 3, "size": 3}
 _EXAMPLE = VoxelNetConfig(
-    (0.0, 0.0, 1.0, 1.0), faces=("vehicle",), calibration=((1.0, 0.0),), rivalry=((1.0, 0.0, 0.0),), thresholds=(0.1,)
+    (0.0, 0.0, 1.0, 1.0),
+    faces=("vehicle",),
+    calibration=((1.0, 0.0),),
+    rivalry=((1.0, 0.0, 0.0),),
+    known=((1.0, 0.0),),
+    thresholds=(0.1,),
 )

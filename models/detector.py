@@ -18,6 +18,7 @@ from models.network.candidates import (
     apply_rivals,
     average_boxes,
     candidates,
+    score_known,
     suppress,
 )
 from models.network.faces import measure_faces
@@ -173,6 +174,10 @@ class VoxelNetDetector:
                     rows = torch.from_numpy(place + np.arange(len(place))).to(found.item.device)
                     best = found.best(rows[torch.argsort(found.place[rows])])  # in map order
                     yield row, self._finish(*best, join_clouds(clouds, unions[row]))
+
+    def score_known(self, found: Detections) -> Detections:
+        """Return detections with the scores they are worth where what belongs to the empty site is left out."""
+        return score_known(found, self.config)
 
     def _finish(self, boxes: Tensor, scores: Tensor, cloud: Points) -> Detections:
         """Suppress duplicates, deduct rivals and measure faces."""

@@ -18,11 +18,13 @@ from models.detector import VoxelNetDetector, relocate
 from models.network.candidates import logit, rescore, sigmoid, strongest_rivals
 from models.network.faces import SORTS, FaceNetworks, face_features, face_offsets
 from models.network.voxelnet import VoxelNet
-from models.training.packed import Area, PackedFrames
+from models.training.packed import Area, PackedFrames, Rig
 from models.training.samples import read_points
 from toolkit.arrays import BoxRows, Float, Float32, Int64, Mask, Rng
 from toolkit.boxes import count_points, iou_bev
+from toolkit.detection.background import SWEEPS, Background, KnownBackground
 from toolkit.detection.metrics import TRUE_IOU, evaluate, matches
+from toolkit.geometry import level_rows
 from toolkit.objects import HEAVY, LABELS, VEHICLE, Detections, Detector, Objects, label_index
 from toolkit.points import has_centre_inside
 
@@ -35,7 +37,7 @@ OTHER_THRESHOLDS = (0.25, 0.5, 0.7)  # of cyclists, pedestrians and heavy vehicl
 
 
 def detector_by_area(
-    network: VoxelNet, device: str | torch.device = "cpu", score_threshold: float = 0.05
+    network: VoxelNet, device: str | torch.device = "cpu", score_threshold: float | None = 0.05
 ) -> Callable[[Area], Detector]:
     """Return a function that makes the detector of an area."""
 
@@ -55,19 +57,31 @@ def detect_frames(
     device: str = "cpu",
     subsets: float = 0.0,
     errors: float = 0.0,
+    known: bool = False,
 ) -> list[tuple[Detections, Objects, Mask]]:
     """Detect in the first `count` frames (None: all) by early fusion.
 
-    Returns detections, truth and a mask of objects centred in the frame's area. subsets, errors: see `read_points`."""
+    Returns detections, truth and a mask of objects centred in the frame's area. subsets, errors: see `read_points`;
+    known: leave out what belongs to the empty site, at the network's own thresholds."""
     training = network.training
-    detector_in, results = detector_by_area(network, device), []
+    detector_in, results = detector_by_area(network, device, None if known else LOWEST), []
+    background = lru_cache(maxsize=AREAS_KEPT)(_background)
     for k in range(min(len(frames), count or len(frames))):
         area = frames.rig(k).area
         points = read_points(frames, k, np.random.default_rng([seed, k]), subsets=subsets, errors=errors)
-        truth = frames.level_objects(k)
-        results.append((detector_in(area)(points), truth, has_centre_inside(truth.boxes, np.array(area))))
+        truth, detector = frames.level_objects(k), detector_in(area)
+        if known:
+            detector = KnownBackground(detector, background(frames.rig(k)))
+        results.append((detector(points), truth, has_centre_inside(truth.boxes, np.array(area))))
     network.train(training)
     return results
+
+
+def _background(rig: Rig) -> Background:
+    """Learn the empty site from noisy sweeps of a rig."""
+    rng, none = np.random.default_rng(0), np.zeros(0, np.uint32)
+    sweeps = [rig.measure(s, none, none, rng)[0] for _ in range(SWEEPS) for s in range(len(rig.sensors))]
+    return Background.learn(np.concatenate([level_rows(points, rig.slope) for points in sweeps]))
 
 
 def average_precision(
@@ -101,7 +115,7 @@ def widen(network: VoxelNet, config: VoxelNetConfig) -> VoxelNet:
         return network
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(0)
-        bare: dict[str, Any] = {"faces": (), "calibration": (), "rivalry": (), "thresholds": ()}
+        bare: dict[str, Any] = {"faces": (), "calibration": (), "rivalry": (), "known": (), "thresholds": ()}
         wider = VoxelNet(replace(known, labels=config.labels, kinds=config.kinds, **bare))
     state = wider.state_dict()
     for name, old in network.state_dict().items():
@@ -185,7 +199,7 @@ def fit_calibration(network: VoxelNet, frames: PackedFrames, *, count: int | Non
     Each threshold is the lowest above which `PRECISION` of the detections are true, over the first `count` frames
     (None: all) of a file that training did not use, some of them seen by some of the sensors or by sensors with errors.
     """
-    bare = rebuild(network, calibration=(), rivalry=(), thresholds=(), score_threshold=LOWEST)
+    bare = rebuild(network, calibration=(), rivalry=(), known=(), thresholds=(), score_threshold=LOWEST)
     labels = bare.config.labels
     judged = _judge(bare, frames, count, seed)
     hits = np.concatenate([np.zeros(0, int), *(hits for _, hits in judged)])
@@ -208,13 +222,31 @@ def fit_calibration(network: VoxelNet, frames: PackedFrames, *, count: int | Non
         rows.append(row)
         thresholds.append(round(max(LEAST_SURE, lowest_threshold(left, true, PRECISION)), 3))
     rivalry = tuple(rows) if len(labels) > 1 else ()
-    return rebuild(bare, calibration=tuple(pairs), rivalry=rivalry, thresholds=tuple(thresholds))
+    done = rebuild(bare, calibration=tuple(pairs), rivalry=rivalry, thresholds=tuple(thresholds))
+    return (
+        done
+        if any(map(frames.is_recorded, range(len(frames))))
+        else rebuild(done, known=_known(done, frames, count, seed))
+    )
 
 
-def _judge(network: VoxelNet, frames: PackedFrames, count: int | None, seed: int) -> list[tuple[Detections, _Hits]]:
+def _known(network: VoxelNet, frames: PackedFrames, count: int | None, seed: int) -> tuple[tuple[float, ...], ...]:
+    """Fit slope and intercept per label of the scores that are left where the empty site is known."""
+    judged = _judge(network, frames, count, seed, known=True)
+    found, hits = (
+        Detections.merge(of for of, _ in judged),
+        np.concatenate([np.zeros(0, int), *(hit for _, hit in judged)]),
+    )
+    rows = [(hits != UNCOUNTED) & (found.labels == LABELS.index(label)) for label in network.config.labels]
+    return tuple(platt(found.scores[own], hits[own] == TRUE) if own.sum() >= FEWEST else (1.0, 0.0) for own in rows)
+
+
+def _judge(
+    network: VoxelNet, frames: PackedFrames, count: int | None, seed: int, known: bool = False
+) -> list[tuple[Detections, _Hits]]:
     """Judge detections as TRUE, FALSE (a vehicle on a heavy one too, if the network knows both) or UNCOUNTED."""
     judged, tells_apart = [], {"vehicle", "heavy"} <= set(network.config.labels)
-    seen = detect_frames(network, frames, count=count, seed=seed, subsets=_SUBSETS, errors=_ERRORS)
+    seen = detect_frames(network, frames, count=count, seed=seed, subsets=_SUBSETS, errors=_ERRORS, known=known)
     for found, truth, counted in seen:
         hits = np.full(len(found), UNCOUNTED)
         for number in map(LABELS.index, network.config.labels):

@@ -161,7 +161,9 @@ class KnownBackground:
     def _keep(self, found: Detections, points: Float[np.ndarray, "p 3"], new: Float[np.ndarray, "q 3"]) -> Detections:
         """Keep detections with enough points outside the background."""
         there, outside = count_points(points, found.boxes), count_points(new, found.boxes)
-        return found[(outside > 0) & (outside >= self.least * there)]
+        kept = found[(outside > 0) & (outside >= self.least * there)]
+        surer = getattr(self.detector, "score_known", None)  # networks know what is left then
+        return kept if surer is None else surer(kept)
 
 
 def recording_background(recording: CoopDataset) -> Background:

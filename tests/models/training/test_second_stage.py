@@ -7,6 +7,7 @@ import pytest
 import torch
 
 from models.config import ROAD_USERS, VoxelNetConfig, road_users, select_anchors
+from models.detector import VoxelNetDetector
 from models.network.candidates import logit, sigmoid
 from models.network.faces import SORTS, FaceNetworks, face_features, face_offsets, measure_faces
 from models.network.grid import per_anchor, voxelise
@@ -31,6 +32,7 @@ from models.training.second_stage import (
     widen,
 )
 from toolkit.boxes import iou_3d
+from toolkit.detection.background import Background, KnownBackground
 from toolkit.detection.metrics import reliability
 from toolkit.objects import CYCLIST, HEAVY, VEHICLE, Detections, Objects
 
@@ -160,7 +162,7 @@ def test_thresholds_cost_few_and_faces_are_learnt():
 
 
 def fake(found):
-    return lambda network, frames, *, count, seed, subsets, errors: found
+    return lambda network, frames, *, count, seed, subsets, errors, known: found
 
 
 def scene(label, scores, hits):
@@ -213,6 +215,37 @@ def test_every_class_is_calibrated_by_itself_and_has_its_threshold(monkeypatch, 
         ]
         scores, true = (np.concatenate(each) for each in zip(*sure, strict=True))
         assert result.thresholds[number] == round(max(LEAST_SURE, lowest_threshold(scores, true, PRECISION)), 3)
+
+
+def test_scores_are_calibrated_anew_where_the_empty_site_is_known(monkeypatch, packed):
+    """Half of the detections are of the site; those that are left are all true."""
+    hits = np.arange(200) % 2 == 0
+    every, left = scene(VEHICLE, np.full(200, 0.5), hits), scene(VEHICLE, np.full(100, 0.5), hits[::2])
+
+    def detected(network, frames, *, count, seed, subsets, errors, known):
+        return [left if known else every]
+
+    monkeypatch.setattr(second_stage, "detect_frames", detected)
+    network = fit_calibration(VoxelNet(make_config(AREA, "fast")), packed)
+    at = VoxelNetDetector(network)
+    found = KnownBackground(at, Background.learn(np.zeros((1, 3)))).detector.score_known(left[0])
+    assert found.scores == pytest.approx(1.0, abs=0.05)
+    assert at.score_known(Detections.empty()).scores.size == 0
+    bare = VoxelNetDetector(second_stage.rebuild(network, known=()))
+    assert bare.score_known(left[0]) is left[0]
+
+
+def test_what_stands_in_the_empty_site_is_left_out_at_the_network_s_thresholds(monkeypatch, packed):
+    monkeypatch.setattr(second_stage, "detector_by_area", lambda *_: lambda area: lambda points: stands)
+    middle = np.array([[0.0, 0.0, 0.0, 4.0, 4.0, 1.0, 0.0]])  # ground, which the empty site has too
+    stands = Detections(middle, np.array([0.9]), np.array([VEHICLE]))
+    assert [
+        len(found) for found, *_ in second_stage.detect_frames(VoxelNet(make_config(AREA, "fast")), packed, count=1)
+    ] == [1]
+    assert [
+        len(found)
+        for found, *_ in second_stage.detect_frames(VoxelNet(make_config(AREA, "fast")), packed, count=1, known=True)
+    ] == [0]
 
 
 def test_a_class_that_shadows_another_takes_from_its_scores(monkeypatch, packed):
