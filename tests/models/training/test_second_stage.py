@@ -228,7 +228,9 @@ def test_scores_are_calibrated_anew_where_the_empty_site_is_known(monkeypatch, p
     monkeypatch.setattr(second_stage, "detect_frames", detected)
     network = fit_calibration(VoxelNet(make_config(AREA, "fast")), packed)
     at = VoxelNetDetector(network)
-    found = KnownBackground(at, Background.learn(np.zeros((1, 3)))).detector.score_known(left[0])
+    known = KnownBackground(at, Background.learn(np.zeros((1, 3))))
+    found = known._keep(left[0], left[0].boxes[:, :3] + [0, 0, 0.3], left[0].boxes[:, :3] + [0, 0, 0.3])
+    assert len(found) == 100
     assert found.scores == pytest.approx(1.0, abs=0.05)
     assert at.score_known(Detections.empty()).scores.size == 0
     bare = VoxelNetDetector(second_stage.rebuild(network, known=()))
@@ -236,9 +238,9 @@ def test_scores_are_calibrated_anew_where_the_empty_site_is_known(monkeypatch, p
 
 
 def test_what_stands_in_the_empty_site_is_left_out_at_the_network_s_thresholds(monkeypatch, packed):
-    monkeypatch.setattr(second_stage, "detector_by_area", lambda *_: lambda area: lambda points: stands)
     middle = np.array([[0.0, 0.0, 0.0, 4.0, 4.0, 1.0, 0.0]])  # ground, which the empty site has too
     stands = Detections(middle, np.array([0.9]), np.array([VEHICLE]))
+    monkeypatch.setattr(second_stage, "detector_by_area", lambda *_: lambda area: lambda points: stands)
     assert [
         len(found) for found, *_ in second_stage.detect_frames(VoxelNet(make_config(AREA, "fast")), packed, count=1)
     ] == [1]
