@@ -11,7 +11,6 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack, suppress
-from ctypes import CDLL
 from dataclasses import replace
 from html import escape
 from itertools import pairwise
@@ -32,6 +31,7 @@ from placement_env.report.pages.scene import add_site
 from toolkit.arrays import Float64
 from toolkit.detection.schemes import PAPER_SCHEMES
 from toolkit.plots.canvas import FAINT, INK, OUTCOME, sensor_colour
+from toolkit.runtime.parallel import return_freed_memory
 from toolkit.sensors.error_profiles import PROFILES
 from toolkit.sensors.sensor import Sensor
 from toolkit.viewing import scene
@@ -160,8 +160,7 @@ class LivePage:
                 job = self._long.popleft() if self._long else None
             if job is not None:
                 self._try(job)
-                with suppress(OSError, AttributeError, TypeError):  # not every system has it
-                    CDLL(None).malloc_trim(0)  # give back what comparing poses took
+                return_freed_memory()  # comparing poses takes much
                 self._busy = ""
                 self.do(self._show_note)
 

@@ -43,6 +43,11 @@ class Preset:
     examples: SampleRecipe = field(default_factory=SampleRecipe)
     seed: int = 0
 
+    @property
+    def readings(self) -> int:
+        """Frames that are read for a step."""
+        return self.batch // self.examples.windows
+
 
 _OBJECTS = SampleRecipe(subsets=0.0, augmentation="object", positive=0.6, negative=0.6, sampled=256, seen=0)
 _PAPER = Preset(optimiser="sgd", schedule="step", loss="published", examples=_OBJECTS)
@@ -89,6 +94,8 @@ def check_fit(config: VoxelNetConfig, preset: Preset) -> None:
         raise ValueError(f"several labels need anchors of their own, got {config.labels}: give kinds")
     if preset.batch < 1 or not preset.epochs > 0:
         raise ValueError(f"need a batch of at least 1 and epochs above 0, got {preset.batch} and {preset.epochs}")
+    if preset.batch % preset.examples.windows:
+        raise ValueError(f"windows must divide the batch, got {preset.examples.windows} for {preset.batch} examples")
 
 
 def choose_area(preset: str, data: Path) -> Area:
@@ -201,8 +208,7 @@ def train(
     out.mkdir(parents=True, exist_ok=True)
     frames = PackedFrames(data)
     samples = Samples(frames, config, preset.examples, preset.seed)
-    readings = max(1, preset.batch // preset.examples.windows)
-    per_epoch = max(1, len(samples) // readings)
+    per_epoch = max(1, len(samples) // preset.readings)
     total = CYCLE if seconds else max(1, round(preset.epochs * per_epoch))
     run = _start(config, preset, total, per_epoch, device)
     identity = {"config": config.to_dict(), "preset": asdict(preset), "frames": len(frames), "start": ""}
@@ -221,7 +227,7 @@ def train(
     loss_of = by_class if preset.loss == "quality" else paper_loss
     anchor = anchors(config).to(device)
     last = total if not seconds else MOST_STEPS if run.spent < seconds else run.step
-    steps: Any = _steps(preset, len(samples), per_epoch, readings, range(run.step, last))
+    steps: Any = _steps(preset, len(samples), per_epoch, range(run.step, last))
     loader = torch.utils.data.DataLoader(samples, batch_sampler=steps, collate_fn=stack, num_workers=machine.workers)
     saved = time.monotonic()
     began = saved - run.spent
@@ -255,14 +261,14 @@ def train(
     return run.network
 
 
-def _steps(preset: Preset, frames: int, per_epoch: int, readings: int, steps: range) -> Iterator[list[tuple[int, int]]]:
+def _steps(preset: Preset, frames: int, per_epoch: int, steps: range) -> Iterator[list[tuple[int, int]]]:
     """Yield the examples of each step: (epoch, frame) pairs of a permutation drawn for each epoch."""
     order, drawn = np.empty(0, int), -1
     for step in steps:
         epoch, place = divmod(step, per_epoch)
         if epoch != drawn:
             order, drawn = np.random.default_rng([preset.seed, epoch]).permutation(frames), epoch
-        yield [(epoch, int(k)) for k in order[place * readings : (place + 1) * readings]]
+        yield [(epoch, int(k)) for k in order[place * preset.readings : (place + 1) * preset.readings]]
 
 
 def _start(config: VoxelNetConfig, preset: Preset, total: int, per_epoch: int, device: str) -> TrainingState:

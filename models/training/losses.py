@@ -166,7 +166,8 @@ def quality_loss(
 
 
 def focal_loss(logits: Float[Tensor, "*n"], positive: Bool[Tensor, "*n"], counted: Shaped[Tensor, "*n"]) -> Tensor:
-    """Sum α (1 - p)² · cross-entropy · `counted` over anchors, where p is the probability of the truth."""
+    """Sum α (1 - p)² · cross-entropy · `counted` over anchors, where p is the probability of the truth, and α is 0.25
+    for positive ones and 0.75 for others."""
     signed = torch.where(positive, logits, -logits)
     weight = torch.where(positive, 0.25, 0.75) * counted
     return -(weight * torch.sigmoid(-signed) ** 2.0 * F.logsigmoid(signed)).sum()

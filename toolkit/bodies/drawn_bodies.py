@@ -11,6 +11,7 @@ Within a kind the length is drawn first; width and height follow it on average, 
 more, so that the length of a car does not tell its width. Block-built cars have no arches, no rounding and few
 triangles, as many models of others do. Every mesh is stretched to the length, width and height that were drawn."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache, partial
 
@@ -157,16 +158,14 @@ def _bus(rng: Rng) -> Built:
 
 
 PEOPLE = ("adult", "child", "pram", "walker", "wheelchair")
-_EVENLY = (
-    (0.0, 0.13, 0.35, 0.62, 0.7, 1.0),
-    (0.0, 0.035, 0.2, 0.25, 0.27, 1.0),
-)  # wheelchair, child, pram, walker, adult
+# Shares below which a draw is a wheelchair, child, pram, walker or adult: evenly, and as in the street
+_EVENLY, _IN_THE_STREET = (0.0, 0.13, 0.35, 0.62, 0.7, 1.0), (0.0, 0.035, 0.2, 0.25, 0.27, 1.0)
 
 
 def draw_person(rng: Rng, evenly: bool = False) -> tuple[str, Mesh]:
     """Draw a person on foot or in a wheelchair, and its kind. Facing +x, soles or wheels on z = 0. evenly: rare kinds
     hardly more seldom than adults, instead of as often as in the street."""
-    chance = np.interp(rng.random(), *_EVENLY) if evenly else rng.random()
+    chance = np.interp(rng.random(), _EVENLY, _IN_THE_STREET) if evenly else rng.random()
     if chance < 0.035:
         return "wheelchair", stand(_wheelchair(rng))
     if chance < 0.2:
@@ -334,11 +333,7 @@ def draw_body(label: int | str, rng: Rng, evenly: bool = False) -> Body:
     (0, 3)
     """
     label = label_index(label)
-    if label in _DRAW:
-        kind, mesh, outside = _DRAW[label](rng)
-    else:
-        kind, mesh = (draw_two_wheeler if label == CYCLIST else draw_person)(rng, evenly)
-        outside = NOTHING
+    kind, mesh, outside = _DRAW[label](rng, evenly)
     return make_boxed_body(f"{LABELS[label]}/{kind}", label, mesh, outside)
 
 
@@ -370,7 +365,12 @@ def _heavy(rng: Rng) -> Built:
     return f"{shape.kind}_with_{kind}", merge([loft_car(shape), behind]), mirrors(shape, rng)
 
 
-_DRAW = {VEHICLE: _car, HEAVY: _heavy}
+_DRAW: dict[int, Callable[[Rng, bool], Built]] = {
+    VEHICLE: lambda rng, _: _car(rng),
+    CYCLIST: lambda rng, evenly: (*draw_two_wheeler(rng, evenly), NOTHING),
+    PEDESTRIAN: lambda rng, evenly: (*draw_person(rng, evenly), NOTHING),
+    HEAVY: lambda rng, _: _heavy(rng),
+}
 
 
 LENGTHS, WIDTHS, HEIGHTS = (3.0, 6.0), (1.45, 2.2), (1.25, 2.6)  # m, of the body without mirrors and roof loads

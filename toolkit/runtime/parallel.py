@@ -45,6 +45,11 @@ def keep_freed_memory() -> bool:
     return bool(mallopt(_MMAP_THRESHOLD, LARGEST_KEPT)) and bool(mallopt(_TRIM_THRESHOLD, _NEVER))
 
 
+def return_freed_memory() -> None:
+    """Hand freed memory back to the system, after a job that took much. Does nothing under another C library."""
+    getattr(_c_library(), "malloc_trim", bool)(0)
+
+
 def _c_library() -> object:
     try:
         return ctypes.CDLL(None)

@@ -194,6 +194,15 @@ def test_networks_of_classes_and_wide_areas():
         loop.check_fit(shared, loop.PRESETS["fast"])
 
 
+def test_windows_divide_the_batch_into_frames_that_are_read():
+    config, four = loop.make_config(AREA, "fast"), replace(loop.PRESETS["fast"].examples, windows=4)
+    preset = replace(loop.PRESETS["fast"], batch=12, examples=four)
+    loop.check_fit(config, preset)
+    assert preset.readings == 3
+    with pytest.raises(ValueError, match="windows must divide the batch, got 4 for 6 examples"):
+        loop.check_fit(config, replace(preset, batch=6))
+
+
 @pytest.mark.parametrize("changes", [{"batch": 0}, {"epochs": 0.0}, {"epochs": float("nan")}])
 def test_what_trains_nothing_is_refused(changes):
     with pytest.raises(ValueError, match="batch of at least 1 and epochs above 0"):

@@ -10,11 +10,20 @@ import time
 from collections.abc import Generator
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
-from toolkit.runtime import parallel as processes
-from toolkit.runtime.parallel import LARGEST_KEPT, RETRIES, WorkLost, keep_freed_memory, spread, tick
+from toolkit.runtime import parallel, parallel as processes
+from toolkit.runtime.parallel import (
+    LARGEST_KEPT,
+    RETRIES,
+    WorkLost,
+    keep_freed_memory,
+    return_freed_memory,
+    spread,
+    tick,
+)
 
 
 def square(x: int) -> int:
@@ -277,3 +286,11 @@ def begun(log: Path) -> list[list[str]]:
 def test_a_cluster_of_this_machine_alone():
     pytest.importorskip("ray")
     assert list(spread(square, range(5), ray="local")) == [0, 1, 4, 9, 16]
+
+
+def test_freed_memory_goes_back_where_the_c_library_can(monkeypatch):
+    asked = []
+    for library in (SimpleNamespace(malloc_trim=asked.append), SimpleNamespace(), None):
+        monkeypatch.setattr(parallel, "_c_library", lambda library=library: library)
+        return_freed_memory()
+    assert asked == [0]
