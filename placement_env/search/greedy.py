@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from placement_env.candidates.candidates import pool
+from placement_env.candidates.candidates import PAPER, Models, pool
 from placement_env.checks import check_whole
 from placement_env.fidelity.coverage import LEAST
 from placement_env.fidelity.seeing import see
@@ -196,12 +196,15 @@ class HalvedViews:
         return Estimate(worth, worth.copy(), np.zeros(len(subsets)))
 
 
-def with_first_sensors(site: Site, count: int) -> FirstSensors:
-    """Replace a site's sensors by `count` cameras on its mounts, fewer if no more fit or see a vehicle.
+def with_first_sensors(
+    site: Site, count: int, *, models: Models = PAPER, tilts: Sequence[float] = (TILT,)
+) -> FirstSensors:
+    """Replace a site's sensors by `count` on its mounts, fewer if no more fit or see a vehicle.
 
-    Raises ValueError for a count below 1, and for a site without mounts, poses or vehicles."""
+    models, tilts: as `pool` takes them. Raises ValueError for a count below 1, and for a site without mounts, poses or
+    vehicles."""
     check_whole("number of sensors", count, least=1)
-    candidates = pool(site, heights=[HEIGHT], headings=HEADINGS, tilts=[TILT])
+    candidates = pool(site, heights=[HEIGHT], headings=HEADINGS, tilts=tilts, models=models)
     visibility = see(simulate_traffic(site, FIRST_FRAMES), candidates)
     if not visibility.points.shape[1]:
         raise ValueError(

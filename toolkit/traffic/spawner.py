@@ -325,7 +325,10 @@ class Spawner:
         for name, spawned in self.spawned.items():
             domain, known = self.domains[spawned.walks], str(name if spawned.leader is None else spawned.leader)
             x, y = domain.getPosition(known)
-            yaw = np.pi / 2 - np.radians(domain.getAngle(known))  # SUMO: clockwise from north
+            angle = domain.getAngle(known)  # degrees clockwise from north; NaN for some that change lanes
+            if not np.isfinite(angle):
+                angle = self.sumo.lane.getAngle(domain.getLaneID(known), domain.getLanePosition(known))
+            yaw = np.pi / 2 - np.radians(angle)
             back = spawned.behind if spawned.walks else self.supply.sizes[spawned.body, 0] / 2
             x -= back * np.cos(yaw) + spawned.aside * np.sin(yaw)
             y -= back * np.sin(yaw) - spawned.aside * np.cos(yaw)

@@ -3,8 +3,8 @@
     python tests/benchmarks/models/bench_general.py [--sites 20] [--frames 10] [--seed 9001] [--weights general]
         [--background] [--at SITE ... --sensors cameras|lidars]
 
-Random junctions with random sensors, or site files, such as imported ones, with six cameras placed by coverage or
-eight lidars far from each other, and traffic as `coview simulate` has it. Early fusion of all sensors, exact protocol,
+Random junctions with random sensors, or site files, such as imported ones, with six cameras or eight level lidars
+placed by coverage, and traffic as `coview simulate` has it. Early fusion of all sensors, exact protocol,
 the paper's noise. In the first table only vehicles with so many points count, the others are neither missed nor false
 alarms. By class everybody in the area counts, unseen ones too, then those with ten points alone; precision, false
 alarms and the expected calibration error (ECE) are of the weights' own thresholds, at the IoU from which a detection is
@@ -26,26 +26,7 @@ BINS = ((0, 10), (10, 30), (30, 100), (100, 300), (300, 1000), (1000, np.inf), (
 
 
 FEWEST_POINTS = 10
-CAMERAS, LIDARS, HEIGHT = 6, 8, 6.0  # number at a site file, and m
-
-
-def lidars(site):
-    """Lidars on mounts that are far from each other."""
-    from toolkit.geometry import look
-    from toolkit.sensors.models import SpinningLidar
-    from toolkit.sensors.sensor import Sensor
-
-    places, chosen = np.array([mount.position for mount in site.mounts], float), [0]
-    while len(chosen) < min(LIDARS, len(places)):
-        gaps = np.linalg.norm(places[:, None, :2] - places[None, chosen, :2], axis=2).min(axis=1)
-        chosen.append(int(gaps.argmax()))
-    middle = (site.area[:2] + site.area[2:]) / 2
-    stands = [
-        places[k] + [0, 0, min(max(HEIGHT, site.mounts[k].min_height), site.mounts[k].max_height)] for k in chosen
-    ]
-    headings = [float(np.arctan2(*(middle - place[:2])[::-1])) for place in stands]
-    both = enumerate(zip(stands, headings, strict=True))
-    return tuple(Sensor(f"l{k}", SpinningLidar(), look(tuple(place), heading, 0.0)) for k, (place, heading) in both)
+CAMERAS, LIDARS = 6, 8  # number at a site file
 
 
 def recordings(asked):
@@ -54,6 +35,7 @@ def recordings(asked):
     from toolkit.datasets.dataset import CoopDataset
     from toolkit.datasets.simulation import random_recording, simulate_dataset
     from toolkit.runtime.run import Simulation
+    from toolkit.sensors.models import SpinningLidar
     from toolkit.sites.files import load_site
 
     if not asked.at:
@@ -62,7 +44,9 @@ def recordings(asked):
             yield recording.site, recording.frames
     for number, path in enumerate(asked.at):
         site = load_site(path)
-        sensors = lidars(site) if asked.sensors == "lidars" else with_first_sensors(site, CAMERAS).site.sensors
+        lidars = {"models": (SpinningLidar(),), "tilts": (0.0,)}
+        count, kinds = (LIDARS, lidars) if asked.sensors == "lidars" else (CAMERAS, {})
+        sensors = with_first_sensors(site, count, **kinds).site.sensors
         with TemporaryDirectory() as folder:
             out, run = Path(folder, "frames.hdf5"), Simulation(frames=asked.frames, seed=asked.seed + number, workers=1)
             simulate_dataset(site, out, run=run, sensors=sensors)
