@@ -144,7 +144,8 @@ class LivePage:
                 continue
             more = self.planner.refine()
             time.sleep(0.01)  # for those who wait to cast rays
-            if answer is not None and answer.coarse and not self.planner.look(self.planner.variant)[1]:
+            candidates = self.planner.yard.candidates(self.planner.variant)
+            if answer is not None and answer.coarse and not self.planner.look(candidates)[1]:
                 self.do(self._show_refined)
 
     def _show_refined(self) -> None:

@@ -176,20 +176,24 @@ def compute_expected_ap(
 
 
 def resample_ap(
-    probability: Float64[np.ndarray, " O"], false_alarms: float, counts: Float[np.ndarray, "n O"]
+    probability: Float64[np.ndarray, " O"],
+    false_alarms: float,
+    draws: Float32[np.ndarray, "n B"],
+    block: Int64[np.ndarray, " O"],
 ) -> Float64[np.ndarray, " n"]:
-    """AP by the formula above where each object occurs `counts` times; NaN without any.
+    """AP by the formula above where the objects of each block occur as often as it is drawn; NaN without any.
 
-    >>> resample_ap(np.array([0.5, 1.0]), 1.0, np.array([[1.0, 1], [0, 2], [0, 0]]))
+    >>> draws = np.array([[1.0, 1], [0, 2], [0, 0]], np.float32)
+    >>> resample_ap(np.array([0.5, 1.0]), 1.0, draws, np.array([0, 1]))
     array([0.6875, 1.    ,    nan])
     """
     order = np.argsort(-probability, kind="stable")
-    counts, some = counts[:, order], probability[order].astype(counts.dtype)
-    weighted = counts * some
-    hits, objects = np.cumsum(weighted, axis=1), np.cumsum(counts, axis=1)
-    found = hits + false_alarms * (objects - hits)
-    precision = np.divide(hits, found, out=np.zeros_like(hits), where=found > 0)
-    area, whole = np.einsum("no,no->n", weighted, precision), counts.sum(axis=1)
+    own = (block[order] == np.arange(draws.shape[1])[:, None]).astype(np.float32)  # objects of each block
+    some = own * probability[order].astype(np.float32)
+    precision = draws @ np.cumsum(some, axis=1)
+    found = draws @ np.cumsum(some + np.float32(false_alarms) * (own - some), axis=1)
+    precision /= np.maximum(found, np.finfo(np.float32).tiny, out=found)  # 0 where nothing is found yet
+    area, whole = ((precision @ some.T) * draws).sum(axis=1), draws @ own.sum(axis=1)
     return np.divide(area, whole, out=np.full(len(area), np.nan), where=whole > 0, dtype=np.float64)
 
 

@@ -286,11 +286,12 @@ class LivePlanner:
         found = self._answers.get(variant)
         if found is not None and not found.coarse:
             return found
-        candidates = self.yard.candidates(variant)
-        seen, coarse = self.look(variant)
+        candidates, yard = self.yard.candidates(variant), self.yard
+        seen, coarse = self.look(candidates)
         standing = np.array([not sensor.failed for sensor in variant.sensors], np.bool_)
-        barred = {mount.name for mount in candidates.mounts if self.yard.bars(variant, mount)}
-        said = tuple(f"{each.name} hangs in a keep-out area" for each in variant.sensors if each.mount in barred)
+        poles = [yard.find_mount(variant, each.mount) for each in variant.sensors]
+        barred = [each.name for each, pole in zip(variant.sensors, poles, strict=True) if yard.bars(variant, pole)]
+        said = tuple(f"{name} hangs in a keep-out area" for name in barred)
         if len(variant.sensors) > self.most_sensors:
             said += (f"it has {len(variant.sensors)} sensors, more than the {self.most_sensors} of its plan",)
         found = self._meter.measure(candidates, seen, standing)
@@ -301,9 +302,9 @@ class LivePlanner:
             self._answers[variant] = found
         return found
 
-    def look(self, variant: Variant) -> tuple[Visibility, bool]:
+    def look(self, every: Candidates) -> tuple[Visibility, bool]:
         """View of the sensors of a variant; True where one is not from its very height."""
-        every, live, coarse = self.yard.candidates(variant), self.preparation.live, False
+        live, coarse = self.preparation.live, False
         rows: list[Row] = []
         for k, sensor in enumerate(every.sensors):
             key = (sensor.model, sensor.pose.tobytes())
@@ -385,7 +386,8 @@ class LivePlanner:
         base = replace(variant, sensors=rest)
         standing = np.array([not each.failed for each in rest], np.bool_)
         self._stock.at_least_coarse(patience)
-        ranked = self._stock.rank(self.yard.candidates(base), self.look(base)[0], standing, self._meter.objective)
+        candidates = self.yard.candidates(base)
+        ranked = self._stock.rank(candidates, self.look(candidates)[0], standing, self._meter.objective)
         found, poles = [], set[int]()
         for candidate in ranked:
             mount = int(self.yard.stock.mount[candidate])

@@ -145,7 +145,7 @@ def export_variant(planner: LivePlanner, folder: Path) -> list[Path]:
         raise ValueError("there is no sensor to export: add one")
     candidates, members = planner.yard.candidates(variant), range(len(variant.sensors))
     planner.finish()
-    kbit = sent_per_frame(planner.look(variant)[0], planner.setting.fusion, planner.setting.codec)
+    kbit = sent_per_frame(planner.look(candidates)[0], planner.setting.fusion, planner.setting.codec)
     mounted = mounted_site(site, candidates, members)
     sensors = format_sensors(site, candidates, members, kbit=kbit, catalogue=planner.catalogue)
     ground, unused = visible_ground(mounted, mounted.sensors), unused_mounts(candidates, members)
