@@ -469,7 +469,8 @@ class LivePage:
             sensors = [(yard.build_sensor(variant, each), each.failed) for each in variant.sensors]
             self._small[variant] = map_html(yard.site, sensors)
         self._small = {variant: self._small[variant] for variant in variants.values()}
-        answers = {name: self.planner.estimate(each) for name, each in variants.items()}
+        shown, estimate = self.planner.current, self.planner.estimate
+        answers = {name: self._answer if name == shown else estimate(each) for name, each in variants.items()}
         maps = {name: self._small[each] for name, each in variants.items()}
         self._table.content = variants_html(answers, self.planner.current, maps)
 

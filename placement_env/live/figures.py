@@ -12,7 +12,14 @@ from typing import cast
 import numpy as np
 
 from placement_env.analysis.approaches import find_approaches
-from placement_env.analysis.intervals import BLOCK_FRAMES, Interval, block_draws, count_blocks, figure_interval, percentiles
+from placement_env.analysis.intervals import (
+    BLOCK_FRAMES,
+    Interval,
+    block_draws,
+    count_blocks,
+    figure_interval,
+    percentiles,
+)
 from placement_env.candidates.candidates import Candidates
 from placement_env.cases import LEVEL_NAMES
 from placement_env.fidelity.coverage import sent_per_frame
@@ -21,7 +28,7 @@ from placement_env.fidelity.surrogate import Surrogate, resample_ap
 from placement_env.fidelity.visibility import Visibility
 from placement_env.handover.mounted import MBIT, RATE, LinkLoad
 from placement_env.objective import Objective
-from toolkit.arrays import Bool, Float32, Float64, Int64
+from toolkit.arrays import Bool, Float64, Int64
 
 LEVELS = 3  # of traffic
 LEAST_BLOCKS = 5  # blocks of frames that have an interval here

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from placement_env.candidates.candidates import Candidates, NoCandidates, aim_sensor, paper_candidates, pool
-from placement_env.fidelity.panorama import HEIGHT_STEP, make_table_ahead
+from placement_env.fidelity.panorama import list_heights, make_table_ahead
 from placement_env.fidelity.preparation import Preparation
 from placement_env.fidelity.seeing import see
 from placement_env.fidelity.visibility import Visibility
@@ -36,6 +36,7 @@ from placement_env.objective import Score
 from placement_env.report.planning.question import Stock
 from placement_env.setting import Rendering, Setting
 from toolkit.runtime.run import Run
+from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
 
 LIVE_FRAMES, LIVE_SEED = 60, 3
@@ -338,25 +339,32 @@ class LivePlanner:
         return self._meter.objective(candidates, seen).score(range(len(candidates)))
 
     def refine(self) -> bool:
-        """Make one of the views that are missing: first of the sensors shown, then of the stock. True while some are.
-
-        May run in a thread of its own."""
+        """Make one of the views that are missing: of the sensors shown, then from other heights of their poles, the
+        nearest first, then of the stock. True while some are. May run in a thread of its own."""
         live = self.preparation.live
         if live is None:
             return False
-        every, others = self.yard.candidates(self.variant), []
-        for k, sensor in enumerate(every.sensors):
-            mount = every.mounts[every.mount[k]]
-            for height in np.arange(mount.min_height, mount.max_height + HEIGHT_STEP, HEIGHT_STEP).tolist():
-                up = np.array([0.0, 0.0, mount.position[2] + min(height, mount.max_height) - sensor.position[2]])
-                others.append((k, aim_sensor(sensor, sensor.position + up, 0.0, 0.0)))
-        ahead = [] if live.full else others  # else they would push each other out for ever
-        for k, sensor in [*enumerate(every.sensors), *ahead]:
-            if not live.knows(sensor):
-                live.see(replace(every.select([k]), sensors=(sensor,)), reach="own")
-                return True
+        every = self.yard.candidates(self.variant)
+
+        def make(wanted: Iterable[tuple[int, Sensor]]) -> bool:
+            for k, sensor in wanted:
+                if not live.knows(sensor):
+                    live.see(replace(every.select([k]), sensors=(sensor,)), reach="own")
+                    return True
+            return False
+
         models = dict.fromkeys(sensor.model for sensor in every.sensors)
-        return any(make_table_ahead(model, *TILT_SPAN) for model in models) or self._stock.look_further()
+        if make(enumerate(every.sensors)) or any(make_table_ahead(model, *TILT_SPAN) for model in models):
+            return True
+        above = [
+            (k, np.array([0.0, 0.0, every.mounts[every.mount[k]].position[2] + height - sensor.position[2]]))
+            for k, sensor in enumerate(every.sensors)
+            for height in list_heights(every.mounts[every.mount[k]])
+        ]
+        above.sort(key=lambda each: abs(each[1][2]))
+        others = ((k, aim_sensor(every.sensors[k], every.sensors[k].position + up, 0.0, 0.0)) for k, up in above)
+        # where memory is full they would push each other out for ever
+        return (not live.full and make(others)) or self._stock.look_further()
 
     def finish(self) -> LiveAnswer:
         """Figures of the variant that is shown, without anything coarse."""

@@ -3,10 +3,11 @@
 python tests/benchmarks/placement_env/bench_live_page.py [DRAGS [WIDTH [HEIGHT]]]   (200 1280 720)
     The T-junction: six sensors, 60 frames, the pool of 2,363 poses. Each drag presses a sensor's handle, moves it in
     steps of a screen's frame and rests; timed is the last step, from the pointer's event until the first figures that
-    answer it stand in the page, coarse or not, and until the scene is painted. How it divides: until the page's script gets the event, until
-    the server gets it, until the server starts on it, its answer with all that is drawn, the way back from the end of
-    that (negative, as figures go first), and until the figures change. Then a tenth as many drags to poles that were
-    never used, a fifth as many lifts, after a rest of 20 s, and turns while the map of what is seen is shown.
+    answer it stand in the page, coarse or not, and until the scene is painted. How it divides: until the page's script
+    gets the event, until the server gets it, until the server starts on it, its answer with all that is drawn, the way
+    back from the end of that (negative, as figures go first), and until the figures change. Then a tenth as many drags
+    to poles that were never used, a fifth as many lifts, after a rest of 20 s, and turns while the map of what is seen
+    is shown.
 """
 
 import shutil
