@@ -105,10 +105,8 @@ class Surrogate:
         count = min(len(model.resampled) for model in self.models)
         if count < 2:
             return np.full(len(subsets), np.nan)
-        drawn = []
-        for k in range(count):
-            parts = [_Part(part.evidence, part.model.resamples[k]) for part in self._parts]
-            drawn.append(self.classes.combined(np.stack([part.expected(subsets)[0] for part in parts], axis=1)))
+        figures = np.stack([part.resampled(subsets, count) for part in self._parts], axis=2)
+        drawn = [self.classes.combined(each) for each in figures]
         return np.nan_to_num(np.std(drawn, axis=0, ddof=1))
 
     def doubts(self, sensors: Iterable[str] = ()) -> tuple[str, ...]:
@@ -150,6 +148,25 @@ class _Part:
             figures[:, block] = compute_expected_ap(probability, self.model.false_alarms)
         return figures
 
+    def resampled(self, subsets: Bool[np.ndarray, "n C"], count: int) -> Float64[np.ndarray, "count n"]:
+        """AP of each set by the first resamples of the fit, NaN without an object."""
+        if not self.objects:
+            return np.full((count, len(subsets)), np.nan)
+        models, seen = self.model.resamples[:count], self.evidence
+        rows = [seen.rows(model) for model in models]
+        sums = MemberSums(np.concatenate(rows, axis=1))(subsets)
+        parts = np.split(sums, np.cumsum([each.shape[1] for each in rows])[:-1], axis=1)
+        probability = np.stack(
+            [
+                model.probability(*seen.joined(part, model)) * model.of_size(seen.visibility.boxes).astype(np.float32)
+                for model, part in zip(models, parts, strict=True)
+            ]
+        )
+        probability.sort(axis=2)
+        alarms = np.repeat([model.false_alarms for model in models], len(subsets)).astype(np.float32)
+        ap, _ = compute_expected_ap(probability[:, :, ::-1].reshape(len(alarms), -1), alarms[:, None])
+        return ap.reshape(count, -1)
+
     def probability(self, sums: Float32[np.ndarray, "n w"]) -> Float32[np.ndarray, "n O"]:
         """Hit probability of each object, from the sums of each set's rows."""
         probability = self.model.probability(*self.evidence.joined(sums, self.model))
@@ -158,7 +175,7 @@ class _Part:
 
 
 def compute_expected_ap(
-    probability: Float[np.ndarray, "n O"], false_alarms: float
+    probability: Float[np.ndarray, "n O"], false_alarms: float | Float32[np.ndarray, "n 1"]
 ) -> tuple[Float64[np.ndarray, " n"], Float64[np.ndarray, " n"]]:
     """AP and recall by the formula above, from hit probabilities in descending order.
 

@@ -10,6 +10,7 @@ import math
 import os
 import time
 from dataclasses import asdict, replace
+from functools import lru_cache
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -84,12 +85,12 @@ class ProjectFile:
 
     def _format(self) -> str:
         planner = self.planner
-        past = [[name, variant.as_dict()] for name, variant in planner.past[-SAVED_STEPS:]]
+        picture = None if planner.picture is None else asdict(planner.picture)
         known = {"coview_live": PROJECT_VERSION, "site": planner.yard.site.name, "site_sha256": self._site}
-        variants = {name: variant.as_dict() for name, variant in planner.variants.items()}
-        known |= {"current": planner.current, "variants": variants, "past": past, "question": planner.question}
-        known["picture"] = None if planner.picture is None else asdict(planner.picture)
-        return json.dumps(known, allow_nan=False)
+        known |= {"current": planner.current, "question": planner.question, "picture": picture}
+        variants = ", ".join(f"{json.dumps(name)}: {_format(each)}" for name, each in planner.variants.items())
+        past = ", ".join(f"[{json.dumps(name)}, {_format(each)}]" for name, each in planner.past[-SAVED_STEPS:])
+        return f'{json.dumps(known, allow_nan=False)[:-1]}, "variants": {{{variants}}}, "past": [{past}]}}'
 
     def _load(self, path: Path) -> None:
         found = None
@@ -134,6 +135,11 @@ class ProjectFile:
         if "most_price" in more:
             more["most_price"] = math.inf if more["most_price"] is None else more["most_price"]
         self.planner.ask(cases=replace(self.planner.asked.cases, **cases), **more)
+
+
+@lru_cache(maxsize=2 * SAVED_STEPS)
+def _format(variant: Variant) -> str:
+    return json.dumps(variant.as_dict(), allow_nan=False)
 
 
 def export_variant(planner: LivePlanner, folder: Path) -> list[Path]:
