@@ -20,7 +20,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from coview.live_start import StartPage
-from coview.live_tables import HINT, MAP_KEY, details_html, figures_html, map_html, note_html, site_html, variants_html
+from coview.live_tables import (
+    HINT,
+    MAP_KEY,
+    describe_ap,
+    details_html,
+    figures_html,
+    map_html,
+    note_html,
+    site_html,
+    variants_html,
+)
 from placement_env.classes import SMALL
 from placement_env.live.picture import GroundPicture, keep_picture
 from placement_env.live.planner import LivePlanner, Suggestion
@@ -30,6 +40,7 @@ from placement_env.live.variant import LiveSensor, Variant
 from placement_env.report.pages.scene import add_site
 from toolkit.arrays import Float64
 from toolkit.detection.schemes import PAPER_SCHEMES
+from toolkit.display import describe_count
 from toolkit.plots.canvas import FAINT, INK, OUTCOME, sensor_colour
 from toolkit.runtime.parallel import return_freed_memory
 from toolkit.sensors.error_profiles import PROFILES
@@ -289,7 +300,7 @@ class LivePage:
 
     def _bound(self, spot: Spot) -> None:
         self._spots.append(spot)
-        self._note = f"{len(self._spots)} corners"
+        self._note = describe_count(len(self._spots), "corner")
         self._show_note()
         self._draw_areas()
 
@@ -399,7 +410,7 @@ class LivePage:
 
         def job() -> None:
             found = self._ghosts = list(self.planner.suggest(kind, name, patience=PATIENCE))
-            said = "; ".join(f"{each.sensor.name} on {each.sensor.mount}: AP {each.answer.ap:.3f}" for each in found)
+            said = "; ".join(f"{s.sensor.name} on {s.sensor.mount}: {describe_ap(s.answer)}" for s in found)
             title = {"add": "next sensor", "move": "best place", "remove": "missed least"}[kind]
             known = f" (of {found[0].considered} poses so far)" if found and kind != "remove" else ""
             none = "none" if kind == "remove" else "none among the poles looked at so far; ask again"
@@ -418,16 +429,15 @@ class LivePage:
         before, count = self.planner.answer().ap, 0
         for answer in self.planner.search(lambda: self._closed):
             count += 1
-            self._note = f"search: AP {answer.ap:.3f} after {count} changes"
+            self._note = f"search: AP {answer.ap:.3f} after {describe_count(count, 'change')}"
             self.do(lambda answer=answer: self._show(answer))  # type: ignore[misc]
-        self._note = (
-            f"search: AP {before:.3f} to {self.planner.answer().ap:.3f} by {count} changes; undo takes them back"
-        )
+        changes = describe_count(count, "change")
+        self._note = f"search: AP {before:.3f} to {self.planner.answer().ap:.3f} by {changes}; undo takes them back"
 
     def _measure(self) -> None:
         predicted, found = self.planner.finish(), self.planner.measure()
-        interval = f" ({found.low:.3f} to {found.high:.3f})" if np.isfinite(found.low) else ""
-        self._measured = f"measured AP {found.ap:.3f}{interval}, predicted {predicted.ap:.3f}, N = {found.objects}"
+        number = f"N = {describe_count(found.objects, 'road user')}"
+        self._measured = f"measured {describe_ap(found)}, predicted {predicted.ap:.3f}, {number}"
         self._note = f"by the detector: {self._measured}"
 
     def _export(self) -> None:
