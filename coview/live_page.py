@@ -58,6 +58,7 @@ FOUND = 0.5  # hit probability from which a road user is drawn as found
 REACH = 20.0  # m: a handle is where the sensor looks at the ground, but no farther
 PATIENCE = 1.0  # s that a suggestion waits for more poles to be looked at
 QUIET, CALM = 0.4, 2.0  # s without a change after which views that are shown are refined, and all others
+TIDY = 10.0  # s of use after which freed memory is handed back
 CATCH = 3.0  # m from the pointer within which a pole catches a sensor that is carried
 AWAY, WIDE = 1.25, 1.3  # times as far from the area as the report's view, in windows at least so wide for their height
 PHONE, SHEET = 576, 0.6  # px of width below which the panel is a sheet over this share of the scene
@@ -145,9 +146,12 @@ class LivePage:
                 self._frame.value = (int(self._frame.value) + 1) % self.planner.frames
 
     def _refine(self) -> None:
-        more = True
+        more, tidied = True, time.monotonic()
         while not self._closed:
             answer = self._answer
+            if self._touched > tidied + TIDY:
+                tidied = time.monotonic()
+                return_freed_memory()
             wait = QUIET if answer is not None and answer.coarse else CALM
             if time.monotonic() - self._touched < wait or not more:
                 time.sleep(0.1)
