@@ -244,9 +244,7 @@ def test_resampled_ap_of_every_object_once_is_the_expected_ap() -> None:
     assert once == pytest.approx(ap)
     counts = block_draws(10, block=1, resamples=300)
     drawn = resample_ap(probability, 0.3, counts.astype(np.float32), block)
-    repeated = [
-        compute_expected_ap(np.sort(np.repeat(probability, row[block]))[None, ::-1], 0.3)[0] for row in counts
-    ]
+    repeated = [compute_expected_ap(np.sort(np.repeat(probability, row[block]))[None, ::-1], 0.3)[0] for row in counts]
     assert drawn == pytest.approx(np.ravel(repeated), abs=0.01)
 
 
