@@ -3,10 +3,12 @@
 import math
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, fields
+from pathlib import Path
 from typing import Any, Literal, SupportsFloat
 
 from toolkit.objects import LABELS
 
+SHIPPED = Path(__file__).parent / "weights"
 SITE_AREAS = {"tjunction": (-40.0, -20.0, 40.0, 20.0), "roundabout": (-48.0, -48.0, 48.0, 48.0)}
 _LIGHT: dict[str, Any] = {"point_features": "local", "vfe_widths": (), "voxel_width": 32}
 _LIGHT |= {"middle_widths": (), "column_width": 32}

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from models.config import VoxelNetConfig
+from models.config import SHIPPED, VoxelNetConfig
 from models.network.candidates import (
     LEAST_RIVAL,
     Candidates,
@@ -32,7 +32,6 @@ from toolkit.objects import LABELS, Detections, label_index
 from toolkit.points import join_clouds
 from toolkit.runtime.parallel import keep_freed_memory
 
-SHIPPED = Path(__file__).parent / "weights"
 SPREAD = np.array([0.7548776662466927, 0.5698402909980532])  # steps whose multiples fill a square evenly (Roberts 2018)
 MOST_PHASES = 16
 LEAST_KNOWN = 0.05  # score of what a detector reports where it is judged anew, since the empty site is known
@@ -47,7 +46,7 @@ class VoxelNetDetector:
     detections at or below it are dropped; None takes the configuration's own, which may differ by label. nms_threshold:
     of two boxes of one class with a larger footprint IoU, only the better scored one stays (0.1 in the paper).
 
-    >>> from models.config import VoxelNetConfig
+    >>> from models.config import SHIPPED, VoxelNetConfig
     >>> detector = VoxelNetDetector(VoxelNet(VoxelNetConfig.light((-8, -8, 8, 8))))
     >>> len(detector(np.zeros((0, 3), np.float32)))
     0
