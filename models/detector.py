@@ -11,16 +11,7 @@ import torch
 from torch import Tensor
 
 from models.config import VoxelNetConfig
-from models.network.candidates import (
-    LEAST_RIVAL,
-    Candidates,
-    all_candidates,
-    apply_rivals,
-    average_boxes,
-    candidates,
-    score_known,
-    suppress,
-)
+from models.network import candidates as decoding
 from models.network.faces import measure_faces
 from models.network.grid import anchors, collate, voxelise
 from models.network.sparse import SparseVoxelNet, is_quick_at_bfloat16
@@ -77,7 +68,7 @@ class VoxelNetDetector:
         self.name = type(self).__name__  # or what it was loaded by
         own = config.thresholds or (config.score_threshold,) * len(config.labels)
         self.thresholds = own if score_threshold is None else (score_threshold,) * len(own)
-        most = LEAST_RIVAL if config.rivalry else 1.0
+        most = decoding.LEAST_RIVAL if config.rivalry else 1.0
         self._looked_at = tuple(min(least, most) for least in self.thresholds)
         self.nms_threshold, self.phases = nms_threshold, 1
         self.anchors = anchors(config).to(self.device)
@@ -132,14 +123,14 @@ class VoxelNetDetector:
             parts.append(replace(found, boxes=found.boxes - np.append(shift, np.zeros(4))))
         pooled = Detections.merge(parts)
         kept = nms(pooled.boxes, pooled.scores, self.nms_threshold, labels=pooled.labels)
-        return average_boxes(pooled, kept, SAME)
+        return decoding.average_boxes(pooled, kept, SAME)
 
     def batch(self, clouds: _Clouds) -> list[Detections]:
         """Detect in several clouds at once."""
         voxels = [voxelise(torch.as_tensor(cloud).to(self.device), self.config) for cloud in clouds]
         if not any(len(each.cells) for each in voxels):
             return [Detections.empty() for _ in clouds]
-        found = candidates(self.network(collate(voxels)), self.anchors, self.config, self._looked_at)
+        found = decoding.candidates(self.network(collate(voxels)), self.anchors, self.config, self._looked_at)
         return [
             self._finish(*each, cloud) if len(cells.cells) else Detections.empty()
             for each, cells, cloud in zip(found, voxels, clouds, strict=True)
@@ -163,9 +154,9 @@ class VoxelNetDetector:
         for some, entries, predictions in tiled(plan):
             parts = []
             for first, corner, maps in predictions:
-                part = all_candidates(maps, self.anchors, self.config, self._looked_at, corner)
+                part = decoding.all_candidates(maps, self.anchors, self.config, self._looked_at, corner)
                 parts.append(part._replace(item=part.item + first))
-            found = Candidates(*(torch.cat(column) for column in zip(*parts, strict=True)))
+            found = decoding.Candidates(*(torch.cat(column) for column in zip(*parts, strict=True)))
             count = torch.bincount(found.item, minlength=len(entries.tile)).cpu().numpy()
             begin = np.cumsum(count) - count
             for row, of in zip(np.arange(len(unions))[some].tolist(), entries.of.T, strict=True):
@@ -177,15 +168,15 @@ class VoxelNetDetector:
 
     def score_known(self, found: Detections) -> Detections:
         """Return detections with the scores they are worth where what belongs to the empty site is left out."""
-        return score_known(found, self.config)
+        return decoding.score_known(found, self.config)
 
     def _finish(self, boxes: Tensor, scores: Tensor, cloud: Points) -> Detections:
         """Suppress duplicates, deduct rivals and measure faces."""
-        found = suppress(boxes, scores, self.config, self.nms_threshold)
+        found = decoding.suppress(boxes, scores, self.config, self.nms_threshold)
         if self.config.rivalry:
             least = np.zeros(len(LABELS))
             least[[label_index(name) for name in self.labels]] = self.thresholds
-            found = apply_rivals(found, self.config)
+            found = decoding.apply_rivals(found, self.config)
             found = found[found.scores > least[found.labels]]
         return found if self.faces is None else measure_faces(self.faces, found, np.asarray(cloud), self.config.faces)
 
