@@ -25,7 +25,7 @@ from placement_env.protocol import ByClass, ByFrames
 from placement_env.racing import Race, race
 from placement_env.setting import Setting, Weights
 from placement_env.subsets import find_index
-from toolkit.arrays import Bool, Float64, Int64
+from toolkit.arrays import Bool, Float64, Int64, Mask
 from toolkit.detection.provenance import detector_origin, settings_origin
 from toolkit.detection.scheme import scheme_codec
 from toolkit.runtime.files import replace_infinite
@@ -64,7 +64,7 @@ class Scores(NamedTuple):
     kbit: Float64[np.ndarray, " n"]
     price: Float64[np.ndarray, " n"]
     reward: Float64[np.ndarray, " n"]
-    cache_hit: Bool[np.ndarray, " n"]
+    cache_hit: Mask
 
 
 class Objective:
@@ -259,16 +259,16 @@ class Objective:
         models = np.bincount(row, self.candidates.model_prices[candidate], minlength=len(subsets))
         return np.asarray(built @ self.candidates.mount_prices + models)
 
-    def affordable(self, prices: Float64[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
+    def affordable(self, prices: Float64[np.ndarray, " n"]) -> Mask:
         """Mask of prices within `most_price`, up to rounding."""
         return np.asarray(prices <= self.most_price * (1 + ROUNDING))
 
-    def feasible(self, subsets: Bool[np.ndarray, "n C"]) -> Bool[np.ndarray, " n"]:
+    def feasible(self, subsets: Bool[np.ndarray, "n C"]) -> Mask:
         """Mask of sets that may be built."""
         together = fit_together(self.candidates, subsets, self.shared_links) & self.keeps(subsets)
         return np.asarray(together & ~(subsets & ~self.linked).any(axis=1) & self.affordable(self.price(subsets)))
 
-    def keeps(self, subsets: Bool[np.ndarray, "n C"]) -> Bool[np.ndarray, " n"]:
+    def keeps(self, subsets: Bool[np.ndarray, "n C"]) -> Mask:
         """Mask of sets with a sensor on every mount that must carry one."""
         if not len(self.kept):
             return np.ones(len(subsets), np.bool_)
@@ -312,7 +312,7 @@ class Objective:
             row[find_index(member, self.names)] = True
         return row
 
-    def _figures(self, subsets: Bool[np.ndarray, "n C"]) -> tuple[Float64[np.ndarray, "n _"], Bool[np.ndarray, " n"]]:
+    def _figures(self, subsets: Bool[np.ndarray, "n C"]) -> tuple[Float64[np.ndarray, "n _"], Mask]:
         """AP, recall, kbit and the AP of each of several classes of each set, and whether it was known before."""
         if len(self._known) > MOST_REMEMBERED:
             self.forget()

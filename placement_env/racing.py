@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from placement_env.analysis.shrinkage import shrink
-from toolkit.arrays import Bool, Float64, Int64
+from toolkit.arrays import Bool, Float64, Int64, Rng
 
 PartialScores = Callable[
     [Bool[np.ndarray, "n C"], Int64[np.ndarray, " frames"]], Float64[np.ndarray, " n"]
@@ -70,7 +70,7 @@ def race(
     eta: int = 3,
     first: int = 8,
     keep: int = 1,
-    seed: int | np.random.Generator = 0,
+    seed: int | Rng = 0,
 ) -> Race:
     """Best `keep` sets of n by their score on all frames, most others dropped after a few frames.
 

@@ -20,7 +20,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from placement_env.subsets import SetFunction, all_subsets
-from toolkit.arrays import Bool, Float64, Int64
+from toolkit.arrays import Bool, Float64, Int64, Rng
 from toolkit.runtime.text_tables import align_columns
 
 FEWEST_ROUNDS = 8
@@ -84,7 +84,7 @@ def exact_worth(value: SetFunction, sensors: int) -> Worth:
 
 
 def estimate_worth(
-    value: SetFunction, sensors: int, *, rounds: int = 32, confidence: float = 0.95, seed: int | np.random.Generator = 0
+    value: SetFunction, sensors: int, *, rounds: int = 32, confidence: float = 0.95, seed: int | Rng = 0
 ) -> Worth:
     """Estimate each sensor's worth from `rounds` independent Williams squares of orders, at most 2 n² sets each.
 

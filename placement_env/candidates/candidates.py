@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 
 from placement_env.candidates.poles import load_poles
 from placement_env.candidates.sensor_catalogue import SensorCatalogue
-from toolkit.arrays import Bool, Float64, Int64, Shaped
+from toolkit.arrays import Bool, Float64, Int64, Mask, Rng, Shaped
 from toolkit.display import Card, Displayed, Table, describe_count
 from toolkit.geometry import pose
 from toolkit.sensors.models import DepthCamera
@@ -218,7 +218,7 @@ def aim_sensor(sensor: Sensor, position: Float64[np.ndarray, "3"], heading: floa
 
 def fit_together(
     candidates: Candidates, subsets: Bool[np.ndarray, "n C"], sent: Float64[np.ndarray, " C"] | None = None
-) -> Bool[np.ndarray, " n"]:
+) -> Mask:
     """Tell which sets fit on their mounts and shared links. sent: kbit per frame, None where links always suffice."""
     per_mount = candidates.per_mount(subsets)
     fits = np.asarray((per_mount <= candidates.places).all(axis=1))
@@ -364,9 +364,7 @@ def choose_candidates(
     return pool(site, mounts=mounts, keep_out=keep_out, models=offer)
 
 
-def own_and_random(
-    site: Site, poses: int, rng: np.random.Generator, *, models: Sequence[SensorModel] = ()
-) -> Candidates:
+def own_and_random(site: Site, poses: int, rng: Rng, *, models: Sequence[SensorModel] = ()) -> Candidates:
     """Return the site's own sensors, each on a mount of its own, then random poses of its pool.
 
     models: none for the paper's camera. Raises ValueError where the pool has fewer poses, or there would be no sensor.

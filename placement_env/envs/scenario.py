@@ -16,7 +16,7 @@ from placement_env.fidelity.coverage import LEAST
 from placement_env.fidelity.preparation import Preparation
 from placement_env.objective import Objective
 from placement_env.setting import Setting
-from toolkit.arrays import Bool, Float64, Shaped
+from toolkit.arrays import Bool, Float64, Rng, Shaped
 from toolkit.detection.scheme import Scheme
 from toolkit.detection.schemes import PAPER_SCHEMES, find_scheme
 from toolkit.sites.files import load_site
@@ -144,7 +144,7 @@ class EpisodeSource:
         self.drawn = len(self.sites)
         self._candidates: dict[int, Candidates] = {}
 
-    def draw(self, rng: np.random.Generator, options: Options | None) -> Episode:
+    def draw(self, rng: Rng, options: Options | None) -> Episode:
         """Draw an episode with these options. Raises ValueError for an option that is unknown or does not fit."""
         raise NotImplementedError
 
@@ -177,7 +177,7 @@ class EpisodeSource:
             for scheme in self.config.schemes:
                 Preparation(self.setting(index, scheme)).check()
 
-    def draw_conditions(self, rng: np.random.Generator, options: Options | None) -> Conditions:
+    def draw_conditions(self, rng: Rng, options: Options | None) -> Conditions:
         """Take site, scheme, budget and failed candidates from the options, else draw them in this order.
 
         What the config does not leave open takes nothing from the generator. Raises ValueError for an option that is
@@ -214,7 +214,7 @@ class Scenarios(EpisodeSource):
         self._made: dict[tuple[int, str, int], Scenario] = {}
         self._always: Episode | None = None  # if nothing is drawn, all episodes without options start alike
 
-    def draw(self, rng: np.random.Generator, options: Options | None) -> Episode:
+    def draw(self, rng: Rng, options: Options | None) -> Episode:
         """Draw an episode with these options."""
         if not options and self._always is not None:
             return self._always

@@ -11,7 +11,7 @@ from placement_env.candidates.candidates import room_beside
 from placement_env.checks import check_whole
 from placement_env.envs.scenario import STATIC, Episode, Scenario
 from placement_env.objective import Objective, Scores
-from toolkit.arrays import Bool, Float32, Int64, Shaped
+from toolkit.arrays import Bool, Float32, Int64, Mask, Shaped
 from toolkit.detection.schemes import PAPER_SCHEMES
 
 DYNAMIC = ("marginal", "chosen", "allowed")
@@ -64,8 +64,8 @@ class State:
 
     def step(
         self,
-        active: Bool[np.ndarray, " n"],
-        illegal: Bool[np.ndarray, " n"],
+        active: Mask,
+        illegal: Mask,
         *,
         chosen: Bool[np.ndarray, "n slots"] | None = None,
         scenarios: Mapping[int, Scenario] | None = None,
@@ -84,7 +84,7 @@ class State:
         self.gain = np.where(active, self.scores.reward - before, 0.0)
         self._find_allowed()
 
-    def fitting(self, chosen: Bool[np.ndarray, "n slots"]) -> Bool[np.ndarray, " n"]:
+    def fitting(self, chosen: Bool[np.ndarray, "n slots"]) -> Mask:
         """Tell which sets are feasible, within budget, without failed sensors."""
         fits = ~(chosen & self.failed).any(axis=1) & (chosen.sum(axis=1) <= self.budget)
         for scenario, rows in self.groups:

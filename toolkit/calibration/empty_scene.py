@@ -208,7 +208,7 @@ class CloudImage:
     that the image shows."""
 
     grid: LidarGrid
-    measurement: Float32[np.ndarray, "rows columns"]
+    measurement: ImageRanges
     cells: Int64[np.ndarray, " n"]
     inside: Mask
     shown: Mask

@@ -12,7 +12,7 @@ from typing import Any, ClassVar, NamedTuple, TypeVar, cast
 
 import numpy as np
 
-from toolkit.arrays import Bool, Float, Float32, Float64, ImageVectors, Int64, Pose, Rng
+from toolkit.arrays import Bool, Float, Float32, Float64, ImageRanges, ImageVectors, Int64, Pose, Rng
 from toolkit.geometry import BODY_SE3_CAMERA, pose
 from toolkit.sensors import sensor as shared
 from toolkit.sensors.sensor import NEAR, Deviation, Measure, SensorModel, angle, check_noise, check_numbers, check_rays
@@ -27,7 +27,7 @@ class _Noisy:
         """`sigma`, whatever the measurement."""
         return np.float32(self.sigma)
 
-    def noisy(self, measurement: Float[np.ndarray, "rows columns"], rng: Rng) -> Float32[np.ndarray, "rows columns"]:
+    def noisy(self, measurement: Float[np.ndarray, "rows columns"], rng: Rng) -> ImageRanges:
         """Add normal noise of the `deviation`; no return stays none."""
         return shared.with_noise(measurement, cast(SensorModel, self), rng)
 

@@ -18,7 +18,7 @@ from typing import Any, ClassVar, Literal, Protocol, runtime_checkable
 
 import numpy as np
 
-from toolkit.arrays import Bool, Float, Float32, Float64, ImageVectors, Int64, Pose, Rng
+from toolkit.arrays import Bool, Float, Float32, Float64, ImageRanges, ImageVectors, Int64, Pose, Rng
 from toolkit.display import Table
 from toolkit.geometry import check_pose, invert
 
@@ -71,7 +71,7 @@ class SensorModel(Protocol):
     def deviation(self, measurement: Float[np.ndarray, "*shape"]) -> Deviation:
         """Standard deviation (m) of each measurement's noise. float32; one number if all are the same."""
 
-    def noisy(self, measurement: Float[np.ndarray, "rows columns"], rng: Rng) -> Float32[np.ndarray, "rows columns"]:
+    def noisy(self, measurement: Float[np.ndarray, "rows columns"], rng: Rng) -> ImageRanges:
         """Add noise; no return stays none. See `with_noise`."""
 
     def in_view(self, points: Float64[np.ndarray, "*n 3"]) -> Bool[np.ndarray, "*n"]:
