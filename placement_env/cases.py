@@ -22,6 +22,7 @@ import numpy as np
 
 from placement_env.checks import check_choice, check_iou, whole
 from placement_env.classes import Classes, Combine, join_names
+from placement_env.subsets import Sets
 from toolkit.arrays import Bool, Float64, Int64
 from toolkit.sensors.error_profiles import PROFILES, ErrorProfile, find_profile, only_own_noise
 
@@ -167,7 +168,7 @@ class Cases:
         order = np.argsort(objects, kind="stable")
         return tuple(np.sort(part) for part in np.array_split(order, self.levels) if len(part))
 
-    def expand(self, sets: Bool[np.ndarray, "n C"]) -> tuple[Bool[np.ndarray, "m C"], Int64[np.ndarray, " m"]]:
+    def expand(self, sets: Sets) -> tuple[Bool[np.ndarray, "m C"], Int64[np.ndarray, " m"]]:
         """Sets followed by what each failure leaves of them, and the set that each row belongs to.
 
         A set that may lose all its sensors has one case, the empty set."""

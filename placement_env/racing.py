@@ -14,10 +14,11 @@ from typing import NamedTuple
 import numpy as np
 
 from placement_env.analysis.shrinkage import shrink
-from toolkit.arrays import Bool, Float64, Int64, Rng
+from placement_env.subsets import Sets
+from toolkit.arrays import Float64, Int64, Rng
 
 PartialScores = Callable[
-    [Bool[np.ndarray, "n C"], Int64[np.ndarray, " frames"]], Float64[np.ndarray, " n"]
+    [Sets, Int64[np.ndarray, " frames"]], Float64[np.ndarray, " n"]
 ]  # figure, such as AP, of each of n sensor sets from some frames
 
 
@@ -43,7 +44,7 @@ class Resampled(NamedTuple):
     blocks: float = math.inf
 
 
-ResampledScores = Callable[[Bool[np.ndarray, "n C"], Int64[np.ndarray, " frames"]], Resampled]
+ResampledScores = Callable[[Sets, Int64[np.ndarray, " frames"]], Resampled]
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +65,7 @@ class Contest:
 
 def race(
     partial_scores: PartialScores,
-    sets: Bool[np.ndarray, "n C"],
+    sets: Sets,
     frames: int,
     *,
     eta: int = 3,
@@ -129,7 +130,7 @@ class RaceRules:
 
 def race_until(
     scores: ResampledScores,
-    sets: Bool[np.ndarray, "n C"],
+    sets: Sets,
     order: Int64[np.ndarray, " frames"],
     rules: RaceRules = RaceRules(),
     *,

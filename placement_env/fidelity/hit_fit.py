@@ -16,7 +16,7 @@ from placement_env.fidelity.renders import Renders
 from placement_env.fidelity.surrogate import Evidence, Surrogate, compute_expected_ap
 from placement_env.fidelity.traffic import simulate_traffic
 from placement_env.fidelity.visibility import Visibility
-from placement_env.subsets import MemberSums
+from placement_env.subsets import MemberSums, Sets
 from toolkit.arrays import Bool, Float64
 from toolkit.detection.scheme import Scheme
 from toolkit.detection.schemes import PAPER_SCHEMES, find_scheme
@@ -37,7 +37,7 @@ class Observed(NamedTuple):
     """Hits and AP of sensor sets at one site. radius: of hybrid fusion (m); sensors: kinds of models."""
 
     visibility: Visibility
-    subsets: Bool[np.ndarray, "n C"]
+    subsets: Sets
     hits: Bool[np.ndarray, "n O"]
     ap: Float64[np.ndarray, " n"]
     radius: float = HYBRID_RADIUS

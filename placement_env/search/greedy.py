@@ -31,8 +31,8 @@ from placement_env.protocol import Estimate
 from placement_env.search.progress import Progress, add_each, as_rows
 from placement_env.search.result import Certificate, Result
 from placement_env.setting import Setting
-from placement_env.subsets import MemberSums
-from toolkit.arrays import Bool, Float64
+from placement_env.subsets import MemberSums, Sets
+from toolkit.arrays import Float64
 from toolkit.sites.site import Site
 
 TOLERANCE = 1e-6  # a gain that rises by no more is rounding: figures are sums of float32
@@ -188,7 +188,7 @@ class HalvedViews:
     def __init__(self, visibility: Visibility) -> None:
         self._sums = MemberSums((visibility.points >= LEAST).astype(np.uint16))
 
-    def __call__(self, subsets: Bool[np.ndarray, "n C"], /) -> Estimate:
+    def __call__(self, subsets: Sets, /) -> Estimate:
         """Return the mean of each set as AP and recall."""
         worth = np.zeros(len(subsets))
         for block, views in self._sums.blocks(subsets):
