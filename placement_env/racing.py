@@ -87,10 +87,8 @@ def race(
     """
     whole = all(isinstance(number, int | np.integer) for number in (frames, first, keep, eta))
     if not whole or min(len(sets), frames, first, keep, eta - 1) < 1:
-        raise ValueError(
-            "a race needs a set, a frame, eta >= 2, first >= 1 and keep >= 1, whole numbers, "
-            f"got {len(sets)} sets, {frames} frames, eta {eta}, first {first} and keep {keep}"
-        )
+        said = "a race needs a set, a frame, eta >= 2, first >= 1 and keep >= 1, whole numbers"
+        raise ValueError(f"{said}, got {len(sets)} sets, {frames} frames, eta {eta}, first {first} and keep {keep}")
     order = np.random.default_rng(seed).permutation(frames)
     running = np.sort(np.unique(sets, axis=0, return_index=True)[1])
     full, spent, seen = len(running) * frames, 0, 0

@@ -19,10 +19,8 @@ def all_subsets(sensors: int) -> Bool[np.ndarray, "sets n"]:
     [[0, 0], [1, 0], [0, 1], [1, 1]]
     """
     if not 0 <= sensors <= MOST_SENSORS:
-        raise ValueError(
-            f"too many sets: they are listed for at most {MOST_SENSORS} sensors, got {sensors};"
-            " choose some, or use estimate_worth"
-        )
+        said = f"too many sets: they are listed for at most {MOST_SENSORS} sensors"
+        raise ValueError(f"{said}, got {sensors}; choose some, or use estimate_worth")
     return (np.arange(2**sensors)[:, None] >> np.arange(sensors) & 1).astype(bool)
 
 
@@ -69,10 +67,8 @@ class MemberSums:
         """Yield the sums of as many sets at a time as fit the processor's cache, and their slice."""
         candidates = len(self.rows)
         if subsets.ndim != 2 or subsets.shape[1] != candidates or subsets.dtype != np.bool_:
-            raise ValueError(
-                f"sets must be rows of {candidates} booleans, one for each candidate, "
-                f"got {subsets.dtype} {subsets.shape}"
-            )
+            said = f"sets must be rows of {candidates} booleans, one for each candidate"
+            raise ValueError(f"{said}, got {subsets.dtype} {subsets.shape}")
         step = max(1, BLOCK // max(1, self._rows.shape[1]))
         blocks = (slice(first, first + step) for first in range(0, len(subsets), step))
         return ((block, self(subsets[block])) for block in blocks)

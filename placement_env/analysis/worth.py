@@ -91,10 +91,8 @@ def estimate_worth(
     Margins are Student's over the rounds; they miss what no round has seen, such as a rare set of great value. Raises
     ValueError for fewer than 8 rounds, no sensor, a confidence outside (0, 1), or values that are not finite."""
     if rounds < FEWEST_ROUNDS or sensors < 1 or not 0 < confidence < 1:
-        raise ValueError(
-            f"need at least {FEWEST_ROUNDS} rounds, 1 sensor and a confidence within (0, 1), "
-            f"got {rounds}, {sensors} and {confidence}"
-        )
+        said = f"need at least {FEWEST_ROUNDS} rounds, 1 sensor and a confidence within (0, 1)"
+        raise ValueError(f"{said}, got {rounds}, {sensors} and {confidence}")
     rng = np.random.default_rng(seed)
     square = _williams_square(sensors)
     orders = np.stack([rng.permutation(sensors)[square] for _ in range(rounds)])

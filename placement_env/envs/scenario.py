@@ -48,10 +48,8 @@ class Scenario:
     def __init__(self, objective: Objective, slots: int) -> None:
         self.objective, self.slots, self.width = objective, slots, len(objective.candidates)
         if self.width > slots:
-            raise ValueError(
-                f"the environment has slots for {slots} candidates, this site has {self.width}: make it with "
-                f"slots={self.width}"
-            )
+            said = f"the environment has slots for {slots} candidates, this site has {self.width}"
+            raise ValueError(f"{said}: make it with slots={self.width}")
         self.usable = np.pad(objective.linked, (0, slots - self.width))
         seen, whole = places_seen(objective), np.zeros((slots, PLACES), np.bool_)
         self.places = seen.shape[1]
@@ -230,10 +228,8 @@ class Scenarios(EpisodeSource):
         scenario = self._made[conditions.key]
         shape = scenario.objective.candidates.shape
         if self.factored and any(size > known for size, known in zip(shape, self.shape, strict=True)):
-            raise ValueError(
-                f"factored actions are for {self.shape} mounts, heights, headings, tilts and models, this site has "
-                f"{shape}: make the environment with all its sites"
-            )
+            said = f"factored actions are for {self.shape} mounts, heights, headings, tilts and models"
+            raise ValueError(f"{said}, this site has {shape}: make the environment with all its sites")
         failed = np.pad(scenario.objective.row(conditions.failed), (0, self.slots - scenario.width))
         episode = Episode(scenario, conditions.budget, failed)
         if not options and not self.config.leaves_open and self.drawn == 1:

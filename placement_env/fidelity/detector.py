@@ -124,10 +124,8 @@ class Detected:
         self._scored: dict[int, np.ndarray] = {}
         self.memo = memo if isinstance(memo, Cache) else Cache(memo)
         if memo is not None and not hasattr(detector, "digest"):
-            raise ValueError(
-                f"a shared memo needs a detector that says what it depends on, {type(detector).__name__} has no "
-                "property digest: add one or pass memo=None"
-            )
+            said = "a shared memo needs a detector that says what it depends on"
+            raise ValueError(f"{said}, {type(detector).__name__} has no property digest: add one or pass memo=None")
 
     def at(self, iou: float, also: Iterable[float] = ()) -> "Detected":
         """Same fidelity at another IoU threshold. also: further thresholds at which outcomes are matched."""

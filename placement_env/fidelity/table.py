@@ -97,19 +97,15 @@ class Table:
     ) -> tuple[Float64[np.ndarray, " sets"], Float64[np.ndarray, " sets"], Float64[np.ndarray, " sets"]]:
         """AP, recall and kbit of all sets for a class, scheme and IoU. Raises ValueError for one not measured."""
         if name not in self.origin.classes:
-            raise ValueError(
-                f"this table holds {', '.join(self.origin.classes)}, not {name}: make one with coview table --classes, "
-                "or say --fidelity detector"
-            )
+            said = f"this table holds {', '.join(self.origin.classes)}, not {name}"
+            raise ValueError(f"{said}: make one with coview table --classes, or say --fidelity detector")
         place, scheme = self.origin.classes.index(name), find_scheme(scheme)
         ap, recall = (self.more_ap[place - 1], self.more_recall[place - 1]) if place else (self.ap, self.recall)
         at = self.origin.ious[place]
         if iou not in at or scheme.name not in PAPER_SCHEMES or scheme != SCHEMES[scheme.name]:
             of = "" if name == LABELS[VEHICLE] else f" of {name}"
-            raise ValueError(
-                f"tables have schemes {', '.join(PAPER_SCHEMES)} and IoU {tuple(dict.fromkeys(at))}{of}, "
-                f"got {scheme.name!r} and {iou}: say --fidelity detector"
-            )
+            said = f"tables have schemes {', '.join(PAPER_SCHEMES)} and IoU {tuple(dict.fromkeys(at))}{of}"
+            raise ValueError(f"{said}, got {scheme.name!r} and {iou}: say --fidelity detector")
         number, row = PAPER_SCHEMES.index(scheme.name), at.index(iou)
         return ap[:, number, row], recall[:, number, row], self.kbit[:, number]
 

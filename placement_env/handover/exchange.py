@@ -46,10 +46,8 @@ def write_exchange(
     names = [sensor.name for sensor in sensors]
     mounted = [sensor.name for sensor in site.sensors]
     if names != mounted or len(ground.seen) != len(names):
-        raise ValueError(
-            f"the site must have the planned sensors and the ground a layer for each, got {mounted} at the site, "
-            f"{names} planned and {len(ground.seen)} layers: use mounted_site and visible_ground"
-        )
+        said = f"the site must have the planned sensors and the ground a layer for each, got {mounted} at the site"
+        raise ValueError(f"{said}, {names} planned and {len(ground.seen)} layers: use mounted_site and visible_ground")
     folder = Path(folder)
     write_text(folder / SCHEDULE, schedule_csv(sensors, currency))
     write_text(folder / MAP, plan_geojson(site, sensors, ground, unused=unused))

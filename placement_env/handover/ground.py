@@ -102,10 +102,8 @@ def lay_grid(
     if not 0 < cell <= sides.min() / 1.5:
         raise ValueError(f"cell must be positive and fit twice into {sides[0]:g} x {sides[1]:g} m, got {cell:g}")
     if (sides / cell).prod() > MOST_CELLS:
-        raise ValueError(
-            f"cells of {cell:g} m make a grid of more than {MOST_CELLS} for {sides[0]:g} x {sides[1]:g} m: "
-            f"take cells of {np.sqrt(sides.prod() / MOST_CELLS):.2g} m or more"
-        )
+        said = f"cells of {cell:g} m make a grid of more than {MOST_CELLS} for {sides[0]:g} x {sides[1]:g} m"
+        raise ValueError(f"{said}: take cells of {np.sqrt(sides.prod() / MOST_CELLS):.2g} m or more")
     middle = (area[:2] + area[2:]) / 2
     x, y = (m + (np.arange(n) - (n - 1) / 2) * cell for m, n in zip(middle, np.rint(sides / cell), strict=True))
     middles = np.stack(np.meshgrid(x, y), axis=-1)

@@ -407,10 +407,8 @@ def check_present(objective: Objective) -> None:
     else:
         there = (~np.isnan(objective.class_ap(np.ones((1, len(objective.candidates)), np.bool_))[0])).tolist()
     if missing := [name for name, is_there in zip(classes.names, there, strict=True) if not is_there]:
-        raise ValueError(
-            f"there is no {' and no '.join(missing)} to find in these frames: say more --frames or another --seed, or "
-            "leave out the class"
-        )
+        said = f"there is no {' and no '.join(missing)} to find in these frames"
+        raise ValueError(f"{said}: say more --frames or another --seed, or leave out the class")
 
 
 def describe_exclusions(objective: Objective, max_kbit: float | None = None, currency: str = "") -> tuple[str, ...]:
