@@ -205,9 +205,8 @@ class Cases:
         """Figures of n sets at each error profile, over thresholds, levels and failures."""
         ious = figures.shape[2]
         mean = figures[:, :, 0] if ious == 1 else sum(figures[:, :, i] for i in range(ious)) / ious
-        return np.stack(
-            [self.over_failures(at[0] if len(at) == 1 else self.over_levels(at), owners, tie=tie) for at in mean]
-        )
+        levels = (at[0] if len(at) == 1 else self.over_levels(at) for at in mean)
+        return np.stack([self.over_failures(each, owners, tie=tie) for each in levels])
 
     def over_errors(self, figures: Float64[np.ndarray, "P *rest"]) -> Float64[np.ndarray, "*rest"]:
         """Least or mean of each figure over the error profiles."""

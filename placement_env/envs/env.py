@@ -313,9 +313,8 @@ def _draw_strips(figure: "Figure", scale: float) -> "Axes":
     length = above.scale_length(1.2 / scale)
     for half, colour in ((0.0, canvas.INK), (0.5, canvas.PAPER_WHITE)):
         left, right = 0.13 + half * length * scale, 0.13 + (half + 0.5) * length * scale
-        strip.fill(
-            [left, right, right, left], [0.24, 0.24, 0.31, 0.31], facecolor=colour, edgecolor=canvas.INK, linewidth=0.8
-        )
+        bar = [left, right, right, left], [0.24, 0.24, 0.31, 0.31]
+        strip.fill(*bar, facecolor=colour, edgecolor=canvas.INK, linewidth=0.8)
     strip.text(0.13, 0.18, f"{length:g} m", fontsize=7.5, va="top")
     strip.text(2.35, 0.27, "points on\na vehicle", fontsize=7, va="center")
     colours, _ = canvas.point_scale()

@@ -125,9 +125,7 @@ class State:
         """Return the info, an array (n, ...) for each key."""
         scores, (comm, price) = self.scores, self._weights
         terms = {"ap": scores.ap.copy(), "comm": 0 - comm * scores.kbit_per_sensor, "price": 0 - price * scores.price}
-        info: Info = {
-            name: getattr(scores, name).copy() for name in ("ap", "recall", "kbit", "kbit_per_sensor", "price")
-        }
+        info: Info = {key: getattr(scores, key).copy() for key in ("ap", "recall", "kbit", "kbit_per_sensor", "price")}
         info |= {"subset": self.chosen.copy(), "marginal_gain": self.gain.copy(), "reward_terms": terms}
         info |= {"fidelity": self._fidelity.copy(), "cache_hit": self.repeated.copy(), "illegal": self.illegal.copy()}
         names = self.groups[0][0].objective.classes.names if self.groups else ()

@@ -110,10 +110,8 @@ def plan_geojson(site: Site, sensors: Sequence[PlannedSensor], ground: Ground, *
         layers.append(feature(site, shapely.Point(sensor.x, sensor.y), layer="sensor", **properties))
     names, square = [sensor.name for sensor in sensors], ground.cell**2
     dark = ground.open_ground & ~np.any(ground.seen, axis=0)
-    areas = [
-        ("visible", *each)
-        for each in zip(names, ground.seen & ground.open_ground, visible_polygons(ground), strict=True)
-    ]
+    seen = zip(names, ground.seen & ground.open_ground, visible_polygons(ground), strict=True)
+    areas = [("visible", *each) for each in seen]
     for layer, name, cells, polygons in (*areas, ("blind", "seen by no sensor", dark, blind_polygons(ground))):
         size = round(float(cells.sum()) * square, 1)
         layers.append(feature(site, shapely.MultiPolygon(polygons), layer=layer, name=name, m2=size))

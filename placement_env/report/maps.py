@@ -124,9 +124,7 @@ def density_map(site: Site, ground: Ground, sensors: Sequence[Sensor]) -> str:
     from matplotlib.colors import to_hex
 
     steps = map(to_hex, canvas.point_colours(np.array([0.0, 1, 2, 5, 10, 20, 50, 100])))
-    legend = [
-        (colour, f"{name} /m²") for colour, name in zip(steps, ["under 1", *canvas.point_names()[1:]], strict=True)
-    ]
+    legend = [(shade, f"{name} /m²") for shade, name in zip(steps, ["under 1", *canvas.point_names()[1:]], strict=True)]
     cells = _Cells(canvas.point_colours(density), ground.open_ground, legend)
     title, alt = "points on the ground in a frame", "Map of the density of points on the ground"
     return _cell_map(site, ground, sensors, cells, title, alt, f"; mean over {SMOOTHED:g} x {SMOOTHED:g} m")

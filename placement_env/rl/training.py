@@ -219,10 +219,8 @@ def rollout(
             ended = terminated or truncated
     if best is None:
         raise ValueError(f"episodes must be at least 1, got {episodes}")
-    certificate = Certificate("none", best.reward, note="a policy promises nothing")
-    return Result(
-        "policy", best, limits.history(best.reward), certificate, limits.count, limits.elapsed, sensors=sensors
-    )
+    known = Certificate("none", best.reward, note="a policy promises nothing")
+    return Result("policy", best, limits.history(best.reward), known, limits.count, limits.elapsed, sensors=sensors)
 
 
 def _score(info: Info) -> Score:

@@ -194,10 +194,8 @@ def run_search(order: SearchOrder, checkpoint: Checkpoint = NOWHERE) -> Answer:
     if order.curve:
         most = objective.most_price
         amounts = () if math.isinf(most) else list_amounts(objective, order.budget, most)
-        points = budget_curve(
-            objective, order.budget, amounts=amounts, judging=judging, checkpoint=checkpoint, **limits
-        )
-        return _report_curve(order, objective, points)
+        curve = budget_curve(objective, order.budget, amounts=amounts, judging=judging, checkpoint=checkpoint, **limits)
+        return _report_curve(order, objective, curve)
     own: Summary = {} if order.demand is None else {"demand": order.demand}
     own |= {"judging": judging} if order.method == PORTFOLIO else {}
     own |= {"checkpoint": checkpoint} if METHODS[order.method].resumes else {}

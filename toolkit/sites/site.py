@@ -162,10 +162,8 @@ class Site(Displayed):
     def _card(self) -> Card:
         xmin, ymin, xmax, ymax = self.area
         things = {"lane polygon": self.lanes, "solid": self.solids, "mount": self.mounts, "parking bay": self.parking}
-        facts = (
-            f"{xmax - xmin:g} x {ymax - ymin:g} m",
-            *(describe_count(len(each), name) for name, each in things.items()),
-        )
+        size = f"{xmax - xmin:g} x {ymax - ymin:g} m"
+        facts = size, *(describe_count(len(each), name) for name, each in things.items())
         names = ", ".join(f"{sensor.name} ({type(sensor.model).__name__})" for sensor in self.sensors[:4]) or "none"
         more = f" and {len(self.sensors) - 4} more" if len(self.sensors) > 4 else ""
         tables = {"sensors": lambda: tabulate_sensors(self.sensors), "mounts": self._list_mounts}

@@ -406,9 +406,7 @@ def _snapshot(
 ) -> Snapshot:
     """Objects near the area now; those that cannot be kept apart are removed. counts: note that they were seen."""
     standing, last = (parked.ids, parked.bodies, parked.poses), (strays.ids, strays.bodies, strays.at(time))
-    ids, bodies, poses = (
-        np.concatenate(all_of_them) for all_of_them in zip(standing, spawner.state(), last, strict=True)
-    )
+    ids, bodies, poses = (np.concatenate(parts) for parts in zip(standing, spawner.state(), last, strict=True))
     sizes = spawner.supply.sizes[bodies]
     yaw = np.arctan2(np.sin(poses[:, 2]), np.cos(poses[:, 2]))
     boxes = np.column_stack([poses[:, :2], sizes[:, 2] / 2, sizes, yaw])

@@ -172,9 +172,8 @@ def evaluate(
             )
         found = replace(found, poses=poses)
         save_evaluation(found, out)
-    print_result(
-        found.as_dict(), f"{found.text()}\nwritten to {out}/table.json, PR curves beside it", as_json=writing.json
-    )
+    text = f"{found.text()}\nwritten to {out}/table.json, PR curves beside it"
+    print_result(found.as_dict(), text, as_json=writing.json)
     return OK
 
 

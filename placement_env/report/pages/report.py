@@ -314,9 +314,8 @@ SHAPLEY = (
 def ground_section(plan: content.Plan, site: Site, ground: Ground | None) -> Content:
     """Visible ground, density of points and blind spots."""
     if plan.ground is None or ground is None:
-        return say(
-            f"The visible ground was not computed{'' if plan.chosen else ', because no set of sensors was chosen'}."
-        )
+        why = "" if plan.chosen else ", because no set of sensors was chosen"
+        return say(f"The visible ground was not computed{why}.")
     shares, twice = plan.ground, percent(plan.ground.seen_by[1])
     conclusion = (
         f"At least one sensor sees {percent(shares.seen_by[0])} of the open ground, and two or more see {twice}; no "

@@ -138,11 +138,9 @@ def search(
     return _by_surrogate(progress, objective.scored_by, prices, demand, SolverLimits(seed=seed, effort=effort))
 
 
-def _by_coverage(
-    progress: Progress, coverage: Coverage, prices: Prices, demand: Demand, limits: SolverLimits
-) -> Result:
+def _by_coverage(progress: Progress, cover: Coverage, prices: Prices, demand: Demand, limits: SolverLimits) -> Result:
     objective = progress.objective
-    if objective.visibility is None or coverage.views != 1 or len(objective.classes.names) > 1:
+    if objective.visibility is None or cover.views != 1 or len(objective.classes.names) > 1:
         raise ValueError("the cheapest coverage needs to know what each candidate sees, one view and one class")
     seen = objective.visibility.of_classes(objective.classes.labels)
     shares = demand.shares(objective, seen)

@@ -133,9 +133,7 @@ class CasesEvaluator:
         own = (self.cases.at_profiles(ap, owners), kbit, self.cases.at_profiles(resamples, owners))
         if not self.drawings:
             return own
-        ap, kbit, resamples = zip(
-            own, *(each.at_profiles(sets, frames, progress) for each in self.drawings), strict=True
-        )
+        ap, kbit, resamples = zip(own, *(one.at_profiles(sets, frames, progress) for one in self.drawings), strict=True)
         return np.mean(ap, axis=0), np.mean(kbit, axis=0), np.mean(resamples, axis=0)
 
 
