@@ -202,10 +202,7 @@ def fit_calibration(network: VoxelNet, frames: PackedFrames, *, count: int | Non
     bare = rebuild(network, calibration=(), rivalry=(), known=(), thresholds=(), score_threshold=LOWEST)
     labels = bare.config.labels
     judged = _judge(bare, frames, count, seed)
-    hits = np.concatenate([np.zeros(0, int), *(hits for _, hits in judged)])
-    before = Detections.merge(found for found, _ in judged)
-    rows_of = [(hits != UNCOUNTED) & (before.labels == LABELS.index(label)) for label in labels]
-    pairs = [platt(before.scores[own], hits[own] == TRUE) if own.sum() >= FEWEST else (1.0, 0.0) for own in rows_of]
+    rows_of, hits, pairs = _fit_each(judged, labels)
     by_label = dict(zip(map(LABELS.index, labels), pairs, strict=True))
     sure = []
     for found, _ in judged:
@@ -222,23 +219,21 @@ def fit_calibration(network: VoxelNet, frames: PackedFrames, *, count: int | Non
         rows.append(row)
         thresholds.append(round(max(LEAST_SURE, lowest_threshold(left, true, PRECISION)), 3))
     rivalry = tuple(rows) if len(labels) > 1 else ()
-    done = rebuild(bare, calibration=tuple(pairs), rivalry=rivalry, thresholds=tuple(thresholds))
-    return (
-        done
-        if any(map(frames.is_recorded, range(len(frames))))
-        else rebuild(done, known=_known(done, frames, count, seed))
-    )
+    done = rebuild(bare, calibration=pairs, rivalry=rivalry, thresholds=tuple(thresholds))
+    if any(map(frames.is_recorded, range(len(frames)))):
+        return done
+    return rebuild(done, known=_fit_each(_judge(done, frames, count, seed, known=True), labels)[2])
 
 
-def _known(network: VoxelNet, frames: PackedFrames, count: int | None, seed: int) -> tuple[tuple[float, ...], ...]:
-    """Fit slope and intercept per label of the scores that are left where the empty site is known."""
-    judged = _judge(network, frames, count, seed, known=True)
-    found, hits = (
-        Detections.merge(of for of, _ in judged),
-        np.concatenate([np.zeros(0, int), *(hit for _, hit in judged)]),
-    )
-    rows = [(hits != UNCOUNTED) & (found.labels == LABELS.index(label)) for label in network.config.labels]
-    return tuple(platt(found.scores[own], hits[own] == TRUE) if own.sum() >= FEWEST else (1.0, 0.0) for own in rows)
+def _fit_each(
+    judged: Sequence[tuple[Detections, _Hits]], labels: Sequence[str]
+) -> tuple[list[Mask], _Hits, tuple[tuple[float, ...], ...]]:
+    """Rows of the counted detections of each label, all hits, and slope and intercept of the scores of each."""
+    hits = np.concatenate([np.zeros(0, int), *(own for _, own in judged)])
+    found = Detections.merge(own for own, _ in judged)
+    rows = [(hits != UNCOUNTED) & (found.labels == LABELS.index(label)) for label in labels]
+    pairs = (platt(found.scores[own], hits[own] == TRUE) if own.sum() >= FEWEST else (1.0, 0.0) for own in rows)
+    return rows, hits, tuple(pairs)
 
 
 def _judge(

@@ -103,10 +103,8 @@ def load_poles(path: str | Path, site: Site, catalogue: SensorCatalogue | None =
     _check(mounts, site, where)
     spots, free = shapely.points(feet[:, :2]), np.ones(len(mounts), bool)
     lanes = [shapely.Polygon(lane) for lane in site.lanes]
-    for barring, said in (
-        (list(_keep_out(collection, site, where)), "in a keep-out area"),
-        (lanes, "on the carriageway"),
-    ):
+    kept_out = list(_keep_out(collection, site, where))
+    for barring, said in ((kept_out, "in a keep-out area"), (lanes, "on the carriageway")):
         barred = free & shapely.intersects(shapely.union_all(barring), spots)
         free &= ~barred
         if barred.any():

@@ -51,12 +51,10 @@ class Scenario:
             said = f"the environment has slots for {slots} candidates, this site has {self.width}"
             raise ValueError(f"{said}: make it with slots={self.width}")
         self.usable = np.pad(objective.linked, (0, slots - self.width))
-        seen, whole = places_seen(objective), np.zeros((slots, PLACES), np.bool_)
+        seen, rows = places_seen(objective), np.zeros((slots, PLACES), np.bool_)
         self.places = seen.shape[1]
-        whole[: len(seen), : self.places] = seen
-        self.seen: Shaped[np.ndarray, "words slots"] = np.ascontiguousarray(
-            np.packbits(whole, axis=1).view(np.uint64).T
-        )
+        rows[: len(seen), : self.places] = seen
+        self.seen: Shaped[np.ndarray, "words slots"] = np.ascontiguousarray(np.packbits(rows, axis=1).view(np.uint64).T)
         self.static = np.zeros((len(STATIC), slots), np.float32)
         self.static[:, : self.width] = np.clip(self._features(seen.sum(axis=1) / max(1, self.places)), -1, 1)
         weights = np.array([1000 * objective.weights.comm, objective.weights.price])

@@ -121,9 +121,8 @@ class _Fitting:
 
     def _unlikelihood(self, numbers: Float64[np.ndarray, " p"], weights: Sequence[_Weights]) -> float:
         total = count = 0.0
-        for p, each, (objects, _) in zip(
-            self._probabilities(self._model(numbers)), self._observed, weights, strict=True
-        ):
+        chances = self._probabilities(self._model(numbers))
+        for p, each, (objects, _) in zip(chances, self._observed, weights, strict=True):
             p = np.clip(p, 1e-9, 1 - 1e-9)
             total -= float((np.where(each.hits, np.log(p), np.log1p(-p)) @ objects).sum())
             count += float(objects.sum()) * len(p)

@@ -48,10 +48,8 @@ class PerceptionEntropy:
         score = np.zeros(len(subsets))
         (most, least), objects = 2 * np.log(_spread(np.array([0.0, np.inf]))), self._sums.rows.shape[1]
         for block, sums in self._sums.blocks(subsets):
-            log_spread = (
-                np.log(_spread(sums)) if self._adds_points else -0.5 * np.log(np.maximum(sums, UNSEEN_SPREAD**-2))
-            )
-            entropy = 2 * log_spread.sum(axis=1, dtype=np.float64) / max(1, objects)
+            spread = np.log(_spread(sums)) if self._adds_points else -0.5 * np.log(np.maximum(sums, UNSEEN_SPREAD**-2))
+            entropy = 2 * spread.sum(axis=1, dtype=np.float64) / max(1, objects)
             score[block] = np.clip((most - entropy) / (most - least), 0, 1) if objects else 0.0
         return Estimate(score, score.copy(), self._sent.kbit(subsets))
 

@@ -322,9 +322,8 @@ def _checked_name(setting: Setting, name: FidelityName | None) -> FidelityName:
         raise ValueError(f"a preparation makes fidelities by name, got {setting.fidelity!r}: give its name")
     name, cases = name or cast(FidelityName, setting.fidelity), setting.cases
     if name != "detector" and not cases.noise_only:
-        raise ValueError(
-            f"errors {cases.errors_text} are known to fidelity detector alone, got {name!r}: say --fidelity detector"
-        )
+        said = f"errors {cases.errors_text} are known to fidelity detector alone, got {name!r}"
+        raise ValueError(f"{said}: say --fidelity detector")
     return name
 
 

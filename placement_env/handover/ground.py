@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
-from toolkit.arrays import Bool, Float32, Float64, Int64
+from toolkit.arrays import Bool, Float32, Float64, ImageRanges, Int64
 from toolkit.frame import unproject
 from toolkit.geometry import invert, transform
 from toolkit.rendering.renderer import Renderer, SightLines
@@ -144,9 +144,7 @@ def visible_polygons(ground: Ground) -> list[list[shapely.Polygon]]:
     return [_polygons(ground, seen & ground.open_ground) for seen in ground.seen]
 
 
-def _density(
-    sensor: Sensor, image: Float32[np.ndarray, "_ _"], x: np.ndarray, y: np.ndarray
-) -> Float32[np.ndarray, "ny nx"]:
+def _density(sensor: Sensor, image: ImageRanges, x: np.ndarray, y: np.ndarray) -> Float32[np.ndarray, "ny nx"]:
     """Points of an image in each cell, per m²."""
     xyz, valid = unproject(sensor, image)
     cell = x[1] - x[0]

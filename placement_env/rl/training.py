@@ -150,12 +150,8 @@ def train_policy(
         return True
 
     def save() -> None:
-        policy = model.policy
-        state = {
-            "steps": model.num_timesteps,
-            "policy": policy.state_dict(),
-            "optimiser": policy.optimizer.state_dict(),
-        }
+        parts = {"policy": model.policy, "optimiser": model.policy.optimizer}
+        state = {"steps": model.num_timesteps} | {name: part.state_dict() for name, part in parts.items()}
         save_atomically(out / CHECKPOINT, {**identity, **state})
 
     began = saved = time.monotonic()

@@ -59,9 +59,8 @@ def search(
     if is_submodular(objective) if submodular is None else submodular:
         known = certify(progress, chosen, guarantee(objective) if len(chosen) == budget else 0.0, rise)
     elif rise > TOLERANCE:
-        known = progress.unknown(
-            f"gains grew by up to {rise:.2g} as sensors joined: not submodular, nothing is promised"
-        )
+        grew = f"gains grew by up to {rise:.2g} as sensors joined"
+        known = progress.unknown(f"{grew}: not submodular, nothing is promised")
     else:
         known = progress.unknown("greedy promises nothing unless the objective is submodular, and AP is not")
     return progress.result("greedy", known)
@@ -207,9 +206,8 @@ def with_first_sensors(
     candidates = pool(site, heights=[HEIGHT], headings=HEADINGS, tilts=tilts, models=models)
     visibility = see(simulate_traffic(site, FIRST_FRAMES), candidates)
     if not visibility.points.shape[1]:
-        raise ValueError(
-            f"no vehicle enters the area of site {site.name!r} in {FIRST_FRAMES} frames: place sensors yourself"
-        )
+        said = f"no vehicle enters the area of site {site.name!r} in {FIRST_FRAMES} frames"
+        raise ValueError(f"{said}: place sensors yourself")
     setting = Setting(site, candidates=candidates, fidelity=HalvedViews(visibility))
     chosen = search(Objective(setting, visibility=visibility), count).best.subset
     covered = (visibility.points[list(chosen)] >= LEAST).any(axis=0).mean() if chosen else 0.0

@@ -428,9 +428,8 @@ def describe_exclusions(objective: Objective, max_kbit: float | None = None, cur
     if not affordable.all():
         money, least_price = (describe_money(x, currency) for x in (objective.most_price, candidates.prices.min()))
         excluded = int((~affordable).sum())
-        reasons.append(
-            f"The sum of {money} excludes {excluded} of {count} candidates: the cheapest of all costs {least_price}."
-        )
+        costs = f"the cheapest of all costs {least_price}"
+        reasons.append(f"The sum of {money} excludes {excluded} of {count} candidates: {costs}.")
     return tuple(reasons)
 
 

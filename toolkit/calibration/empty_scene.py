@@ -521,7 +521,6 @@ class _Learner:
         self.learner = SceneLearner(Sensor(name, grid.model, np.eye(4)), max(2, min(sample, kept)))
 
     def add(self, cloud: SensorCloud, map_SE3_sensor: Pose) -> None:
-        """One more cloud."""
         place = map_SE3_sensor[:3, 3]
         self._place = place if self._place is None else self._place
         if (moved := np.linalg.norm(place - self._place)) > STANDS_STILL:

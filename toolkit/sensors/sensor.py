@@ -159,7 +159,9 @@ MOST_RAYS = 1 << 23  # of a sensor; a camera of 3840 x 2160 pixels fits
 
 
 def check_rays(rows: float, columns: float) -> None:
-    """Raise ValueError for more rays than can be followed."""
+    """Raise ValueError without a row and a column, and for more rays than can be followed."""
+    if min(rows, columns) < 1:
+        raise ValueError(f"rows and columns of a sensor must be at least 1, got {rows!s:.20} and {columns!s:.20}")
     if max(rows, columns, rows * columns) > MOST_RAYS:
         got = f"{rows!s:.20} x {columns!s:.20}"
         raise ValueError(f"a sensor has at most {MOST_RAYS} rays, got {got}: take fewer, or wider steps")

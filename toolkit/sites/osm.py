@@ -248,9 +248,8 @@ def paths(extract: Extract, window: shapely.Geometry) -> list[shapely.Polygon]:
         if way.tags.get("highway") in _PATHS and not is_area and not _below(way.tags) and not _above(way.tags):
             width = np.clip(metres(way.tags.get("width")) or 2.0, 1.0, 10.0)
             shapes.append(shapely.LineString(way.line).buffer(width / 2, cap_style="flat", quad_segs=2))
-    return [
-        part for shape in shapes if shape.intersects(window) for part in nets.list_polygons(shape.intersection(window))
-    ]
+    inside = (shape.intersection(window) for shape in shapes if shape.intersects(window))
+    return [part for shape in inside for part in nets.list_polygons(shape)]
 
 
 def write_osm(pieces: Iterable[Way], extract: Extract) -> str:

@@ -168,9 +168,8 @@ class Site(Displayed):
         more = f" and {len(self.sensors) - 4} more" if len(self.sensors) > 4 else ""
         tables = {"sensors": lambda: tabulate_sensors(self.sensors), "mounts": self._list_mounts}
         shown = tables if self.sensors else dict(reversed(tables.items()))
-        return Card(
-            f"Site({self.name!r})", (*facts, f"sensors {names}{more}"), shown, "toolkit.plots.plan_view:draw_site"
-        )
+        said = *facts, f"sensors {names}{more}"
+        return Card(f"Site({self.name!r})", said, shown, "toolkit.plots.plan_view:draw_site")
 
     def _list_mounts(self) -> Table:
         x, y, _ = np.array([mount.position for mount in self.mounts]).reshape(-1, 3).T

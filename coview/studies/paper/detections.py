@@ -225,9 +225,8 @@ def score_run(stored: StoredDetections, run: SchemeRun, iou: float = 0.7, region
     for truth, found in zip(stored.truths, stored.runs[run], strict=True):
         hit_of = found.truth[row]
         there, hit = in_view_of_all(sensors, truth.boxes), hit_of >= 0
-        in_region = np.where(
-            hit, np.append(there, False)[np.where(hit, hit_of, -1)], in_view_of_all(sensors, found.boxes)
-        )
+        of_truth, own = np.append(there, False)[np.where(hit, hit_of, -1)], in_view_of_all(sensors, found.boxes)
+        in_region = np.where(hit, of_truth, own)
         counts = in_region & (hit_of != IGNORED)
         scores.append(found.scores[counts])
         hits.append(hit[counts])
