@@ -100,9 +100,8 @@ def load_detector(
     if Path(name).suffix == ".onnx":
         from models.onnx_files import OnnxDetector
 
-        return CloudDetector(
-            OnnxDetector(name, area, score_threshold=score_threshold, nms_threshold=nms_threshold), level
-        )
+        onnx = OnnxDetector(name, area, score_threshold=score_threshold, nms_threshold=nms_threshold)
+        return CloudDetector(onnx, level)
     network = detector.load_detector(
         name, site=site, area=area, device=device, score_threshold=score_threshold, nms_threshold=nms_threshold
     )

@@ -181,7 +181,5 @@ def refuse_hidden_packages() -> None:
         if place is None:
             raise ValueError(f"{name}, a part of coview, is not installed: install coview again")
         if not place.is_relative_to(home / name):
-            raise ValueError(
-                f"{place} hides {name}, a part of coview: rename it, or start Python from another folder and without "
-                "it in PYTHONPATH"
-            )
+            said = f"{place} hides {name}, a part of coview"
+            raise ValueError(f"{said}: rename it, or start Python from another folder and without it in PYTHONPATH")

@@ -50,9 +50,8 @@ class Opening:
                 path, self.layout, poses=self.poses, inverted=self.inverted, site=place, drop_invalid=self.drop_invalid
             )
         except UnknownSite as error:
-            raise ValueError(
-                f"{path} does not say which site it shows, and shows no built-in one: give --site"
-            ) from error
+            said = f"{path} does not say which site it shows, and shows no built-in one"
+            raise ValueError(f"{said}: give --site") from error
         try:
             yield recording
         except InvalidObjects as error:

@@ -11,15 +11,7 @@ import torch
 from torch import Tensor
 
 from models.config import SHIPPED, VoxelNetConfig
-from models.network.candidates import (
-    LEAST_RIVAL,
-    Candidates,
-    all_candidates,
-    apply_rivals,
-    average_boxes,
-    candidates,
-    suppress,
-)
+from models.network import candidates as decoding
 from models.network.faces import measure_faces
 from models.network.grid import anchors, collate, voxelise
 from models.network.sparse import SparseVoxelNet, is_quick_at_bfloat16
@@ -92,7 +84,7 @@ class VoxelNetDetector:
 
     @property
     def _looked_at(self) -> tuple[float, ...]:
-        return tuple(min(least, LEAST_RIVAL if self.config.rivalry else 1.0) for least in self.thresholds)
+        return tuple(min(least, decoding.LEAST_RIVAL if self.config.rivalry else 1.0) for least in self.thresholds)
 
     @property
     def digest(self) -> str:
@@ -134,14 +126,14 @@ class VoxelNetDetector:
             parts.append(replace(found, boxes=found.boxes - np.append(shift, np.zeros(4))))
         pooled = Detections.merge(parts)
         kept = nms(pooled.boxes, pooled.scores, self.nms_threshold, labels=pooled.labels)
-        return average_boxes(pooled, kept, SAME)
+        return decoding.average_boxes(pooled, kept, SAME)
 
     def batch(self, clouds: _Clouds) -> list[Detections]:
         """Detect in several clouds at once."""
         voxels = [voxelise(torch.as_tensor(cloud).to(self.device), self.config) for cloud in clouds]
         if not any(len(each.cells) for each in voxels):
             return [Detections.empty() for _ in clouds]
-        found = candidates(self.network(collate(voxels)), self.anchors, self.config, self._looked_at)
+        found = decoding.candidates(self.network(collate(voxels)), self.anchors, self.config, self._looked_at)
         return [
             self._finish(*each, cloud) if len(cells.cells) else Detections.empty()
             for each, cells, cloud in zip(found, voxels, clouds, strict=True)
@@ -165,9 +157,9 @@ class VoxelNetDetector:
         for some, entries, predictions in tiled(plan):
             parts = []
             for first, corner, maps in predictions:
-                part = all_candidates(maps, self.anchors, self.config, self._looked_at, corner)
+                part = decoding.all_candidates(maps, self.anchors, self.config, self._looked_at, corner)
                 parts.append(part._replace(item=part.item + first))
-            found = Candidates(*(torch.cat(column) for column in zip(*parts, strict=True)))
+            found = decoding.Candidates(*(torch.cat(column) for column in zip(*parts, strict=True)))
             count = torch.bincount(found.item, minlength=len(entries.tile)).cpu().numpy()
             begin = np.cumsum(count) - count
             for row, of in zip(np.arange(len(unions))[some].tolist(), entries.of.T, strict=True):
@@ -187,7 +179,7 @@ class VoxelNetDetector:
         """Return detections with the scores they are worth where what belongs to the empty site is left out."""
         if not self.config.known:
             return found
-        rescored = apply_rivals(found, replace(self.config, rivalry=self.config.known))
+        rescored = decoding.apply_rivals(found, replace(self.config, rivalry=self.config.known))
         return self._take_above(rescored, self.known_thresholds)
 
     def _take_above(self, found: Detections, thresholds: tuple[float, ...]) -> Detections:
@@ -197,9 +189,9 @@ class VoxelNetDetector:
 
     def _finish(self, boxes: Tensor, scores: Tensor, cloud: Points) -> Detections:
         """Suppress duplicates, deduct rivals and measure faces."""
-        found = suppress(boxes, scores, self.config, self.nms_threshold)
+        found = decoding.suppress(boxes, scores, self.config, self.nms_threshold)
         if self.config.rivalry:
-            found = self._take_above(apply_rivals(found, self.config), self.thresholds)
+            found = self._take_above(decoding.apply_rivals(found, self.config), self.thresholds)
         return found if self.faces is None else measure_faces(self.faces, found, np.asarray(cloud), self.config.faces)
 
 

@@ -22,6 +22,7 @@ import numpy as np
 
 from placement_env.checks import check_choice, check_iou, whole
 from placement_env.classes import Classes, Combine, join_names
+from placement_env.subsets import Sets
 from toolkit.arrays import Bool, Float64, Int64
 from toolkit.sensors.error_profiles import PROFILES, ErrorProfile, find_profile, only_own_noise
 
@@ -167,7 +168,7 @@ class Cases:
         order = np.argsort(objects, kind="stable")
         return tuple(np.sort(part) for part in np.array_split(order, self.levels) if len(part))
 
-    def expand(self, sets: Bool[np.ndarray, "n C"]) -> tuple[Bool[np.ndarray, "m C"], Int64[np.ndarray, " m"]]:
+    def expand(self, sets: Sets) -> tuple[Bool[np.ndarray, "m C"], Int64[np.ndarray, " m"]]:
         """Sets followed by what each failure leaves of them, and the set that each row belongs to.
 
         A set that may lose all its sensors has one case, the empty set."""
@@ -204,9 +205,8 @@ class Cases:
         """Figures of n sets at each error profile, over thresholds, levels and failures."""
         ious = figures.shape[2]
         mean = figures[:, :, 0] if ious == 1 else sum(figures[:, :, i] for i in range(ious)) / ious
-        return np.stack(
-            [self.over_failures(at[0] if len(at) == 1 else self.over_levels(at), owners, tie=tie) for at in mean]
-        )
+        levels = (at[0] if len(at) == 1 else self.over_levels(at) for at in mean)
+        return np.stack([self.over_failures(each, owners, tie=tie) for each in levels])
 
     def over_errors(self, figures: Float64[np.ndarray, "P *rest"]) -> Float64[np.ndarray, "*rest"]:
         """Least or mean of each figure over the error profiles."""

@@ -22,9 +22,8 @@ def check_range(name: str, value: object, *, least: int, unit: str) -> None:
     """Raise ValueError unless a number, or both ends of a range, are whole and at least `least`."""
     ends = tuple(value) if isinstance(value, list | tuple) else (value, value)
     if len(ends) != 2 or not all(whole(end) and end >= least for end in ends) or ends[0] > ends[1]:
-        raise ValueError(
-            f"{name} must be at least {least} {unit}, a whole number or (lowest, highest) of two, got {value!r}"
-        )
+        rule = f"{name} must be at least {least} {unit}, a whole number or (lowest, highest) of two"
+        raise ValueError(f"{rule}, got {value!r}")
 
 
 def check_choice(name: str, value: object, choices: Collection[str]) -> None:

@@ -51,10 +51,8 @@ class Classes:
                 raise ValueError(f"there is no class {name!r}: choose among {', '.join(LABELS)}")
         weights = weights or (1.0,) * len(names)
         if len(weights) != len(names) or not all(0 < weight < math.inf for weight in weights):
-            raise ValueError(
-                f"there must be a weight above 0 for each of {', '.join(names)}, got {self.weights}: leave out a class "
-                "that does not count"
-            )
+            said = f"there must be a weight above 0 for each of {', '.join(names)}, got {self.weights}"
+            raise ValueError(f"{said}: leave out a class that does not count")
         check_choice("combine", self.combine, get_args(Combine))
         if self.combine == "worst" and len(set(weights)) > 1:
             raise ValueError(f"the worst class takes no weights, got {self.weights}: omit them, or combine by mean")

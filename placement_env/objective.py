@@ -24,8 +24,8 @@ from placement_env.fidelity.visibility import Visibility
 from placement_env.protocol import ByClass, ByFrames
 from placement_env.racing import Race, race
 from placement_env.setting import Setting, Weights
-from placement_env.subsets import find_index
-from toolkit.arrays import Bool, Float64, Int64
+from placement_env.subsets import Sets, find_index
+from toolkit.arrays import Bool, Float64, Int64, Mask
 from toolkit.detection.provenance import detector_origin, settings_origin
 from toolkit.detection.scheme import scheme_codec
 from toolkit.runtime.files import replace_infinite
@@ -64,7 +64,7 @@ class Scores(NamedTuple):
     kbit: Float64[np.ndarray, " n"]
     price: Float64[np.ndarray, " n"]
     reward: Float64[np.ndarray, " n"]
-    cache_hit: Bool[np.ndarray, " n"]
+    cache_hit: Mask
 
 
 class Objective:
@@ -216,27 +216,25 @@ class Objective:
         figures = (ap, recall, per_sensor, kbit, price, reward)
         return Score(members, *figures, terms, self.fidelity, bool(scores.cache_hit[0]), by_class)
 
-    def class_ap(self, subsets: Bool[np.ndarray, "n C"]) -> Float64[np.ndarray, "n k"]:
+    def class_ap(self, subsets: Sets) -> Float64[np.ndarray, "n k"]:
         """AP of each class for each set, NaN for a class without objects."""
         figures, _ = self._figures(subsets)
         return figures[:, 3:] if self._width > 3 else figures[:, :1]
 
-    def scores(self, subsets: Bool[np.ndarray, "n C"]) -> Scores:
+    def scores(self, subsets: Sets) -> Scores:
         """Scores of sets, feasible or not. A known set is not scored again, and the empty set scores 0."""
         figures, cache_hit = self._figures(subsets)
         ap, recall, kbit = figures.T[:3]
         per_sensor, price, reward = self._weigh(subsets, ap, kbit)
         return Scores(ap, recall, per_sensor, kbit, price, reward, cache_hit)
 
-    def race(
-        self, subsets: Bool[np.ndarray, "n C"], *, keep: int = 1, first: int = 8, eta: int = 3, seed: int = 0
-    ) -> Race:
+    def race(self, subsets: Sets, *, keep: int = 1, first: int = 8, eta: int = 3, seed: int = 0) -> Race:
         """Sets of the greatest reward, as by `racing.race`. Raises ValueError if the fidelity cannot."""
         scored_by = self.scored_by
         if not isinstance(scored_by, ByFrames):
             raise ValueError(f"fidelity {self.fidelity} scores all frames at once, which is quick: take scores()")
 
-        def rewards(sets: Bool[np.ndarray, "n C"], frames: Int64[np.ndarray, " k"]) -> Float64[np.ndarray, " n"]:
+        def rewards(sets: Sets, frames: Int64[np.ndarray, " k"]) -> Float64[np.ndarray, " n"]:
             estimate = scored_by.partial(sets, frames.tolist())
             self._tell(len(sets))
             return self._weigh(sets, estimate.ap, estimate.kbit)[2]
@@ -244,14 +242,14 @@ class Objective:
         return race(rewards, subsets, scored_by.frames, keep=keep, first=first, eta=eta, seed=seed)
 
     def _weigh(
-        self, subsets: Bool[np.ndarray, "n C"], ap: Float64[np.ndarray, " n"], kbit: Float64[np.ndarray, " n"]
+        self, subsets: Sets, ap: Float64[np.ndarray, " n"], kbit: Float64[np.ndarray, " n"]
     ) -> tuple[Float64[np.ndarray, " n"], Float64[np.ndarray, " n"], Float64[np.ndarray, " n"]]:
         """kbit per sensor, price and reward of each set."""
         per_sensor = kbit / np.maximum(subsets.sum(axis=1), 1)
         price = self.price(subsets)
         return per_sensor, price, ap - self.weights.comm * per_sensor - self.weights.price * price
 
-    def price(self, subsets: Bool[np.ndarray, "n C"]) -> Float64[np.ndarray, " n"]:
+    def price(self, subsets: Sets) -> Float64[np.ndarray, " n"]:
         """Price of the mounts, each paid once, and sensors of each set."""
         built = np.zeros((len(subsets), len(self.candidates.mounts)), np.bool_)
         row, candidate = subsets.nonzero()
@@ -259,16 +257,16 @@ class Objective:
         models = np.bincount(row, self.candidates.model_prices[candidate], minlength=len(subsets))
         return np.asarray(built @ self.candidates.mount_prices + models)
 
-    def affordable(self, prices: Float64[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
+    def affordable(self, prices: Float64[np.ndarray, " n"]) -> Mask:
         """Mask of prices within `most_price`, up to rounding."""
         return np.asarray(prices <= self.most_price * (1 + ROUNDING))
 
-    def feasible(self, subsets: Bool[np.ndarray, "n C"]) -> Bool[np.ndarray, " n"]:
+    def feasible(self, subsets: Sets) -> Mask:
         """Mask of sets that may be built."""
         together = fit_together(self.candidates, subsets, self.shared_links) & self.keeps(subsets)
         return np.asarray(together & ~(subsets & ~self.linked).any(axis=1) & self.affordable(self.price(subsets)))
 
-    def keeps(self, subsets: Bool[np.ndarray, "n C"]) -> Bool[np.ndarray, " n"]:
+    def keeps(self, subsets: Sets) -> Mask:
         """Mask of sets with a sensor on every mount that must carry one."""
         if not len(self.kept):
             return np.ones(len(subsets), np.bool_)
@@ -312,7 +310,7 @@ class Objective:
             row[find_index(member, self.names)] = True
         return row
 
-    def _figures(self, subsets: Bool[np.ndarray, "n C"]) -> tuple[Float64[np.ndarray, "n _"], Bool[np.ndarray, " n"]]:
+    def _figures(self, subsets: Sets) -> tuple[Float64[np.ndarray, "n _"], Mask]:
         """AP, recall, kbit and the AP of each of several classes of each set, and whether it was known before."""
         if len(self._known) > MOST_REMEMBERED:
             self.forget()

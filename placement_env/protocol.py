@@ -6,7 +6,8 @@ from typing import Literal, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 
 from placement_env.classes import Classes
-from toolkit.arrays import Bool, Float64
+from placement_env.subsets import Sets
+from toolkit.arrays import Float64
 
 FidelityName = Literal["coverage", "surrogate", "detector", "table"]
 
@@ -43,7 +44,7 @@ class Fidelity(Protocol):
     def name(self) -> str:
         """Name: coverage, surrogate, detector or table."""
 
-    def __call__(self, subsets: Bool[np.ndarray, "n C"], /) -> Estimate:
+    def __call__(self, subsets: Sets, /) -> Estimate:
         """Return the figures of each set; the empty set has AP 0 and sends nothing."""
 
 
@@ -55,7 +56,7 @@ class ByFrames(Fidelity, Protocol):
     def frames(self) -> int:
         """Number of frames."""
 
-    def partial(self, subsets: Bool[np.ndarray, "n C"], frames: Sequence[int]) -> Estimate:
+    def partial(self, subsets: Sets, frames: Sequence[int]) -> Estimate:
         """Return the figures of each set over these frames, scoring no set on a frame twice."""
 
 
@@ -67,7 +68,7 @@ class ByClass(Fidelity, Protocol):
     def classes(self) -> Classes:
         """The classes, and how they are combined."""
 
-    def by_class(self, subsets: Bool[np.ndarray, "n C"], /) -> ClassEstimates:
+    def by_class(self, subsets: Sets, /) -> ClassEstimates:
         """Return the figures of each set for each class; combined they are those of the set."""
 
 
@@ -75,7 +76,7 @@ class ByClass(Fidelity, Protocol):
 class Doubting(Fidelity, Protocol):
     """Fidelity that was fitted to data, and tells its uncertainty."""
 
-    def spread(self, subsets: Bool[np.ndarray, "n C"]) -> Float64[np.ndarray, " n"]:
+    def spread(self, subsets: Sets) -> Float64[np.ndarray, " n"]:
         """Standard deviation of each set's AP over resamples of the fitted data; NaN if unknown."""
 
     def doubts(self, sensors: Iterable[str] = ()) -> tuple[str, ...]:

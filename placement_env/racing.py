@@ -14,10 +14,11 @@ from typing import NamedTuple
 import numpy as np
 
 from placement_env.analysis.shrinkage import shrink
-from toolkit.arrays import Bool, Float64, Int64
+from placement_env.subsets import Sets
+from toolkit.arrays import Float64, Int64, Rng
 
 PartialScores = Callable[
-    [Bool[np.ndarray, "n C"], Int64[np.ndarray, " frames"]], Float64[np.ndarray, " n"]
+    [Sets, Int64[np.ndarray, " frames"]], Float64[np.ndarray, " n"]
 ]  # figure, such as AP, of each of n sensor sets from some frames
 
 
@@ -43,7 +44,7 @@ class Resampled(NamedTuple):
     blocks: float = math.inf
 
 
-ResampledScores = Callable[[Bool[np.ndarray, "n C"], Int64[np.ndarray, " frames"]], Resampled]
+ResampledScores = Callable[[Sets, Int64[np.ndarray, " frames"]], Resampled]
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,13 +65,13 @@ class Contest:
 
 def race(
     partial_scores: PartialScores,
-    sets: Bool[np.ndarray, "n C"],
+    sets: Sets,
     frames: int,
     *,
     eta: int = 3,
     first: int = 8,
     keep: int = 1,
-    seed: int | np.random.Generator = 0,
+    seed: int | Rng = 0,
 ) -> Race:
     """Best `keep` sets of n by their score on all frames, most others dropped after a few frames.
 
@@ -86,10 +87,8 @@ def race(
     """
     whole = all(isinstance(number, int | np.integer) for number in (frames, first, keep, eta))
     if not whole or min(len(sets), frames, first, keep, eta - 1) < 1:
-        raise ValueError(
-            "a race needs a set, a frame, eta >= 2, first >= 1 and keep >= 1, whole numbers, "
-            f"got {len(sets)} sets, {frames} frames, eta {eta}, first {first} and keep {keep}"
-        )
+        said = "a race needs a set, a frame, eta >= 2, first >= 1 and keep >= 1, whole numbers"
+        raise ValueError(f"{said}, got {len(sets)} sets, {frames} frames, eta {eta}, first {first} and keep {keep}")
     order = np.random.default_rng(seed).permutation(frames)
     running = np.sort(np.unique(sets, axis=0, return_index=True)[1])
     full, spent, seen = len(running) * frames, 0, 0
@@ -129,7 +128,7 @@ class RaceRules:
 
 def race_until(
     scores: ResampledScores,
-    sets: Bool[np.ndarray, "n C"],
+    sets: Sets,
     order: Int64[np.ndarray, " frames"],
     rules: RaceRules = RaceRules(),
     *,

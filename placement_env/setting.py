@@ -124,10 +124,8 @@ class Setting:
     def check_budget(self, budget: int) -> None:
         """Raise ValueError where fewer sensors are allowed than poles must carry one."""
         if self.keep and budget < len(self.keep):
-            raise ValueError(
-                f"{len(self.keep)} poles must carry a sensor and a budget of {budget} is allowed: raise the budget, or "
-                "keep fewer poles"
-            )
+            said = f"{len(self.keep)} poles must carry a sensor and a budget of {budget} is allowed"
+            raise ValueError(f"{said}: raise the budget, or keep fewer poles")
 
     def with_fidelity(self, fidelity: FidelityName) -> "Setting":
         """Same question for another fidelity, without files and errors that it does not know."""

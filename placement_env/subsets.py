@@ -6,7 +6,8 @@ import numpy as np
 
 from toolkit.arrays import Bool, Float64, Shaped
 
-SetFunction = Callable[[Bool[np.ndarray, "n C"]], Float64[np.ndarray, " n"]]  # a figure of each of n sensor sets
+Sets = Bool[np.ndarray, "n C"]  # sensor sets, a row of candidates each
+SetFunction = Callable[[Sets], Float64[np.ndarray, " n"]]  # a figure of each set
 MOST_SENSORS = 16  # all whose sets can be listed: 65536
 BLOCK = 1 << 17  # figures worked on at once, so that they stay in the processor's cache
 
@@ -18,10 +19,8 @@ def all_subsets(sensors: int) -> Bool[np.ndarray, "sets n"]:
     [[0, 0], [1, 0], [0, 1], [1, 1]]
     """
     if not 0 <= sensors <= MOST_SENSORS:
-        raise ValueError(
-            f"too many sets: they are listed for at most {MOST_SENSORS} sensors, got {sensors};"
-            " choose some, or use estimate_worth"
-        )
+        said = f"too many sets: they are listed for at most {MOST_SENSORS} sensors"
+        raise ValueError(f"{said}, got {sensors}; choose some, or use estimate_worth")
     return (np.arange(2**sensors)[:, None] >> np.arange(sensors) & 1).astype(bool)
 
 
@@ -52,7 +51,7 @@ class MemberSums:
         """The given rows."""
         return self._rows[:-1]
 
-    def __call__(self, subsets: Bool[np.ndarray, "n C"]) -> Shaped[np.ndarray, "n w"]:
+    def __call__(self, subsets: Sets) -> Shaped[np.ndarray, "n w"]:
         """Sum of each set."""
         n, candidates = subsets.shape
         owner, member = np.divmod(np.flatnonzero(np.ascontiguousarray(subsets).ravel()), max(candidates, 1))
@@ -64,14 +63,12 @@ class MemberSums:
             sums += self._rows.take(column, axis=0)
         return sums
 
-    def blocks(self, subsets: Bool[np.ndarray, "n C"]) -> Iterator[tuple[slice, Shaped[np.ndarray, "m w"]]]:
+    def blocks(self, subsets: Sets) -> Iterator[tuple[slice, Shaped[np.ndarray, "m w"]]]:
         """Yield the sums of as many sets at a time as fit the processor's cache, and their slice."""
         candidates = len(self.rows)
         if subsets.ndim != 2 or subsets.shape[1] != candidates or subsets.dtype != np.bool_:
-            raise ValueError(
-                f"sets must be rows of {candidates} booleans, one for each candidate, "
-                f"got {subsets.dtype} {subsets.shape}"
-            )
+            said = f"sets must be rows of {candidates} booleans, one for each candidate"
+            raise ValueError(f"{said}, got {subsets.dtype} {subsets.shape}")
         step = max(1, BLOCK // max(1, self._rows.shape[1]))
         blocks = (slice(first, first + step) for first in range(0, len(subsets), step))
         return ((block, self(subsets[block])) for block in blocks)

@@ -70,17 +70,8 @@ class TrainingOptions:
     overwrite: bool = False
 
     def __post_init__(self) -> None:
-        for name in [
-            "voxel",
-            "epochs",
-            "seconds",
-            "learning_rate",
-            "batch",
-            "windows",
-            "validate_frames",
-            "threads",
-            "checkpoint_s",
-        ]:
+        numbers = ["voxel", "epochs", "seconds", "learning_rate", "batch", "windows", "validate_frames", "threads"]
+        for name in [*numbers, "checkpoint_s"]:
             value = getattr(self, name)
             if value is not None and not 0 < value < float("inf"):
                 raise ValueError(f"{option(name)} must be above 0, got {value}")

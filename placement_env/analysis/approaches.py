@@ -46,10 +46,8 @@ def find_approaches(site: Site) -> Approaches:
     circles = enumerate(root.findall("roundabout"))
     merged = {node: f"roundabout {i}" for i, each in circles for node in each.get("nodes", "").split()}
     roads = {name: edge for name, edge in edges.items() if not edge.get("function") and name not in ring}
-    ends = {
-        name: tuple(merged.get(edge.get(end, ""), edge.get(end, "")) for end in ("from", "to"))
-        for name, edge in roads.items()
-    }
+    nodes = {name: (edge.get("from", ""), edge.get("to", "")) for name, edge in roads.items()}
+    ends = {name: tuple(merged.get(node, node) for node in both) for name, both in nodes.items()}
     neighbours: dict[str, set[str]] = defaultdict(set)
     for begin, end in ends.values():
         neighbours[begin].add(end)

@@ -21,7 +21,7 @@ from scipy.special import ndtr, ndtri, stdtrit
 
 from placement_env.checks import check_whole
 from placement_env.fidelity.detector import IGNORED, Outcome
-from toolkit.arrays import Bool, Float64, Int64
+from toolkit.arrays import Float64, Int64, Mask
 from toolkit.detection.metrics import average_precision, precision_recall
 from toolkit.traffic.spawner import LIFE
 
@@ -187,7 +187,7 @@ class Tally:
     """One sensor set's detections that count, and the number of truths to find in each frame. frame: from 0."""
 
     scores: Float64[np.ndarray, " n"]
-    hit: Bool[np.ndarray, " n"]
+    hit: Mask
     frame: Int64[np.ndarray, " n"]
     truths: Int64[np.ndarray, " frames"]
 

@@ -20,7 +20,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from placement_env.subsets import SetFunction, all_subsets
-from toolkit.arrays import Bool, Float64, Int64
+from toolkit.arrays import Bool, Float64, Int64, Rng
 from toolkit.runtime.text_tables import align_columns
 
 FEWEST_ROUNDS = 8
@@ -84,17 +84,15 @@ def exact_worth(value: SetFunction, sensors: int) -> Worth:
 
 
 def estimate_worth(
-    value: SetFunction, sensors: int, *, rounds: int = 32, confidence: float = 0.95, seed: int | np.random.Generator = 0
+    value: SetFunction, sensors: int, *, rounds: int = 32, confidence: float = 0.95, seed: int | Rng = 0
 ) -> Worth:
     """Estimate each sensor's worth from `rounds` independent Williams squares of orders, at most 2 n² sets each.
 
     Margins are Student's over the rounds; they miss what no round has seen, such as a rare set of great value. Raises
     ValueError for fewer than 8 rounds, no sensor, a confidence outside (0, 1), or values that are not finite."""
     if rounds < FEWEST_ROUNDS or sensors < 1 or not 0 < confidence < 1:
-        raise ValueError(
-            f"need at least {FEWEST_ROUNDS} rounds, 1 sensor and a confidence within (0, 1), "
-            f"got {rounds}, {sensors} and {confidence}"
-        )
+        said = f"need at least {FEWEST_ROUNDS} rounds, 1 sensor and a confidence within (0, 1)"
+        raise ValueError(f"{said}, got {rounds}, {sensors} and {confidence}")
     rng = np.random.default_rng(seed)
     square = _williams_square(sensors)
     orders = np.stack([rng.permutation(sensors)[square] for _ in range(rounds)])

@@ -21,7 +21,8 @@ from numpy.typing import ArrayLike
 
 from placement_env.candidates.poles import load_poles
 from placement_env.candidates.sensor_catalogue import SensorCatalogue
-from toolkit.arrays import Bool, Float64, Int64, Shaped
+from placement_env.subsets import Sets
+from toolkit.arrays import Bool, Float64, Int64, Mask, Rng, Shaped
 from toolkit.display import Card, Displayed, Table, describe_count
 from toolkit.geometry import pose
 from toolkit.sensors.models import DepthCamera
@@ -160,9 +161,7 @@ class Candidates(Displayed):
                 )
         return np.array([known[name] for name in names], np.int64)
 
-    def per_mount(
-        self, subsets: Bool[np.ndarray, "n C"], each: Float64[np.ndarray, " C"] | None = None
-    ) -> Shaped[np.ndarray, "n M"]:
+    def per_mount(self, subsets: Sets, each: Float64[np.ndarray, " C"] | None = None) -> Shaped[np.ndarray, "n M"]:
         """Count the sensors of each set on each mount, or add up a figure of theirs."""
         chosen, candidate = np.nonzero(subsets)
         cells, shape = chosen * len(self.mounts) + self.mount[candidate], (len(subsets), len(self.mounts))
@@ -216,9 +215,7 @@ def aim_sensor(sensor: Sensor, position: Float64[np.ndarray, "3"], heading: floa
     return replace(sensor, pose=pose(x, y, z, yaw=heading, pitch=tilt) @ sensor.model.body_SE3_sensor)
 
 
-def fit_together(
-    candidates: Candidates, subsets: Bool[np.ndarray, "n C"], sent: Float64[np.ndarray, " C"] | None = None
-) -> Bool[np.ndarray, " n"]:
+def fit_together(candidates: Candidates, subsets: Sets, sent: Float64[np.ndarray, " C"] | None = None) -> Mask:
     """Tell which sets fit on their mounts and shared links. sent: kbit per frame, None where links always suffice."""
     per_mount = candidates.per_mount(subsets)
     fits = np.asarray((per_mount <= candidates.places).all(axis=1))
@@ -228,9 +225,7 @@ def fit_together(
     return np.asarray(fits & ((loads <= links * (1 + ROUNDED)) | (per_mount <= 1)).all(axis=1))
 
 
-def room_beside(
-    candidates: Candidates, subsets: Bool[np.ndarray, "n C"], sent: Float64[np.ndarray, " C"] | None = None
-) -> Bool[np.ndarray, "n C"]:
+def room_beside(candidates: Candidates, subsets: Sets, sent: Float64[np.ndarray, " C"] | None = None) -> Sets:
     """Tell which candidates have room beside each set."""
     mount, count = candidates.mount, candidates.per_mount(subsets)
     room = np.asarray((count < candidates.places)[:, mount] & ~subsets)
@@ -364,9 +359,7 @@ def choose_candidates(
     return pool(site, mounts=mounts, keep_out=keep_out, models=offer)
 
 
-def own_and_random(
-    site: Site, poses: int, rng: np.random.Generator, *, models: Sequence[SensorModel] = ()
-) -> Candidates:
+def own_and_random(site: Site, poses: int, rng: Rng, *, models: Sequence[SensorModel] = ()) -> Candidates:
     """Return the site's own sensors, each on a mount of its own, then random poses of its pool.
 
     models: none for the paper's camera. Raises ValueError where the pool has fewer poses, or there would be no sensor.
@@ -383,7 +376,7 @@ def own_and_random(
     return replace(own, sensors=own.sensors + more.sensors, mounts=own.mounts + more.mounts, factors=factors)
 
 
-def random_sets(candidates: Candidates, own: int, count: int, rng: np.random.Generator) -> Bool[np.ndarray, "n C"]:
+def random_sets(candidates: Candidates, own: int, count: int, rng: np.random.Generator) -> Sets:
     """Draw up to `count` different sets, half of them from the first `own` candidates, if there are any.
 
     The others have 1 to `MOST_POSES` of the other candidates, at most one on a mount."""

@@ -103,10 +103,8 @@ def load_poles(path: str | Path, site: Site, catalogue: SensorCatalogue | None =
     _check(mounts, site, where)
     spots, free = shapely.points(feet[:, :2]), np.ones(len(mounts), bool)
     lanes = [shapely.Polygon(lane) for lane in site.lanes]
-    for barring, said in (
-        (list(_keep_out(collection, site, where)), "in a keep-out area"),
-        (lanes, "on the carriageway"),
-    ):
+    kept_out = list(_keep_out(collection, site, where))
+    for barring, said in ((kept_out, "in a keep-out area"), (lanes, "on the carriageway")):
         barred = free & shapely.intersects(shapely.union_all(barring), spots)
         free &= ~barred
         if barred.any():
@@ -223,10 +221,8 @@ def _price_factor(properties: Json, catalogue: SensorCatalogue | None, where: st
         if "price_factor" in properties:
             raise ValueError(f"{where}.properties has price, which is money, and price_factor: leave one of them out")
         if catalogue is None or ordinary == 0:
-            raise ValueError(
-                f"{where}.properties.price is money: give a catalogue with a pole_price above 0 (--sensors), or "
-                "price_factor, 1 for an ordinary pole"
-            )
+            said = f"{where}.properties.price is money: give a catalogue with a pole_price above 0 (--sensors)"
+            raise ValueError(f"{said}, or price_factor, 1 for an ordinary pole")
         factor = price if ordinary is None else price / ordinary
     elif "price_factor" in properties and catalogue is not None and ordinary is None:
         raise ValueError(f"{where}.properties.price_factor needs a pole_price in the catalogue: add it, or give price")
@@ -257,10 +253,8 @@ def _check(mounts: Sequence[Mount], site: Site, where: str) -> None:
         )
     high = np.flatnonzero(np.abs(feet[:, 2] - site.ground(feet[:, :2])) > ABOVE_GROUND)
     if len(high):
-        raise ValueError(
-            f"{where}: pole {names[high[0]]!r} has its foot at z = {feet[high[0], 2]:g} m, more than "
-            f"{ABOVE_GROUND:g} m from the ground of the site: leave out altitudes"
-        )
+        said = f"{where}: pole {names[high[0]]!r} has its foot at z = {feet[high[0], 2]:g} m"
+        raise ValueError(f"{said}, more than {ABOVE_GROUND:g} m from the ground of the site: leave out altitudes")
     (name, times), *_ = Counter(names).most_common(1)
     if times > 1:
         raise ValueError(f"{where}: {times} poles are named {name!r}: rename all but one")

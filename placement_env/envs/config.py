@@ -140,15 +140,13 @@ def build_config(kind: type[Config], config: Config | None, given: Mapping[str, 
     if type(config) is not kind:
         raise TypeError(f"config must be a {kind.__name__}, got {config!r}: give single settings by name, as site=...")
     own: dict[str, Any] = dict(given)
-    asked, computed = (
-        {name: own.pop(name) for name in given if name in names} for names in (SETTING_FIELDS, RUN_FIELDS)
-    )
+    asked, to_run = ({name: own.pop(name) for name in given if name in names} for names in (SETTING_FIELDS, RUN_FIELDS))
     if "iou" in own:
         asked["cases"] = replace(asked.get("cases", config.setting.cases), iou=own.pop("iou"))
     if asked:
         own["setting"] = replace(own.get("setting", config.setting), **asked)
-    if computed:
-        own["run"] = replace(own.get("run", config.run), **computed)
+    if to_run:
+        own["run"] = replace(own.get("run", config.run), **to_run)
     return replace(config, **own)
 
 

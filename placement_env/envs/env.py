@@ -23,7 +23,7 @@ from placement_env.envs.config import EnvConfig, build_config
 from placement_env.envs.scenario import STATIC, EpisodeSource, Options, find_area
 from placement_env.envs.state import DYNAMIC, GLOBAL, Info, State
 from placement_env.objective import Objective
-from toolkit.arrays import Bool, Float32, Float64, Int64, Mask, Shaped
+from toolkit.arrays import Bool, Float32, Float64, Int64, Mask, Rng, Shaped
 from toolkit.boxes import footprints
 from toolkit.plots import canvas, plan_view as above
 
@@ -60,13 +60,11 @@ class Task:
             return type(config)(n, config.scenarios)
         return cls(n, cls.scenarios_type(build_config(cls.config_type, config, given)))
 
-    def reset(
-        self, rows: Int64[np.ndarray, " m"], rngs: Sequence[np.random.Generator], options: Options | None
-    ) -> None:
+    def reset(self, rows: Int64[np.ndarray, " m"], rngs: Sequence[Rng], options: Options | None) -> None:
         """Start new episodes in some rows, one from each generator."""
         self.state.reset(rows, [self.scenarios.draw(rng, options) for rng in rngs])
 
-    def step(self, active: Bool[np.ndarray, " n"], actions: Shaped[np.ndarray, "n ..."]) -> Ends:
+    def step(self, active: Mask, actions: Shaped[np.ndarray, "n ..."]) -> Ends:
         """Take one action in each active row: rewards, terminated, truncated."""
         raise NotImplementedError
 
@@ -315,9 +313,8 @@ def _draw_strips(figure: "Figure", scale: float) -> "Axes":
     length = above.scale_length(1.2 / scale)
     for half, colour in ((0.0, canvas.INK), (0.5, canvas.PAPER_WHITE)):
         left, right = 0.13 + half * length * scale, 0.13 + (half + 0.5) * length * scale
-        strip.fill(
-            [left, right, right, left], [0.24, 0.24, 0.31, 0.31], facecolor=colour, edgecolor=canvas.INK, linewidth=0.8
-        )
+        bar = [left, right, right, left], [0.24, 0.24, 0.31, 0.31]
+        strip.fill(*bar, facecolor=colour, edgecolor=canvas.INK, linewidth=0.8)
     strip.text(0.13, 0.18, f"{length:g} m", fontsize=7.5, va="top")
     strip.text(2.35, 0.27, "points on\na vehicle", fontsize=7, va="center")
     colours, _ = canvas.point_scale()

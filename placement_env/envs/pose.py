@@ -15,7 +15,7 @@ from placement_env.fidelity.seeing import see
 from placement_env.fidelity.visibility import Visibility
 from placement_env.objective import Objective
 from placement_env.subsets import find_index
-from toolkit.arrays import Bool, Float64, Int64, Shaped
+from toolkit.arrays import Bool, Float64, Int64, Mask, Rng, Shaped
 
 MOVES = np.array([0.5, np.deg2rad(15.0), np.deg2rad(5.0)])  # m up, rad of heading and of tilt, for an action of 1
 TILT_LIMITS = (np.deg2rad(-10.0), np.deg2rad(60.0))  # lowest and highest, rad below the horizon
@@ -76,7 +76,7 @@ class _PoseScenarios(EpisodeSource):
         self.check_scorable()
         self._made: dict[tuple[int, str, int], Preparation] = {}
 
-    def draw(self, rng: np.random.Generator, options: Options | None) -> _PoseEpisode:
+    def draw(self, rng: Rng, options: Options | None) -> _PoseEpisode:
         """Draw sensors that have not failed, on different mounts. Raises ValueError if there are too few."""
         conditions = self.draw_conditions(rng, options)
         budget = conditions.budget
@@ -123,14 +123,12 @@ class _PoseTask(Task):
         self.action_space = Box(-1.0, 1.0, (3 * scenarios.slots,), np.float32)
         self._source, self._now = scenarios, dict[int, _PoseEpisode]()
 
-    def reset(
-        self, rows: Int64[np.ndarray, " m"], rngs: Sequence[np.random.Generator], options: Options | None
-    ) -> None:
+    def reset(self, rows: Int64[np.ndarray, " m"], rngs: Sequence[Rng], options: Options | None) -> None:
         episodes = [self._source.draw(rng, options) for rng in rngs]
         self.state.reset(rows, episodes)
         self._now.update(zip(rows.tolist(), episodes, strict=True))
 
-    def step(self, active: Bool[np.ndarray, " n"], actions: Shaped[np.ndarray, "n ..."]) -> Ends:
+    def step(self, active: Mask, actions: Shaped[np.ndarray, "n ..."]) -> Ends:
         """Move the sensors of each active row. A move that overloads a link more than before is undone."""
         state, moves = self.state, np.asarray(actions, np.float64).reshape(len(actions), -1, 3)
         illegal, scenarios = np.zeros(state.n, np.bool_), dict[int, Scenario]()

@@ -16,7 +16,7 @@ from placement_env.fidelity.coverage import LEAST
 from placement_env.fidelity.preparation import Preparation
 from placement_env.objective import Objective
 from placement_env.setting import Setting
-from toolkit.arrays import Bool, Float64, Shaped
+from toolkit.arrays import Bool, Float64, Rng, Shaped
 from toolkit.detection.scheme import Scheme
 from toolkit.detection.schemes import PAPER_SCHEMES, find_scheme
 from toolkit.sites.files import load_site
@@ -48,17 +48,13 @@ class Scenario:
     def __init__(self, objective: Objective, slots: int) -> None:
         self.objective, self.slots, self.width = objective, slots, len(objective.candidates)
         if self.width > slots:
-            raise ValueError(
-                f"the environment has slots for {slots} candidates, this site has {self.width}: make it with "
-                f"slots={self.width}"
-            )
+            said = f"the environment has slots for {slots} candidates, this site has {self.width}"
+            raise ValueError(f"{said}: make it with slots={self.width}")
         self.usable = np.pad(objective.linked, (0, slots - self.width))
-        seen, whole = places_seen(objective), np.zeros((slots, PLACES), np.bool_)
+        seen, rows = places_seen(objective), np.zeros((slots, PLACES), np.bool_)
         self.places = seen.shape[1]
-        whole[: len(seen), : self.places] = seen
-        self.seen: Shaped[np.ndarray, "words slots"] = np.ascontiguousarray(
-            np.packbits(whole, axis=1).view(np.uint64).T
-        )
+        rows[: len(seen), : self.places] = seen
+        self.seen: Shaped[np.ndarray, "words slots"] = np.ascontiguousarray(np.packbits(rows, axis=1).view(np.uint64).T)
         self.static = np.zeros((len(STATIC), slots), np.float32)
         self.static[:, : self.width] = np.clip(self._features(seen.sum(axis=1) / max(1, self.places)), -1, 1)
         weights = np.array([1000 * objective.weights.comm, objective.weights.price])
@@ -144,7 +140,7 @@ class EpisodeSource:
         self.drawn = len(self.sites)
         self._candidates: dict[int, Candidates] = {}
 
-    def draw(self, rng: np.random.Generator, options: Options | None) -> Episode:
+    def draw(self, rng: Rng, options: Options | None) -> Episode:
         """Draw an episode with these options. Raises ValueError for an option that is unknown or does not fit."""
         raise NotImplementedError
 
@@ -177,7 +173,7 @@ class EpisodeSource:
             for scheme in self.config.schemes:
                 Preparation(self.setting(index, scheme)).check()
 
-    def draw_conditions(self, rng: np.random.Generator, options: Options | None) -> Conditions:
+    def draw_conditions(self, rng: Rng, options: Options | None) -> Conditions:
         """Take site, scheme, budget and failed candidates from the options, else draw them in this order.
 
         What the config does not leave open takes nothing from the generator. Raises ValueError for an option that is
@@ -214,7 +210,7 @@ class Scenarios(EpisodeSource):
         self._made: dict[tuple[int, str, int], Scenario] = {}
         self._always: Episode | None = None  # if nothing is drawn, all episodes without options start alike
 
-    def draw(self, rng: np.random.Generator, options: Options | None) -> Episode:
+    def draw(self, rng: Rng, options: Options | None) -> Episode:
         """Draw an episode with these options."""
         if not options and self._always is not None:
             return self._always
@@ -230,10 +226,8 @@ class Scenarios(EpisodeSource):
         scenario = self._made[conditions.key]
         shape = scenario.objective.candidates.shape
         if self.factored and any(size > known for size, known in zip(shape, self.shape, strict=True)):
-            raise ValueError(
-                f"factored actions are for {self.shape} mounts, heights, headings, tilts and models, this site has "
-                f"{shape}: make the environment with all its sites"
-            )
+            said = f"factored actions are for {self.shape} mounts, heights, headings, tilts and models"
+            raise ValueError(f"{said}, this site has {shape}: make the environment with all its sites")
         failed = np.pad(scenario.objective.row(conditions.failed), (0, self.slots - scenario.width))
         episode = Episode(scenario, conditions.budget, failed)
         if not options and not self.config.leaves_open and self.drawn == 1:

@@ -6,7 +6,7 @@ from gymnasium.spaces import Discrete, MultiBinary, MultiDiscrete
 from placement_env.envs.config import SelectConfig, SubsetConfig
 from placement_env.envs.env import Ends, PlacementEnv, PlacementVectorEnv, Task
 from placement_env.envs.scenario import Scenario, Scenarios
-from toolkit.arrays import Bool, Float32, Int64, Shaped
+from toolkit.arrays import Bool, Float32, Int64, Mask, Shaped
 
 
 class _SelectTask(Task):
@@ -22,7 +22,7 @@ class _SelectTask(Task):
         self._rows, self._always = np.arange(n), np.ones((n, 1), np.bool_)
         self._one_hot: dict[Scenario, np.ndarray] = {}
 
-    def step(self, active: Bool[np.ndarray, " n"], actions: Shaped[np.ndarray, "n ..."]) -> Ends:
+    def step(self, active: Mask, actions: Shaped[np.ndarray, "n ..."]) -> Ends:
         slot, stops = self._slots(actions)
         state, acting = self.state, active & ~stops
         places = acting & (slot >= 0) & state.allowed[self._rows, slot]
@@ -45,7 +45,7 @@ class _SelectTask(Task):
         masks[:, first[1:]] |= ~allowed.any(axis=1, keepdims=True)  # a factor needs a value, to stop too
         return masks
 
-    def _slots(self, actions: np.ndarray) -> tuple[Int64[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
+    def _slots(self, actions: np.ndarray) -> tuple[Int64[np.ndarray, " n"], Mask]:
         """Candidate of each action (-1: none), and True for stops."""
         if self.flat:
             slot = actions.astype(np.int64).reshape(-1)
@@ -133,7 +133,7 @@ class _SubsetTask(Task):
         super().__init__(n, scenarios)
         self.action_space = MultiBinary(scenarios.slots)
 
-    def step(self, active: Bool[np.ndarray, " n"], actions: Shaped[np.ndarray, "n ..."]) -> Ends:
+    def step(self, active: Mask, actions: Shaped[np.ndarray, "n ..."]) -> Ends:
         """Choose the set of each active row. A set that may not be built is left empty."""
         chosen = np.asarray(actions.reshape(self.state.chosen.shape) != 0)
         if (actions.reshape(chosen.shape) != chosen).any():

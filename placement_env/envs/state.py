@@ -11,7 +11,7 @@ from placement_env.candidates.candidates import room_beside
 from placement_env.checks import check_whole
 from placement_env.envs.scenario import STATIC, Episode, Scenario
 from placement_env.objective import Objective, Scores
-from toolkit.arrays import Bool, Float32, Int64, Shaped
+from toolkit.arrays import Bool, Float32, Int64, Mask, Shaped
 from toolkit.detection.schemes import PAPER_SCHEMES
 
 DYNAMIC = ("marginal", "chosen", "allowed")
@@ -64,8 +64,8 @@ class State:
 
     def step(
         self,
-        active: Bool[np.ndarray, " n"],
-        illegal: Bool[np.ndarray, " n"],
+        active: Mask,
+        illegal: Mask,
         *,
         chosen: Bool[np.ndarray, "n slots"] | None = None,
         scenarios: Mapping[int, Scenario] | None = None,
@@ -84,7 +84,7 @@ class State:
         self.gain = np.where(active, self.scores.reward - before, 0.0)
         self._find_allowed()
 
-    def fitting(self, chosen: Bool[np.ndarray, "n slots"]) -> Bool[np.ndarray, " n"]:
+    def fitting(self, chosen: Bool[np.ndarray, "n slots"]) -> Mask:
         """Tell which sets are feasible, within budget, without failed sensors."""
         fits = ~(chosen & self.failed).any(axis=1) & (chosen.sum(axis=1) <= self.budget)
         for scenario, rows in self.groups:
@@ -125,9 +125,7 @@ class State:
         """Return the info, an array (n, ...) for each key."""
         scores, (comm, price) = self.scores, self._weights
         terms = {"ap": scores.ap.copy(), "comm": 0 - comm * scores.kbit_per_sensor, "price": 0 - price * scores.price}
-        info: Info = {
-            name: getattr(scores, name).copy() for name in ("ap", "recall", "kbit", "kbit_per_sensor", "price")
-        }
+        info: Info = {key: getattr(scores, key).copy() for key in ("ap", "recall", "kbit", "kbit_per_sensor", "price")}
         info |= {"subset": self.chosen.copy(), "marginal_gain": self.gain.copy(), "reward_terms": terms}
         info |= {"fidelity": self._fidelity.copy(), "cache_hit": self.repeated.copy(), "illegal": self.illegal.copy()}
         names = self.groups[0][0].objective.classes.names if self.groups else ()

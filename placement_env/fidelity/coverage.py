@@ -8,8 +8,8 @@ import numpy as np
 from placement_env.classes import VEHICLES, Classes
 from placement_env.fidelity.visibility import Visibility
 from placement_env.protocol import ClassEstimates, Estimate
-from placement_env.subsets import MemberSums
-from toolkit.arrays import Bool, Float64
+from placement_env.subsets import MemberSums, Sets
+from toolkit.arrays import Float64
 from toolkit.detection.codec import PAPER, Codec
 from toolkit.detection.scheme import Scheme, estimate_bits, scheme_codec
 from toolkit.detection.schemes import find_scheme
@@ -26,7 +26,7 @@ class SentData:
         boxes = (visibility.points >= least).sum(axis=1).astype(np.float64)
         self._bits, self._frames = estimate_bits(find_scheme(scheme), codec, visibility, boxes), visibility.frames
 
-    def kbit(self, subsets: Bool[np.ndarray, "n C"]) -> Float64[np.ndarray, " n"]:
+    def kbit(self, subsets: Sets) -> Float64[np.ndarray, " n"]:
         """kbit of each set in a frame."""
         return np.asarray(subsets @ self._bits / (1000 * self._frames))
 
@@ -66,11 +66,11 @@ class Coverage:
         masks = [visibility.labels == label for label in classes.labels]
         self._own = [(slice(None) if mask.all() else np.flatnonzero(mask), int(mask.sum())) for mask in masks]
 
-    def __call__(self, subsets: Bool[np.ndarray, "n C"], /) -> Estimate:
+    def __call__(self, subsets: Sets, /) -> Estimate:
         """Share of objects covered by each set. For several classes their shares are combined; 0 without an object."""
         return self.by_class(subsets).combined(self.classes).without_nan()
 
-    def by_class(self, subsets: Bool[np.ndarray, "n C"], /) -> ClassEstimates:
+    def by_class(self, subsets: Sets, /) -> ClassEstimates:
         """Share of the objects of each class. NaN where the class has no objects."""
         share = np.full((len(subsets), len(self.classes)), np.nan)
         for block, views in self._sums.blocks(subsets):

@@ -25,6 +25,7 @@ from placement_env.checks import check_iou
 from placement_env.classes import VEHICLES, Classes
 from placement_env.fidelity.traffic import scored
 from placement_env.protocol import ClassEstimates, Estimate
+from placement_env.subsets import Sets
 from toolkit.arrays import Bool, Float32, Float64, Shaped
 from toolkit.calibration.empty_scene import EmptyScene
 from toolkit.detection.codec import PAPER, Codec, check_codec
@@ -123,10 +124,8 @@ class Detected:
         self._scored: dict[int, np.ndarray] = {}
         self.memo = memo if isinstance(memo, Cache) else Cache(memo)
         if memo is not None and not hasattr(detector, "digest"):
-            raise ValueError(
-                f"a shared memo needs a detector that says what it depends on, {type(detector).__name__} has no "
-                "property digest: add one or pass memo=None"
-            )
+            said = "a shared memo needs a detector that says what it depends on"
+            raise ValueError(f"{said}, {type(detector).__name__} has no property digest: add one or pass memo=None")
 
     def at(self, iou: float, also: Iterable[float] = ()) -> "Detected":
         """Same fidelity at another IoU threshold. also: further thresholds at which outcomes are matched."""
@@ -142,33 +141,27 @@ class Detected:
         other.classes, other._scored = classes, {}
         return other
 
-    def __call__(self, subsets: Bool[np.ndarray, "n C"], /) -> Estimate:
+    def __call__(self, subsets: Sets, /) -> Estimate:
         """Figures of each set over all frames. AP and recall are NaN where no objects count."""
         return self.estimates(subsets)[self.iou]
 
-    def partial(self, subsets: Bool[np.ndarray, "n C"], frames: int | Sequence[int]) -> Estimate:
+    def partial(self, subsets: Sets, frames: int | Sequence[int]) -> Estimate:
         """Figures of each set over some first frames, or those given. Adding frames costs only the added ones."""
         return self.estimates(subsets, frames)[self.iou]
 
-    def by_class(self, subsets: Bool[np.ndarray, "n C"], /) -> ClassEstimates:
+    def by_class(self, subsets: Sets, /) -> ClassEstimates:
         """Figures of each set over all frames for each class."""
         return self.class_estimates(subsets)[self.iou]
 
     def estimates(
-        self,
-        subsets: Bool[np.ndarray, "n C"],
-        frames: int | Sequence[int] | None = None,
-        progress: Callable[[int], None] | None = None,
+        self, subsets: Sets, frames: int | Sequence[int] | None = None, progress: Callable[[int], None] | None = None
     ) -> dict[float, Estimate]:
         """Figures of each set at each of `ious`. progress: called with the frames done, of those not scored yet."""
         by_class = self.class_estimates(subsets, frames, progress)
         return {iou: each.combined(self.classes) for iou, each in by_class.items()}
 
     def class_estimates(
-        self,
-        subsets: Bool[np.ndarray, "n C"],
-        frames: int | Sequence[int] | None = None,
-        progress: Callable[[int], None] | None = None,
+        self, subsets: Sets, frames: int | Sequence[int] | None = None, progress: Callable[[int], None] | None = None
     ) -> dict[float, ClassEstimates]:
         """Figures like those of `estimates`, class by class."""
         sets, chosen_frames = self._sets(subsets), _indices(self.frames, frames)

@@ -16,7 +16,7 @@ from placement_env.fidelity.renders import Renders
 from placement_env.fidelity.surrogate import Evidence, Surrogate, compute_expected_ap
 from placement_env.fidelity.traffic import simulate_traffic
 from placement_env.fidelity.visibility import Visibility
-from placement_env.subsets import MemberSums
+from placement_env.subsets import MemberSums, Sets
 from toolkit.arrays import Bool, Float64
 from toolkit.detection.scheme import Scheme
 from toolkit.detection.schemes import PAPER_SCHEMES, find_scheme
@@ -37,7 +37,7 @@ class Observed(NamedTuple):
     """Hits and AP of sensor sets at one site. radius: of hybrid fusion (m); sensors: kinds of models."""
 
     visibility: Visibility
-    subsets: Bool[np.ndarray, "n C"]
+    subsets: Sets
     hits: Bool[np.ndarray, "n O"]
     ap: Float64[np.ndarray, " n"]
     radius: float = HYBRID_RADIUS
@@ -121,9 +121,8 @@ class _Fitting:
 
     def _unlikelihood(self, numbers: Float64[np.ndarray, " p"], weights: Sequence[_Weights]) -> float:
         total = count = 0.0
-        for p, each, (objects, _) in zip(
-            self._probabilities(self._model(numbers)), self._observed, weights, strict=True
-        ):
+        chances = self._probabilities(self._model(numbers))
+        for p, each, (objects, _) in zip(chances, self._observed, weights, strict=True):
             p = np.clip(p, 1e-9, 1 - 1e-9)
             total -= float((np.where(each.hits, np.log(p), np.log1p(-p)) @ objects).sum())
             count += float(objects.sum()) * len(p)

@@ -204,10 +204,8 @@ def chosen_model(models: Iterable[HitModel], scheme: str, iou: float, label: str
             return model
     of = {name: "" if name == LABELS[VEHICLE] else f" of {name}" for name in LABELS}
     there = ", ".join(f"{model.scheme} at {model.iou:g}{of[model.label]}" for model in models)
-    raise ValueError(
-        f"no surrogate of {source} for {scheme} at IoU {iou:g}{of[label]}: choose among {there}; fidelity detector or "
-        "coverage takes any, and coview surrogate fits one to a detector"
-    )
+    said = f"no surrogate of {source} for {scheme} at IoU {iou:g}{of[label]}: choose among {there}"
+    raise ValueError(f"{said}; fidelity detector or coverage takes any, and coview surrogate fits one to a detector")
 
 
 def _model(given: object, schemes: Collection[str]) -> HitModel:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from placement_env.fidelity.traffic import Traffic, scored
-from toolkit.arrays import Bool, BoxRows, Float32, Float64, Int64
+from toolkit.arrays import BoxRows, Float32, Float64, Int64, Mask
 from toolkit.geometry import level_rows
 from toolkit.objects import VEHICLE
 from toolkit.points import Crop, is_inside
@@ -137,7 +137,7 @@ class _Part(NamedTuple):
     pixels: Int64[np.ndarray, " n"]
     sensors: Int64[np.ndarray, " n"]
     depth: Float32[np.ndarray, " n"]
-    counted: Bool[np.ndarray, " n"]
+    counted: Mask
     sent: Float32[np.ndarray, " n"]
     far: Float32[np.ndarray, " n"]
 

@@ -21,8 +21,8 @@ import numpy as np
 from placement_env.fidelity.coverage import SentData
 from placement_env.fidelity.visibility import Visibility
 from placement_env.protocol import Estimate
-from placement_env.subsets import MemberSums
-from toolkit.arrays import Bool, Float
+from placement_env.subsets import MemberSums, Sets
+from toolkit.arrays import Float
 from toolkit.detection.codec import PAPER, Codec
 from toolkit.detection.scheme import Scheme
 from toolkit.detection.schemes import find_scheme
@@ -43,15 +43,13 @@ class PerceptionEntropy:
         self._sums = MemberSums(points if self._adds_points else np.where(points > 0, _spread(points) ** -2, 0))
         self._sent = SentData(visibility, scheme, codec)
 
-    def __call__(self, subsets: Bool[np.ndarray, "n C"], /) -> Estimate:
+    def __call__(self, subsets: Sets, /) -> Estimate:
         """Scaled entropy score of each set. It is 1 for the least entropy, 0 for nothing seen."""
         score = np.zeros(len(subsets))
         (most, least), objects = 2 * np.log(_spread(np.array([0.0, np.inf]))), self._sums.rows.shape[1]
         for block, sums in self._sums.blocks(subsets):
-            log_spread = (
-                np.log(_spread(sums)) if self._adds_points else -0.5 * np.log(np.maximum(sums, UNSEEN_SPREAD**-2))
-            )
-            entropy = 2 * log_spread.sum(axis=1, dtype=np.float64) / max(1, objects)
+            spread = np.log(_spread(sums)) if self._adds_points else -0.5 * np.log(np.maximum(sums, UNSEEN_SPREAD**-2))
+            entropy = 2 * spread.sum(axis=1, dtype=np.float64) / max(1, objects)
             score[block] = np.clip((most - entropy) / (most - least), 0, 1) if objects else 0.0
         return Estimate(score, score.copy(), self._sent.kbit(subsets))
 

@@ -23,6 +23,7 @@ from placement_env.fidelity.traffic import FRAMES, Traffic, scored, simulate_tra
 from placement_env.fidelity.visibility import Visibility, of_frames
 from placement_env.protocol import ByClass, ByFrames, ClassEstimates, Estimate, Fidelity, FidelityName
 from placement_env.setting import Rendering, Setting
+from placement_env.subsets import Sets
 from toolkit.arrays import Bool, Int64
 from toolkit.detection.background import add_background
 from toolkit.detection.scheme import surrogate_name
@@ -65,11 +66,11 @@ class CasesFidelity:
         """Classes that count."""
         return cast(ByClass, self._first).classes
 
-    def __call__(self, subsets: Bool[np.ndarray, "n C"], /) -> Estimate:
+    def __call__(self, subsets: Sets, /) -> Estimate:
         """Figures of each set."""
         return self._reduce(subsets, lambda fidelity, rows: fidelity(rows))
 
-    def by_class(self, subsets: Bool[np.ndarray, "n C"], /) -> ClassEstimates:
+    def by_class(self, subsets: Sets, /) -> ClassEstimates:
         """Figures of each set for each class.
 
         The worst failure or level of one class need not be that of another; the worst error profile is that of all
@@ -77,14 +78,12 @@ class CasesFidelity:
         found = self._at_profiles(subsets, lambda fidelity, rows: cast(ByClass, fidelity).by_class(rows))
         return ClassEstimates(*self._over_profiles(found, [each.combined(self.classes).ap for each in found]))
 
-    def at_each(self, subsets: Bool[np.ndarray, "n C"]) -> dict[str, Estimate]:
+    def at_each(self, subsets: Sets) -> dict[str, Estimate]:
         """Figures of each set at each error profile, by its name."""
         found = self._at_profiles(subsets, lambda fidelity, rows: fidelity(rows))
         return dict(zip(self.cases.names, found, strict=True))
 
-    def _reduce(
-        self, subsets: Bool[np.ndarray, "n C"], score: Callable[[Fidelity, Bool[np.ndarray, "m C"]], Estimate]
-    ) -> Estimate:
+    def _reduce(self, subsets: Sets, score: Callable[[Fidelity, Bool[np.ndarray, "m C"]], Estimate]) -> Estimate:
         found = self._at_profiles(subsets, score)
         return Estimate(*self._over_profiles(found, [each.ap for each in found]))
 
@@ -95,7 +94,7 @@ class CasesFidelity:
         return [(shares.reshape(*shares.shape, *[1] * (each.ndim - 2)) * each).sum(axis=0) for each in figures]
 
     def _at_profiles(
-        self, subsets: Bool[np.ndarray, "n C"], score: Callable[[Fidelity, Bool[np.ndarray, "m C"]], _Estimated]
+        self, subsets: Sets, score: Callable[[Fidelity, Bool[np.ndarray, "m C"]], _Estimated]
     ) -> list[_Estimated]:
         rows, owners = self.cases.expand(subsets)
         found = []
@@ -118,7 +117,7 @@ class CasesByFrames(CasesFidelity):
         """Number of frames."""
         return cast(ByFrames, self._first).frames
 
-    def partial(self, subsets: Bool[np.ndarray, "n C"], frames: Sequence[int]) -> Estimate:
+    def partial(self, subsets: Sets, frames: Sequence[int]) -> Estimate:
         """Figures of each set over these frames."""
         return self._reduce(subsets, lambda fidelity, rows: cast(ByFrames, fidelity).partial(rows, frames))
 
@@ -324,9 +323,8 @@ def _checked_name(setting: Setting, name: FidelityName | None) -> FidelityName:
         raise ValueError(f"a preparation makes fidelities by name, got {setting.fidelity!r}: give its name")
     name, cases = name or cast(FidelityName, setting.fidelity), setting.cases
     if name != "detector" and not cases.noise_only:
-        raise ValueError(
-            f"errors {cases.errors_text} are known to fidelity detector alone, got {name!r}: say --fidelity detector"
-        )
+        said = f"errors {cases.errors_text} are known to fidelity detector alone, got {name!r}"
+        raise ValueError(f"{said}: say --fidelity detector")
     return name
 
 

@@ -16,7 +16,7 @@ from models.training.packed import STEPS_PER_METRE, Rig
 from models.training.packing import FARTHEST, change
 from placement_env.candidates.candidates import Candidates
 from placement_env.fidelity.traffic import Traffic, build_renderer
-from toolkit.arrays import Float32, Int64, Shaped
+from toolkit.arrays import Float32, ImageRanges, Int64, Shaped
 from toolkit.calibration.empty_scene import EmptyScene, SceneLearner, Scenes
 from toolkit.datasets.dataset import CoopDataset
 from toolkit.datasets.recordings import ReadRecording, Reads, block_seed, read_frame, with_errors
@@ -235,7 +235,7 @@ class _Packed:
         return self.pixels[rows], self.steps[rows].astype(np.float32) / np.float32(STEPS_PER_METRE)
 
 
-def _still(rig: Rig) -> Float32[np.ndarray, "rows columns"]:
+def _still(rig: Rig) -> ImageRanges:
     """Image of the empty site, as far as it is packed."""
     image = np.zeros(rig.sensors[0].model.shape, np.float32)
     image.ravel()[rig.pixels[0]] = rig.depth[0]

@@ -18,7 +18,7 @@ from placement_env.fidelity.coverage import SentData
 from placement_env.fidelity.hit_model import HitModel, shipped_model
 from placement_env.fidelity.visibility import Visibility, of_frames
 from placement_env.protocol import ClassEstimates, Estimate
-from placement_env.subsets import MemberSums
+from placement_env.subsets import MemberSums, Sets
 from toolkit.arrays import Bool, Float, Float32, Float64, Int64
 from toolkit.detection.codec import PAPER, Codec
 from toolkit.detection.scheme import Scheme, surrogate_name
@@ -66,11 +66,11 @@ class Surrogate:
         ]
         self._sent = SentData(visibility, scheme, codec)
 
-    def __call__(self, subsets: Bool[np.ndarray, "n C"], /) -> Estimate:
+    def __call__(self, subsets: Sets, /) -> Estimate:
         """Expected AP and recall of each set."""
         return self.by_class(subsets).combined(self.classes).without_nan()
 
-    def by_class(self, subsets: Bool[np.ndarray, "n C"], /) -> ClassEstimates:
+    def by_class(self, subsets: Sets, /) -> ClassEstimates:
         """Expected AP and recall of each class; NaN without objects."""
         ap, recall = np.stack([part.expected(subsets) for part in self._parts], axis=2)
         return ClassEstimates(ap, recall, self._sent.kbit(subsets))
@@ -100,7 +100,7 @@ class Surrogate:
         other._parts = [_Part(replace(part.evidence, visibility=some), part.model) for part, some in seen]
         return other
 
-    def spread(self, subsets: Bool[np.ndarray, "n C"]) -> Float64[np.ndarray, " n"]:
+    def spread(self, subsets: Sets) -> Float64[np.ndarray, " n"]:
         """Standard deviation of each set's AP over resamples of the fit alone; NaN where a model has none."""
         count = min(len(model.resampled) for model in self.models)
         if count < 2:
@@ -133,7 +133,7 @@ class _Part:
             raise ValueError("in hybrid fusion evidence is no sum over sensors: say --scheme early or late")
         return self.sums.rows[:, : self.objects].copy()
 
-    def expected(self, subsets: Bool[np.ndarray, "n C"]) -> Float64[np.ndarray, "2 n"]:
+    def expected(self, subsets: Sets) -> Float64[np.ndarray, "2 n"]:
         """AP and recall of each set, NaN without an object."""
         figures = np.full((2, len(subsets)), np.nan)
         for block, sums in self.sums.blocks(subsets if self.objects else subsets[:0]):

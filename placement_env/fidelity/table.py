@@ -15,7 +15,7 @@ import numpy as np
 from placement_env.classes import VEHICLES, Classes
 from placement_env.fidelity.detector import IOUS, Detected, Measured
 from placement_env.protocol import ClassEstimates, Estimate
-from placement_env.subsets import all_subsets
+from placement_env.subsets import Sets, all_subsets
 from toolkit.arrays import Bool, Float64, Int64
 from toolkit.detection.codec import PAPER, Codec
 from toolkit.detection.scheme import Scheme
@@ -97,19 +97,15 @@ class Table:
     ) -> tuple[Float64[np.ndarray, " sets"], Float64[np.ndarray, " sets"], Float64[np.ndarray, " sets"]]:
         """AP, recall and kbit of all sets for a class, scheme and IoU. Raises ValueError for one not measured."""
         if name not in self.origin.classes:
-            raise ValueError(
-                f"this table holds {', '.join(self.origin.classes)}, not {name}: make one with coview table --classes, "
-                "or say --fidelity detector"
-            )
+            said = f"this table holds {', '.join(self.origin.classes)}, not {name}"
+            raise ValueError(f"{said}: make one with coview table --classes, or say --fidelity detector")
         place, scheme = self.origin.classes.index(name), find_scheme(scheme)
         ap, recall = (self.more_ap[place - 1], self.more_recall[place - 1]) if place else (self.ap, self.recall)
         at = self.origin.ious[place]
         if iou not in at or scheme.name not in PAPER_SCHEMES or scheme != SCHEMES[scheme.name]:
             of = "" if name == LABELS[VEHICLE] else f" of {name}"
-            raise ValueError(
-                f"tables have schemes {', '.join(PAPER_SCHEMES)} and IoU {tuple(dict.fromkeys(at))}{of}, "
-                f"got {scheme.name!r} and {iou}: say --fidelity detector"
-            )
+            said = f"tables have schemes {', '.join(PAPER_SCHEMES)} and IoU {tuple(dict.fromkeys(at))}{of}"
+            raise ValueError(f"{said}, got {scheme.name!r} and {iou}: say --fidelity detector")
         number, row = PAPER_SCHEMES.index(scheme.name), at.index(iou)
         return ap[:, number, row], recall[:, number, row], self.kbit[:, number]
 
@@ -118,7 +114,7 @@ class Table:
         """Set of each row, the empty one first."""
         return all_subsets(len(self.origin.sensors))
 
-    def row(self, subsets: Bool[np.ndarray, "n C"]) -> Int64[np.ndarray, " n"]:
+    def row(self, subsets: Sets) -> Int64[np.ndarray, " n"]:
         """Row of each set."""
         if subsets.shape[1] != len(self.origin.sensors):
             raise ValueError(f"sets must be rows of {len(self.origin.sensors)} sensors, got {subsets.shape}")
@@ -148,14 +144,14 @@ class TableFidelity:
         if codec != PAPER:
             raise ValueError(f"tables hold kbit of the paper's codec, got {codec}: say --fidelity detector")
 
-    def __call__(self, subsets: Bool[np.ndarray, "n C"], /) -> Estimate:
+    def __call__(self, subsets: Sets, /) -> Estimate:
         """Figures of each set, of several classes combined."""
         if len(self.classes.names) > 1:
             return self.by_class(subsets).combined(self.classes)
         rows = self.table.row(subsets)
         return Estimate(self._ap[0][rows], self._recall[0][rows], self._kbit[rows])
 
-    def by_class(self, subsets: Bool[np.ndarray, "n C"], /) -> ClassEstimates:
+    def by_class(self, subsets: Sets, /) -> ClassEstimates:
         """Figures of each set for each class."""
         rows = self.table.row(subsets)
         ap, recall = (np.stack([column[rows] for column in of], axis=1) for of in (self._ap, self._recall))

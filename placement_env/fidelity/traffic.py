@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from placement_env.checks import check_whole
-from toolkit.arrays import Bool
+from toolkit.arrays import Mask
 from toolkit.bodies.body import Body
 from toolkit.bodies.fleet import fleet_named
 from toolkit.objects import VEHICLE, Objects
@@ -100,6 +100,6 @@ def build_renderer(traffic: Traffic) -> "Renderer":
     return Renderer(traffic.site, traffic.bodies, (), threads=1)
 
 
-def scored(objects: Objects, site: Site, labels: Sequence[int] = (VEHICLE,)) -> Bool[np.ndarray, " n"]:
+def scored(objects: Objects, site: Site, labels: Sequence[int] = (VEHICLE,)) -> Mask:
     """Mask of the objects of some classes (numbers) centred in the area, as in `toolkit.detection.evaluation`."""
     return np.isin(objects.labels, labels) & has_centre_inside(objects.boxes, site.area)

@@ -46,10 +46,8 @@ def write_exchange(
     names = [sensor.name for sensor in sensors]
     mounted = [sensor.name for sensor in site.sensors]
     if names != mounted or len(ground.seen) != len(names):
-        raise ValueError(
-            f"the site must have the planned sensors and the ground a layer for each, got {mounted} at the site, "
-            f"{names} planned and {len(ground.seen)} layers: use mounted_site and visible_ground"
-        )
+        said = f"the site must have the planned sensors and the ground a layer for each, got {mounted} at the site"
+        raise ValueError(f"{said}, {names} planned and {len(ground.seen)} layers: use mounted_site and visible_ground")
     folder = Path(folder)
     write_text(folder / SCHEDULE, schedule_csv(sensors, currency))
     write_text(folder / MAP, plan_geojson(site, sensors, ground, unused=unused))
@@ -112,10 +110,8 @@ def plan_geojson(site: Site, sensors: Sequence[PlannedSensor], ground: Ground, *
         layers.append(feature(site, shapely.Point(sensor.x, sensor.y), layer="sensor", **properties))
     names, square = [sensor.name for sensor in sensors], ground.cell**2
     dark = ground.open_ground & ~np.any(ground.seen, axis=0)
-    areas = [
-        ("visible", *each)
-        for each in zip(names, ground.seen & ground.open_ground, visible_polygons(ground), strict=True)
-    ]
+    seen = zip(names, ground.seen & ground.open_ground, visible_polygons(ground), strict=True)
+    areas = [("visible", *each) for each in seen]
     for layer, name, cells, polygons in (*areas, ("blind", "seen by no sensor", dark, blind_polygons(ground))):
         size = round(float(cells.sum()) * square, 1)
         layers.append(feature(site, shapely.MultiPolygon(polygons), layer=layer, name=name, m2=size))

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
-from toolkit.arrays import Bool, Float32, Float64, Int64
+from toolkit.arrays import Bool, Float32, Float64, ImageRanges, Int64
 from toolkit.frame import unproject
 from toolkit.geometry import invert, transform
 from toolkit.rendering.renderer import Renderer, SightLines
@@ -102,10 +102,8 @@ def lay_grid(
     if not 0 < cell <= sides.min() / 1.5:
         raise ValueError(f"cell must be positive and fit twice into {sides[0]:g} x {sides[1]:g} m, got {cell:g}")
     if (sides / cell).prod() > MOST_CELLS:
-        raise ValueError(
-            f"cells of {cell:g} m make a grid of more than {MOST_CELLS} for {sides[0]:g} x {sides[1]:g} m: "
-            f"take cells of {np.sqrt(sides.prod() / MOST_CELLS):.2g} m or more"
-        )
+        said = f"cells of {cell:g} m make a grid of more than {MOST_CELLS} for {sides[0]:g} x {sides[1]:g} m"
+        raise ValueError(f"{said}: take cells of {np.sqrt(sides.prod() / MOST_CELLS):.2g} m or more")
     middle = (area[:2] + area[2:]) / 2
     x, y = (m + (np.arange(n) - (n - 1) / 2) * cell for m, n in zip(middle, np.rint(sides / cell), strict=True))
     middles = np.stack(np.meshgrid(x, y), axis=-1)
@@ -146,9 +144,7 @@ def visible_polygons(ground: Ground) -> list[list[shapely.Polygon]]:
     return [_polygons(ground, seen & ground.open_ground) for seen in ground.seen]
 
 
-def _density(
-    sensor: Sensor, image: Float32[np.ndarray, "_ _"], x: np.ndarray, y: np.ndarray
-) -> Float32[np.ndarray, "ny nx"]:
+def _density(sensor: Sensor, image: ImageRanges, x: np.ndarray, y: np.ndarray) -> Float32[np.ndarray, "ny nx"]:
     """Points of an image in each cell, per m²."""
     xyz, valid = unproject(sensor, image)
     cell = x[1] - x[0]

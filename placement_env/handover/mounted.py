@@ -180,8 +180,6 @@ def bill_of_materials(sensors: tuple[PlannedSensor, ...]) -> tuple[MaterialItem,
     """List sensors by model, then poles by price."""
     models = Counter((sensor.model, sensor.model_price) for sensor in sensors)
     paid = [{sensor.pole for sensor in sensors[:i]} for i in range(len(sensors))]  # with the first sensor on each
-    poles = Counter(
-        s.pole_price for s, before in zip(sensors, paid, strict=True) if s.pole_price or s.pole not in before
-    )
+    poles = Counter(s.pole_price for s, old in zip(sensors, paid, strict=True) if s.pole_price or s.pole not in old)
     bought = [MaterialItem(model, count, price, count * price) for (model, price), count in sorted(models.items())]
     return (*bought, *(MaterialItem("pole", count, price, count * price) for price, count in sorted(poles.items())))

@@ -154,10 +154,8 @@ def front_chart(options: Sequence[content.PlanOption], chosen: content.PlanOptio
                 if option.counted is not None:
                     ap, ends = option.counted.ap, [option.counted.low, option.counted.high]
                     axes.plot([x, x], ends, color=INK, linewidth=1.6 if is_chosen else 0.8, zorder=3)
-                kind = (
-                    "chosen" if is_chosen else "predicted only" if option.judged is None else "judged by the detector"
-                )
-                axes.plot(x, ap, zorder=5 if is_chosen else 4, **marks[kind])
+                how = "chosen" if is_chosen else "predicted only" if option.judged is None else "judged by the detector"
+                axes.plot(x, ap, zorder=5 if is_chosen else 4, **marks[how])
             axes.grid()
             axes.set(xlim=canvas.pad_limits(values), ylim=(0, 1.03), xlabel=label, ylabel="AP")
         lines = [Line2D([], [], **style) for style in marks.values()]

@@ -12,7 +12,7 @@ from placement_env.candidates.candidates import Candidates
 from placement_env.cases import IoUs
 from placement_env.handover.ground import Ground, GroundShares
 from placement_env.handover.mounted import LinkLoad, MaterialItem, PlannedSensor
-from toolkit.arrays import Bool, Float32
+from toolkit.arrays import Bool, Float32, Mask
 from toolkit.display import Card, Displayed, Table
 from toolkit.objects import Detections, Objects
 from toolkit.sites.site import Site
@@ -252,8 +252,8 @@ class Moment:
     clouds: tuple[Float32[np.ndarray, "_ 3"], ...]
     truth: Objects
     detections: Detections
-    truth_hit: Bool[np.ndarray, " n"]
-    truth_ignored: Bool[np.ndarray, " n"]
+    truth_hit: Mask
+    truth_ignored: Mask
     detection_hit: Bool[np.ndarray, " m"]
     detection_ignored: Bool[np.ndarray, " m"]
 

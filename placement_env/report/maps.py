@@ -38,9 +38,8 @@ def draw_pool(candidates: Candidates, out: str | Path) -> None:
     headings = candidates.axes.headings[looks[:, 1]]
     reach = STROKE * max(float(np.ptp(x)), float(np.ptp(y)), 1.0)
     with canvas.house_style():
-        figure = canvas.blank_figure(
-            6.0, float(np.clip(5.0 * np.ptp(y) / max(np.ptp(x), 1.0), 1.0, 6.0)) + 1.0, constrained=True
-        )
+        height = float(np.clip(5.0 * np.ptp(y) / max(np.ptp(x), 1.0), 1.0, 6.0)) + 1.0
+        figure = canvas.blank_figure(6.0, height, constrained=True)
         axes = figure.add_subplot(aspect="equal", xlabel="x (m)", ylabel="y (m)")
         axes.set_title(f"{len(candidates)} candidate sensors on {len(x)} mounts")
         ends = np.stack([reach * np.cos(headings), reach * np.sin(headings)])
@@ -64,9 +63,8 @@ def plan_view(
     Without `ground`, fields of view up to the first building are drawn. Raises ValueError for an unknown pole, and for
     a ground of other sensors."""
     with canvas.house_style():
-        return canvas.svg_text(
-            _plan_sheet(site, sensors, ground, poles, poles_unused).figure, "Plan view of the chosen sensors"
-        )
+        sheet = _plan_sheet(site, sensors, ground, poles, poles_unused)
+        return canvas.svg_text(sheet.figure, "Plan view of the chosen sensors")
 
 
 def _plan_sheet(
@@ -77,11 +75,8 @@ def _plan_sheet(
     poles_unused: Sequence[str] = (),
 ) -> above.MapSheet:
     used, unused = (_places(site, names) for names in (poles, poles_unused))
-    legend = [
-        *above.ground_entries(site),
-        *above.pole_entries(used=len(used), unused=len(unused)),
-        *above.sensor_entries(sensors),
-    ]
+    entries = above.pole_entries(used=len(used), unused=len(unused))
+    legend = [*above.ground_entries(site), *entries, *above.sensor_entries(sensors)]
     subtitle = "coloured: fields of view up to 25 m, cut off at buildings"
     if ground is not None:
         _check(ground, sensors)
@@ -124,9 +119,7 @@ def density_map(site: Site, ground: Ground, sensors: Sequence[Sensor]) -> str:
     from matplotlib.colors import to_hex
 
     steps = map(to_hex, canvas.point_colours(np.array([0.0, 1, 2, 5, 10, 20, 50, 100])))
-    legend = [
-        (colour, f"{name} /m²") for colour, name in zip(steps, ["under 1", *canvas.point_names()[1:]], strict=True)
-    ]
+    legend = [(shade, f"{name} /m²") for shade, name in zip(steps, ["under 1", *canvas.point_names()[1:]], strict=True)]
     cells = _Cells(canvas.point_colours(density), ground.open_ground, legend)
     title, alt = "points on the ground in a frame", "Map of the density of points on the ground"
     return _cell_map(site, ground, sensors, cells, title, alt, f"; mean over {SMOOTHED:g} x {SMOOTHED:g} m")
@@ -165,9 +158,8 @@ def _cell_map(
     half = ground.cell / 2
     place = (ground.x[0] - half, ground.x[-1] + half, ground.y[0] - half, ground.y[-1] + half)
     with canvas.house_style():
-        sheet = above.map_sheet(
-            site, title, subtitle, holds=above.sensor_places(sensors), legend=entries, inches=MAP_INCHES
-        )
+        holds = above.sensor_places(sensors)
+        sheet = above.map_sheet(site, title, subtitle, holds=holds, legend=entries, inches=MAP_INCHES)
         limits = {"xlim": sheet.axes.get_xlim(), "ylim": sheet.axes.get_ylim()}
         sheet.axes.imshow(image, extent=place, origin="lower", interpolation="none", zorder=1.2, aspect="auto")
         sheet.axes.set(**limits)

@@ -18,7 +18,7 @@ from placement_env.envs.pose import SensorPoseEnv
 from placement_env.envs.scenario import STATIC
 from placement_env.envs.select import SensorSelectEnv, SensorSubsetEnv
 from placement_env.envs.state import GLOBAL, Info
-from toolkit.arrays import Float32
+from toolkit.arrays import Float32, Rng
 
 X, HEADING = STATIC.index("x"), STATIC.index("cos heading")  # y and sine come next
 
@@ -138,7 +138,7 @@ class SB3VecEnv(VecEnv):
         return [wrapper_class is Monitor for _ in self._get_indices(indices)]
 
 
-def rotations(rng: np.random.Generator, n: int) -> Float32[np.ndarray, "n 2 2"]:
+def rotations(rng: Rng, n: int) -> Float32[np.ndarray, "n 2 2"]:
     """Draw rotations of the plane by multiples of 90°, half of them mirrored."""
     cosine, sine = np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])[rng.integers(0, 4, n)].T
     side = rng.choice([-1, 1], n)

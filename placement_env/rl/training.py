@@ -150,12 +150,8 @@ def train_policy(
         return True
 
     def save() -> None:
-        policy = model.policy
-        state = {
-            "steps": model.num_timesteps,
-            "policy": policy.state_dict(),
-            "optimiser": policy.optimizer.state_dict(),
-        }
+        parts = {"policy": model.policy, "optimiser": model.policy.optimizer}
+        state = {"steps": model.num_timesteps} | {name: part.state_dict() for name, part in parts.items()}
         save_atomically(out / CHECKPOINT, {**identity, **state})
 
     began = saved = time.monotonic()
@@ -219,10 +215,8 @@ def rollout(
             ended = terminated or truncated
     if best is None:
         raise ValueError(f"episodes must be at least 1, got {episodes}")
-    certificate = Certificate("none", best.reward, note="a policy promises nothing")
-    return Result(
-        "policy", best, limits.history(best.reward), certificate, limits.count, limits.elapsed, sensors=sensors
-    )
+    known = Certificate("none", best.reward, note="a policy promises nothing")
+    return Result("policy", best, limits.history(best.reward), known, limits.count, limits.elapsed, sensors=sensors)
 
 
 def _score(info: Info) -> Score:

@@ -31,8 +31,8 @@ from placement_env.protocol import Estimate
 from placement_env.search.progress import Progress, add_each, as_rows
 from placement_env.search.result import Certificate, Result
 from placement_env.setting import Setting
-from placement_env.subsets import MemberSums
-from toolkit.arrays import Bool, Float64
+from placement_env.subsets import MemberSums, Sets
+from toolkit.arrays import Float64
 from toolkit.sites.site import Site
 
 TOLERANCE = 1e-6  # a gain that rises by no more is rounding: figures are sums of float32
@@ -59,9 +59,8 @@ def search(
     if is_submodular(objective) if submodular is None else submodular:
         known = certify(progress, chosen, guarantee(objective) if len(chosen) == budget else 0.0, rise)
     elif rise > TOLERANCE:
-        known = progress.unknown(
-            f"gains grew by up to {rise:.2g} as sensors joined: not submodular, nothing is promised"
-        )
+        grew = f"gains grew by up to {rise:.2g} as sensors joined"
+        known = progress.unknown(f"{grew}: not submodular, nothing is promised")
     else:
         known = progress.unknown("greedy promises nothing unless the objective is submodular, and AP is not")
     return progress.result("greedy", known)
@@ -188,7 +187,7 @@ class HalvedViews:
     def __init__(self, visibility: Visibility) -> None:
         self._sums = MemberSums((visibility.points >= LEAST).astype(np.uint16))
 
-    def __call__(self, subsets: Bool[np.ndarray, "n C"], /) -> Estimate:
+    def __call__(self, subsets: Sets, /) -> Estimate:
         """Return the mean of each set as AP and recall."""
         worth = np.zeros(len(subsets))
         for block, views in self._sums.blocks(subsets):
@@ -207,9 +206,8 @@ def with_first_sensors(
     candidates = pool(site, heights=[HEIGHT], headings=HEADINGS, tilts=tilts, models=models)
     visibility = see(simulate_traffic(site, FIRST_FRAMES), candidates)
     if not visibility.points.shape[1]:
-        raise ValueError(
-            f"no vehicle enters the area of site {site.name!r} in {FIRST_FRAMES} frames: place sensors yourself"
-        )
+        said = f"no vehicle enters the area of site {site.name!r} in {FIRST_FRAMES} frames"
+        raise ValueError(f"{said}: place sensors yourself")
     setting = Setting(site, candidates=candidates, fidelity=HalvedViews(visibility))
     chosen = search(Objective(setting, visibility=visibility), count).best.subset
     covered = (visibility.points[list(chosen)] >= LEAST).any(axis=0).mean() if chosen else 0.0

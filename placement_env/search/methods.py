@@ -60,14 +60,12 @@ def check_search(method: str, fidelity: str, candidates: Candidates, cases: Case
     if needs.needs and not find_spec(needs.needs):
         raise ImportError(f"method {method} needs {needs.needs}: pip install coview[{needs.extra}]")
     if method == "exhaustive" and len(candidates) > LARGEST:
-        raise ValueError(
-            f"method exhaustive takes at most {LARGEST} candidates, got {len(candidates)}: say --method greedy or swap"
-        )
+        said = f"method exhaustive takes at most {LARGEST} candidates, got {len(candidates)}"
+        raise ValueError(f"{said}: say --method greedy or swap")
     if method == "raced" and fidelity != "detector":
         raise ValueError(f"method raced needs fidelity detector, got {fidelity}, which is quick: say --method greedy")
     if method in ONE_COUNTED and cases is not None and not cases.plain:
         raise ValueError(f"method {method} knows one IoU threshold and no failures: say --method portfolio or swap")
     if method in RENDERED and fidelity == "table":
-        raise ValueError(
-            f"method {method} asks what candidates see, which a table does not know: say --fidelity coverage"
-        )
+        said = f"method {method} asks what candidates see, which a table does not know"
+        raise ValueError(f"{said}: say --fidelity coverage")

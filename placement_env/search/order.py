@@ -194,10 +194,8 @@ def run_search(order: SearchOrder, checkpoint: Checkpoint = NOWHERE) -> Answer:
     if order.curve:
         most = objective.most_price
         amounts = () if math.isinf(most) else list_amounts(objective, order.budget, most)
-        points = budget_curve(
-            objective, order.budget, amounts=amounts, judging=judging, checkpoint=checkpoint, **limits
-        )
-        return _report_curve(order, objective, points)
+        curve = budget_curve(objective, order.budget, amounts=amounts, judging=judging, checkpoint=checkpoint, **limits)
+        return _report_curve(order, objective, curve)
     own: Summary = {} if order.demand is None else {"demand": order.demand}
     own |= {"judging": judging} if order.method == PORTFOLIO else {}
     own |= {"checkpoint": checkpoint} if METHODS[order.method].resumes else {}
@@ -407,10 +405,8 @@ def check_present(objective: Objective) -> None:
     else:
         there = (~np.isnan(objective.class_ap(np.ones((1, len(objective.candidates)), np.bool_))[0])).tolist()
     if missing := [name for name, is_there in zip(classes.names, there, strict=True) if not is_there]:
-        raise ValueError(
-            f"there is no {' and no '.join(missing)} to find in these frames: say more --frames or another --seed, or "
-            "leave out the class"
-        )
+        said = f"there is no {' and no '.join(missing)} to find in these frames"
+        raise ValueError(f"{said}: say more --frames or another --seed, or leave out the class")
 
 
 def describe_exclusions(objective: Objective, max_kbit: float | None = None, currency: str = "") -> tuple[str, ...]:
@@ -432,9 +428,8 @@ def describe_exclusions(objective: Objective, max_kbit: float | None = None, cur
     if not affordable.all():
         money, least_price = (describe_money(x, currency) for x in (objective.most_price, candidates.prices.min()))
         excluded = int((~affordable).sum())
-        reasons.append(
-            f"The sum of {money} excludes {excluded} of {count} candidates: the cheapest of all costs {least_price}."
-        )
+        costs = f"the cheapest of all costs {least_price}"
+        reasons.append(f"The sum of {money} excludes {excluded} of {count} candidates: {costs}.")
     return tuple(reasons)
 
 

@@ -9,7 +9,8 @@ from placement_env.checks import check_whole
 from placement_env.objective import Objective, Score, Scores
 from placement_env.search.checkpoint import KeptState
 from placement_env.search.result import Certificate, History, Result
-from toolkit.arrays import Bool, Float64, Int
+from placement_env.subsets import Sets
+from toolkit.arrays import Float64, Int
 
 MOST_AT_ONCE = 4096  # sets scored between two looks at the clock, at most
 PACE_S = 0.5  # seconds of scoring between two looks at the clock, about
@@ -87,7 +88,7 @@ class Progress:
         self.best, self.reward = as_rows([state["best"]], self.size)[0], float(state["reward"])
         self.objective.scores(self.best[None])
 
-    def figures(self, subsets: Bool[np.ndarray, "n C"]) -> Scores:
+    def figures(self, subsets: Sets) -> Scores:
         """Score sets, feasible or not. Those beyond the limits have reward -inf and NaN for the rest."""
         n = len(subsets)
         columns = np.full((6, n), np.nan)
@@ -107,7 +108,7 @@ class Progress:
             done += room
         return figures
 
-    def rewards(self, subsets: Bool[np.ndarray, "n C"]) -> Float64[np.ndarray, " n"]:
+    def rewards(self, subsets: Sets) -> Float64[np.ndarray, " n"]:
         """Rewards of sets, -inf where the limits left no room."""
         return self.figures(subsets).reward
 
@@ -143,7 +144,7 @@ class Progress:
             self.objective.watch(tuple(np.flatnonzero(self.best).tolist()), self.reward, 0)
 
 
-def as_rows(sets: Sequence[Sequence[int]], size: int) -> Bool[np.ndarray, "n C"]:
+def as_rows(sets: Sequence[Sequence[int]], size: int) -> Sets:
     """Sets of indices as rows of booleans.
 
     >>> as_rows([[0, 2], []], 3)
@@ -156,7 +157,7 @@ def as_rows(sets: Sequence[Sequence[int]], size: int) -> Bool[np.ndarray, "n C"]
     return rows
 
 
-def add_each(chosen: Sequence[int], options: Int[np.ndarray, " n"], size: int) -> Bool[np.ndarray, "n C"]:
+def add_each(chosen: Sequence[int], options: Int[np.ndarray, " n"], size: int) -> Sets:
     """The set `chosen` with each of the options added.
 
     >>> add_each([0], np.array([1, 2]), 3)

@@ -222,12 +222,11 @@ def _build_result(content: _Row) -> Result:
     if assessment is not None:
         for each in (assessment, *assessment["contenders"], *assessment.get("by_errors", ())):
             each |= {name: _number(each[name], math.nan) for name in ("low", "high")}
-        contenders = [
-            (each, {name: tuple(each[name]) for name in ("searches", "subset")}) for each in assessment["contenders"]
-        ]
+        for each in assessment["contenders"]:
+            each |= {name: tuple(each[name]) for name in ("searches", "subset")}
         judged = {
             "expected": _number(assessment.get("expected"), math.nan),
-            "contenders": tuple(Contender(**each | tuples) for each, tuples in contenders),
+            "contenders": tuple(Contender(**each) for each in assessment["contenders"]),
             "by_errors": tuple(ProfileAP(**each) for each in assessment.get("by_errors", ())),
         }
         rows["assessment"] = known = Assessment(**assessment | judged)

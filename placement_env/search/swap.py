@@ -78,11 +78,9 @@ def search(
         finished = _climb(progress, climb, rng, lambda: checkpoint.offer(state))
         proven = finished if progress.reward > climb.before else proven
         climb = None
-    certificate = (
-        Certificate("local optimum", progress.reward, note="no set that differs in one sensor is better")
-        if proven
-        else progress.unknown("stopped before all changes of one sensor were tried")
-    )
+    certificate = progress.unknown("stopped before all changes of one sensor were tried")
+    if proven:
+        certificate = Certificate("local optimum", progress.reward, note="no set that differs in one sensor is better")
     return progress.result("swap", certificate)
 
 

@@ -12,6 +12,7 @@ from placement_env.protocol import ByFrames
 from placement_env.racing import find_best
 from placement_env.search.progress import Progress, as_rows
 from placement_env.search.result import Result
+from placement_env.subsets import Sets
 from toolkit.arrays import Bool, Float64, Int64, Shaped
 from toolkit.sensors.sensor import Sensor
 
@@ -92,7 +93,7 @@ def ap_at_profiles(objective: Objective, subset: Sequence[int], moved: Sequence[
     return found
 
 
-def neighbours(subset: Int64[np.ndarray, " k"], candidates: int) -> Bool[np.ndarray, "n C"]:
+def neighbours(subset: Int64[np.ndarray, " k"], candidates: int) -> Sets:
     """A set, and variants with one member replaced.
 
     >>> neighbours(np.array([0]), 3).astype(int).tolist()
@@ -108,7 +109,7 @@ def neighbours(subset: Int64[np.ndarray, " k"], candidates: int) -> Bool[np.ndar
 
 
 def best_of_equals(
-    progress: Progress, chosen: Sequence[int], count: Callable[[Bool[np.ndarray, "n C"]], Shaped[np.ndarray, " n"]]
+    progress: Progress, chosen: Sequence[int], count: Callable[[Sets], Shaped[np.ndarray, " n"]]
 ) -> list[int]:
     """Best set by the objective that changes of one sensor reach within the limits while they keep the count.
 

@@ -208,7 +208,7 @@ class CloudImage:
     that the image shows."""
 
     grid: LidarGrid
-    measurement: Float32[np.ndarray, "rows columns"]
+    measurement: ImageRanges
     cells: Int64[np.ndarray, " n"]
     inside: Mask
     shown: Mask
@@ -521,7 +521,6 @@ class _Learner:
         self.learner = SceneLearner(Sensor(name, grid.model, np.eye(4)), max(2, min(sample, kept)))
 
     def add(self, cloud: SensorCloud, map_SE3_sensor: Pose) -> None:
-        """One more cloud."""
         place = map_SE3_sensor[:3, 3]
         self._place = place if self._place is None else self._place
         if (moved := np.linalg.norm(place - self._place)) > STANDS_STILL:

@@ -24,15 +24,7 @@ import numpy as np
 from toolkit.arrays import Float64, Pose
 from toolkit.geometry import MOST_DISTANT, check_pose, invert, transform
 from toolkit.point_files import Attributes, missing_axes, name_attributes
-from toolkit.runtime.files import (
-    MOST_CLOUD,
-    check_unpacked,
-    load_arrays,
-    name_errors,
-    parse_json,
-    plain_file,
-    read_text,
-)
+from toolkit.runtime import files
 
 if TYPE_CHECKING:  # Open3D takes long to load, and simulated recordings do without
     from toolkit.clouds import PointCloud
@@ -101,7 +93,7 @@ def read_recorded(path: str | Path) -> Attributes:
     with np.errstate(all="ignore"):
         recorded = _read(path)
         recorded["positions"] = np.asarray(recorded["positions"], np.float64)
-        with name_errors(path):
+        with files.name_errors(path):
             check_extent(recorded["positions"])
     return recorded
 
@@ -129,10 +121,10 @@ def read_poses(path: str | Path, *, inverted: bool = False) -> dict[str, Pose]:
     path = Path(path)
     if not path.exists() or path.is_dir():
         raise FileNotFoundError(f"no such pose file: {path}")
-    text = read_text(path)  # once: it may be a pipe, which has no ending either
+    text = files.read_text(path)  # once: it may be a pipe, which has no ending either
     try:
         is_json = path.suffix.lower() == ".json" or text.lstrip()[:1] in ("[", "{")
-        numbers: Mapping[str, object] = _poses_of_json(parse_json(text)) if is_json else _poses_of_text(text)
+        numbers: Mapping[str, object] = _poses_of_json(files.parse_json(text)) if is_json else _poses_of_text(text)
     except ValueError as error:
         raise ValueError(f"{path} holds no poses: {error}") from None
     poses = {name: parse_pose(values, f"pose {name!r} of {path}") for name, values in numbers.items()}
@@ -170,7 +162,7 @@ def parse_pose(numbers: object, name: str = "pose") -> Pose:
     except (TypeError, ValueError, OverflowError):
         raise ValueError(f"{name} must be numbers, got {str(numbers)[:60]}") from None
     if flat.size == 7:
-        with name_errors(name):
+        with files.name_errors(name):
             placed = quaternion_pose(flat[:4], flat[4:])
         return check_pose(placed, name)
     if flat.size == 12:
@@ -205,14 +197,14 @@ def read_table(path: str | Path) -> dict[str, np.ndarray]:
         raise ImportError("reading .feather needs pyarrow: pip install pyarrow") from None
     unpacked = 0
     try:
-        content = plain_file(path).read_bytes()
+        content = files.plain_file(path).read_bytes()
         if content[:6] != b"ARROW1" or content[-6:] != b"ARROW1":
             raise ValueError("it is cut off or of another format: write it with pyarrow.feather")
         stream, batches = pyarrow.py_buffer(content).slice(8), 0  # the file's footer could point elsewhere
         for message in pyarrow.ipc.MessageReader.open_stream(stream):
             batches += message.type == "record batch"
             unpacked += _batch_size(message.metadata.to_pybytes(), message.body or b"")
-            check_unpacked(unpacked, MOST_CLOUD)
+            files.check_unpacked(unpacked, files.MOST_CLOUD)
         if batches != pyarrow.ipc.open_file(content).num_record_batches:
             raise ValueError("it lacks some of its rows: copy it again")
         table = pyarrow.ipc.open_stream(stream).read_all()
@@ -265,7 +257,7 @@ def _read(path: Path) -> Attributes:
     if ending in (".xyz", ".txt", ".csv"):
         return name_attributes(_columns_of_text(path))
     if ending == ".npy":
-        table = load_arrays(path).get("")
+        table = files.load_arrays(path).get("")
         if table is None:
             raise ValueError(f"{path} is an archive of arrays, not one: call it .npz")
         if table.dtype.names is not None and table.ndim == 1 and not missing_axes(table.dtype.names):
@@ -299,7 +291,7 @@ def _read(path: Path) -> Attributes:
 
 def _columns_of_text(path: Path) -> dict[str, np.ndarray]:
     """Columns of a text file: x, y and z by position or name, others if they are named and purely numeric."""
-    text = read_text(path)
+    text = files.read_text(path)
     rows = _rows(text)
     widths = {len(row) - (not row[-1]) for row in rows}  # a row may end in its separator
     columns, others = dict(zip("xyz", range(3), strict=True)), {}

@@ -515,12 +515,10 @@ def fit(clouds: Sequence[np.ndarray], rows: Sequence[Rows], map_SE3_site: Pose) 
     return on_boxes / max(1, sum(map(len, clouds)))
 
 
-def collect_clouds(
-    chosen: Sequence[Witness], sensors: Sequence[Sensor], frames: int
-) -> list[Float64[np.ndarray, "_ 3"]]:
+def collect_clouds(some: Sequence[Witness], sensors: Sequence[Sensor], frames: int) -> list[Float64[np.ndarray, "_ 3"]]:
     """Points of the witnesses in each frame, site frame."""
     parts: list[list[np.ndarray]] = [[np.zeros((0, 3))] for _ in range(frames)]
-    for w in chosen:
+    for w in some:
         parts[w.frame].append(transform(sensors[w.sensor].pose, w.rays * w.depth[:, None]))
     return [np.concatenate(part) for part in parts]
 

@@ -11,7 +11,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from toolkit.arrays import Float, Float32, Float64, Pose, Shaped
+from toolkit.arrays import Float, Float32, Float64, ImageRanges, Pose, Shaped
 from toolkit.geometry import check_pose, invert, transform
 from toolkit.objects import LABELS, Objects
 from toolkit.sensors.models import DepthCamera
@@ -147,9 +147,7 @@ def wrong_rows(rows: Shaped[np.ndarray, "..."]) -> Shaped[np.ndarray, " n"]:
     return words
 
 
-def expand_image(
-    depth: Float32[np.ndarray, "rows columns"], camera: DepthCamera
-) -> Float32[np.ndarray, "height width"]:
+def expand_image(depth: ImageRanges, camera: DepthCamera) -> Float32[np.ndarray, "height width"]:
     """Expand measured pixels to the full published image, 0 between them."""
     image = np.zeros((camera.height, camera.width), np.float32)
     depth = rounded(depth)
@@ -157,14 +155,14 @@ def expand_image(
     return image
 
 
-def measured(images: Iterable[tuple[Float[np.ndarray, "_ _"], int]]) -> list[Float32[np.ndarray, "rows columns"]]:
+def measured(images: Iterable[tuple[Float[np.ndarray, "_ _"], int]]) -> list[ImageRanges]:
     """Measured pixels of published depth images and the steps between them, 0 without a return."""
     with np.errstate(over="ignore"):
         depths = [np.asarray(image[::stride, ::stride], np.float32) for image, stride in images]
     return [np.where((depth > 0) & (depth < NO_RETURN), depth, np.float32(0)) for depth in depths]  # NaN is none either
 
 
-def rounded(measurement: Float32[np.ndarray, "rows columns"]) -> Float32[np.ndarray, "rows columns"]:
+def rounded(measurement: ImageRanges) -> ImageRanges:
     """Round a measurement to `DEPTH_STEP`; no return becomes 0."""
     finite = np.where(np.isfinite(measurement), measurement, np.float32(0))
     return np.round(finite / np.float32(DEPTH_STEP)) * np.float32(DEPTH_STEP)

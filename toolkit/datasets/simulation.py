@@ -130,20 +130,10 @@ class Job:
     def plan(self) -> dict[str, object]:
         """Plan values that two runs with equal bytes share, to be compared and shown to people."""
         sensors = [[sensor.name, sensor.digest] for sensor in self.sensors]
-        bodies = sha256()
-        for body in self.fleet.fixed:
-            truth = "" if body.truth is None else f" {body.truth}"
-            bodies.update(f"{body.name} {body.label}{truth}".encode())
-            bodies.update(body.vertices.tobytes() + body.triangles.tobytes())
-        drawn = ""
-        if self.fleet.drawn:
-            code, mirrors = code_digest("toolkit.bodies.drawn_bodies")[:12], "with" if self.fleet.mirrors else "without"
-            how = "drawn evenly" if self.fleet.evenly else "drawn"
-            drawn = f" and {how} {' '.join(LABELS[label] for label in self.fleet.drawn)} {mirrors} mirrors {code}"
         site = f"{self.site.name} {_digest(format_site(self.site))}"
         plan: dict[str, object] = {"site": site, "frames": int(self.frames), "seed": int(self.seed)}
         plan["sensors"] = f"{len(self.sensors)} {_digest(json.dumps(sensors))}"
-        plan["bodies"] = f"{len(self.fleet.fixed)} {bodies.hexdigest()[:12]}{drawn}"
+        plan["bodies"] = describe_fleet(self.fleet)
         plan["schema"] = RECORDING_SCHEMA
         plan |= {} if self.interval == INTERVAL else {"interval": self.interval}
         return plan | ({"strays": self.strays} if self.strays else {})
@@ -181,6 +171,21 @@ class Job:
     def encode(self, scenes: Sequence[Scene]) -> bytes:
         """Encode these scenes as a shard."""
         return encode(self.header, scenes)
+
+
+def describe_fleet(fleet: Fleet) -> str:
+    """Describe a fleet for plans: equal for fleets of the same bodies."""
+    bodies = sha256()
+    for body in fleet.fixed:
+        truth = "" if body.truth is None else f" {body.truth}"
+        bodies.update(f"{body.name} {body.label}{truth}".encode())
+        bodies.update(body.vertices.tobytes() + body.triangles.tobytes())
+    drawn = ""
+    if fleet.drawn:
+        code, mirrors = code_digest("toolkit.bodies.drawn_bodies")[:12], "with" if fleet.mirrors else "without"
+        how = "drawn evenly" if fleet.evenly else "drawn"
+        drawn = f" and {how} {' '.join(LABELS[label] for label in fleet.drawn)} {mirrors} mirrors {code}"
+    return f"{len(fleet.fixed)} {bodies.hexdigest()[:12]}{drawn}"
 
 
 def _check_same(out: Path, plan: Plan) -> None:
@@ -269,11 +274,7 @@ def random_recordings_file(
     of safe recordings, if the disk is full."""
     if count < 1:
         raise ValueError(f"need at least one site, got {count}")
-    own, bodies = fleet_named() if fleet is None else fleet, sha256()
-    for body in own.fixed:
-        bodies.update(f"{body.name} {body.label} {body.size}".encode() + body.vertices.tobytes())
-    described = f"{len(own.fixed)} {bodies.hexdigest()[:12]} drawn {list(own.drawn)} mirrors {own.mirrors}"
-    described += " evenly" if own.evenly else ""
+    described = describe_fleet(fleet_named() if fleet is None else fleet)
     frames, code = run.frames_or(_FRAMES), code_digest(__name__, encode.__module__)[:12]
     plan = {"random sites": count, "frames": frames, "seed": run.seed, "fleet": described, "code": code}
     plan |= {"sites": _digest(" ".join(format_site(load_site(site)) for site in sites))} if sites else {}

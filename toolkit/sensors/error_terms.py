@@ -60,7 +60,7 @@ from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 
-from toolkit.arrays import Bool, Float, Float32, Float64, ImageVectors, Int64, Pose, Rng
+from toolkit.arrays import Float, Float64, ImageMask, ImageRanges, ImageVectors, Int64, Pose, Rng
 from toolkit.boxes import points_in_boxes
 from toolkit.objects import HEAVY, VEHICLE, Objects
 from toolkit.sensors.sensor import NEAR, Measure, Sensor, angle, is_return
@@ -110,23 +110,23 @@ class TrueImage:
     """Measurement without error at the true pose. velocities: of the objects, m/s, None if unknown."""
 
     sensor: Sensor
-    measurement: Float32[np.ndarray, "rows columns"]
+    measurement: ImageRanges
     objects: Objects
     time: float = 0.0
     velocities: Float64[np.ndarray, "n 3"] | None = None
 
     @cached_property
-    def valid(self) -> Bool[np.ndarray, "rows columns"]:
+    def valid(self) -> ImageMask:
         """Mask of pixels that return anything."""
         return is_return(self.measurement, self.sensor.model.max_range)
 
     @cached_property
-    def ray_lengths(self) -> Float32[np.ndarray, "rows columns"]:
+    def ray_lengths(self) -> ImageRanges:
         """Range (m) per measured metre: 1 for models that measure ranges."""
         return np.linalg.norm(self.sensor.model.rays(), axis=2).astype(np.float32)
 
     @cached_property
-    def ranges(self) -> Float32[np.ndarray, "rows columns"]:
+    def ranges(self) -> ImageRanges:
         """Distance from the sensor to the surface of each pixel (m), 0 for none."""
         return np.where(self.valid, self.measurement * self.ray_lengths, np.float32(0))
 
@@ -151,7 +151,7 @@ class TrueImage:
         return owners.reshape(self.measurement.shape)
 
     @cached_property
-    def cosines(self) -> Float32[np.ndarray, "rows columns"]:
+    def cosines(self) -> ImageRanges:
         """Cosine of the angle between each ray and the surface's normal; 1 where it is unknown.
 
         From the differences to the nearer of the neighbours across and along."""
@@ -172,7 +172,7 @@ class Reading:
     (m, world frame), None for none."""
 
     truth: TrueImage
-    measurement: Float32[np.ndarray, "rows columns"]
+    measurement: ImageRanges
     pose: Pose
     shift: ImageVectors | None = None
 
@@ -184,15 +184,15 @@ class Reading:
         return Reading(truth, image if finite.all() else np.where(finite, image, np.float32(0)), truth.sensor.pose)
 
     @property
-    def valid(self) -> Bool[np.ndarray, "rows columns"]:
+    def valid(self) -> ImageMask:
         """Mask of pixels that return anything now."""
         return is_return(self.measurement, self.truth.sensor.model.max_range)
 
-    def without(self, lost: Bool[np.ndarray, "rows columns"]) -> "Reading":
+    def without(self, lost: ImageMask) -> "Reading":
         """Remove the returns of some pixels."""
         return self.measuring(np.where(lost, np.float32(0), self.measurement)) if lost.any() else self
 
-    def measuring(self, measurement: Float32[np.ndarray, "rows columns"]) -> "Reading":
+    def measuring(self, measurement: ImageRanges) -> "Reading":
         """Replace the image."""
         return replace(self, measurement=measurement)
 
@@ -517,7 +517,7 @@ class Glass(_Term):
         deeper = reading.measurement + (through.reshape(shape) / reading.truth.ray_lengths).astype(np.float32)
         return reading.measuring(np.where(glass & inside, deeper, reading.measurement)).without(glass & ~inside)
 
-    def band(self, truth: TrueImage) -> Bool[np.ndarray, "rows columns"]:
+    def band(self, truth: TrueImage) -> ImageMask:
         """Mask of pixels on the window band of a vehicle."""
         owners = truth.owners.ravel()
         pixels = np.flatnonzero(owners >= 0)

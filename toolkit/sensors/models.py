@@ -12,7 +12,7 @@ from typing import Any, ClassVar, NamedTuple, TypeVar, cast
 
 import numpy as np
 
-from toolkit.arrays import Bool, Float, Float32, Float64, ImageVectors, Int64, Pose, Rng
+from toolkit.arrays import Bool, Float, Float32, Float64, ImageRanges, ImageVectors, Int64, Pose, Rng
 from toolkit.geometry import BODY_SE3_CAMERA, pose
 from toolkit.sensors import sensor as shared
 from toolkit.sensors.sensor import NEAR, Deviation, Measure, SensorModel, angle, check_noise, check_numbers, check_rays
@@ -27,7 +27,7 @@ class _Noisy:
         """`sigma`, whatever the measurement."""
         return np.float32(self.sigma)
 
-    def noisy(self, measurement: Float[np.ndarray, "rows columns"], rng: Rng) -> Float32[np.ndarray, "rows columns"]:
+    def noisy(self, measurement: Float[np.ndarray, "rows columns"], rng: Rng) -> ImageRanges:
         """Add normal noise of the `deviation`; no return stays none."""
         return shared.with_noise(measurement, cast(SensorModel, self), rng)
 
@@ -162,7 +162,6 @@ class _Lidar(_Noisy):
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Rows and columns."""
         return len(self._grid.elevations), self._grid.columns
 
     @property
@@ -225,8 +224,6 @@ class SpinningLidar(_Lidar):
 
     def __post_init__(self) -> None:
         check_numbers(self)
-        if self.channels < 1:
-            raise ValueError(f"channels must be at least 1, got {self.channels}")
         if not -np.pi / 2 <= self.fov_down <= self.fov_up <= np.pi / 2:
             raise ValueError(f"need -pi/2 <= fov_down <= fov_up <= pi/2 rad, got {self.fov_down} and {self.fov_up}")
         if not 0 < self.azimuth_step <= self.azimuth_fov <= 2 * np.pi + 1e-9:
@@ -256,8 +253,6 @@ class SolidStateLidar(_Lidar):
 
     def __post_init__(self) -> None:
         check_numbers(self)
-        if min(self.rows, self.columns) < 1:
-            raise ValueError(f"rows and columns must be at least 1, got {self.rows} and {self.columns}")
         check_rays(self.rows, self.columns)
         if not (0 < self.horizontal_fov <= 2 * np.pi and 0 < self.vertical_fov <= np.pi):
             got = f"{self.horizontal_fov} and {self.vertical_fov}: give degrees as np.deg2rad(120)"
@@ -300,8 +295,6 @@ class RowLidar(_Lidar):
             raise ValueError(f"elevations must fall from row to row, got {str(self.elevations)[:60]}")
         if np.abs(rows).max() > np.pi / 2:
             raise ValueError(f"elevations must lie in -pi/2..pi/2 rad, got {rows[0]:.2f} to {rows[-1]:.2f}")
-        if self.columns < 1:
-            raise ValueError(f"columns must be at least 1, got {self.columns}")
         check_rays(len(rows), self.columns)
         if not (0 < self.azimuth_fov <= 2 * np.pi + 1e-9 and abs(self.heading) <= np.pi + 1e-9):
             raise ValueError(f"need 0 < azimuth_fov <= 2 pi and heading within pi rad, got {self.azimuth_fov}")

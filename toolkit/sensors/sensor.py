@@ -18,7 +18,7 @@ from typing import Any, ClassVar, Literal, Protocol, runtime_checkable
 
 import numpy as np
 
-from toolkit.arrays import Bool, Float, Float32, Float64, ImageVectors, Int64, Pose, Rng
+from toolkit.arrays import Bool, Float, Float32, Float64, ImageRanges, ImageVectors, Int64, Pose, Rng
 from toolkit.display import Table
 from toolkit.geometry import check_pose, invert
 
@@ -71,7 +71,7 @@ class SensorModel(Protocol):
     def deviation(self, measurement: Float[np.ndarray, "*shape"]) -> Deviation:
         """Standard deviation (m) of each measurement's noise. float32; one number if all are the same."""
 
-    def noisy(self, measurement: Float[np.ndarray, "rows columns"], rng: Rng) -> Float32[np.ndarray, "rows columns"]:
+    def noisy(self, measurement: Float[np.ndarray, "rows columns"], rng: Rng) -> ImageRanges:
         """Add noise; no return stays none. See `with_noise`."""
 
     def in_view(self, points: Float64[np.ndarray, "*n 3"]) -> Bool[np.ndarray, "*n"]:
@@ -159,7 +159,9 @@ MOST_RAYS = 1 << 23  # of a sensor; a camera of 3840 x 2160 pixels fits
 
 
 def check_rays(rows: float, columns: float) -> None:
-    """Raise ValueError for more rays than can be followed."""
+    """Raise ValueError without a row and a column, and for more rays than can be followed."""
+    if min(rows, columns) < 1:
+        raise ValueError(f"rows and columns of a sensor must be at least 1, got {rows!s:.20} and {columns!s:.20}")
     if max(rows, columns, rows * columns) > MOST_RAYS:
         got = f"{rows!s:.20} x {columns!s:.20}"
         raise ValueError(f"a sensor has at most {MOST_RAYS} rays, got {got}: take fewer, or wider steps")

@@ -193,10 +193,8 @@ def free_bays(
 def bays_along(middle: Float[np.ndarray, "k 2"]) -> list[surroundings.Bay]:
     """Bays x, y, yaw along a parking lane's middle, every 6.4 m."""
     line = shapely.LineString(middle)
-    return [
-        (x, y, yaw)
-        for x, y, yaw in surroundings.place_along(line, np.arange(3.2, line.length - 3.2, 6.4), 0.5).tolist()
-    ]
+    rows = surroundings.place_along(line, np.arange(3.2, line.length - 3.2, 6.4), 0.5).tolist()
+    return [(x, y, yaw) for x, y, yaw in rows]
 
 
 def _keep_apart(solids: Sequence[Solid], ours: shapely.Geometry) -> list[Solid]:

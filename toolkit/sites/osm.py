@@ -31,18 +31,8 @@ import shapely
 
 from toolkit.arrays import Float64
 from toolkit.geometry import plane_rotation
-from toolkit.sites import furniture as f
+from toolkit.sites import furniture as f, network as nets
 from toolkit.sites.georeference import inverse_project, project
-from toolkit.sites.network import (
-    MOTOR,
-    cut_polygons,
-    format_element,
-    format_xml,
-    list_lanes,
-    list_polygons,
-    list_users,
-    parse_shape,
-)
 from toolkit.sites.site import Solid
 from toolkit.sites.surroundings import ANGLES, Bay, bays_between
 
@@ -219,7 +209,7 @@ def _rings(ways: Iterable[Way]) -> shapely.Geometry:
 
 
 def _valid(shape: shapely.Geometry) -> list[shapely.Polygon]:
-    return [piece for piece in list_polygons(shapely.make_valid(shape)) if piece.area > 0.1]
+    return [piece for piece in nets.list_polygons(shapely.make_valid(shape)) if piece.area > 0.1]
 
 
 # class of road: lanes each way, speed (m/s), priority, footways on both sides unless the map says otherwise
@@ -258,7 +248,8 @@ def paths(extract: Extract, window: shapely.Geometry) -> list[shapely.Polygon]:
         if way.tags.get("highway") in _PATHS and not is_area and not _below(way.tags) and not _above(way.tags):
             width = np.clip(metres(way.tags.get("width")) or 2.0, 1.0, 10.0)
             shapes.append(shapely.LineString(way.line).buffer(width / 2, cap_style="flat", quad_segs=2))
-    return [part for shape in shapes if shape.intersects(window) for part in list_polygons(shape.intersection(window))]
+    inside = (shape.intersection(window) for shape in shapes if shape.intersects(window))
+    return [part for shape in inside for part in nets.list_polygons(shape)]
 
 
 def write_osm(pieces: Iterable[Way], extract: Extract) -> str:
@@ -275,8 +266,8 @@ def write_osm(pieces: Iterable[Way], extract: Extract) -> str:
         text.append(f'<node id="{number[node]}" lon="{longitude:.9f}" lat="{latitude:.9f}">{tag}</node>')
     for way_number, way in enumerate(pieces, start=1):
         inside = "".join(f'<nd ref="{number[node]}"/>' for node in way.nodes)
-        inside += "".join(format_element("tag", {"k": key, "v": value}) for key, value in way.tags.items())
-        text.append(format_element("way", {"id": way_number}, inside))
+        inside += "".join(nets.format_element("tag", {"k": key, "v": value}) for key, value in way.tags.items())
+        text.append(nets.format_element("way", {"id": way_number}, inside))
     return "\n".join([*text, "</osm>\n"])
 
 
@@ -284,11 +275,11 @@ def road_types() -> str:
     """SUMO's type file for the roads of `roads`."""
     rows = []
     for kind, (lanes, speed, priority, _) in ROADS.items():
-        motorway = " ".join(user for user in MOTOR.split() if user not in ("bicycle", "moped"))
-        users = motorway if kind.startswith("motorway") else "bicycle" if kind == "cycleway" else MOTOR
+        motorway = " ".join(user for user in nets.MOTOR.split() if user not in ("bicycle", "moped"))
+        users = motorway if kind.startswith("motorway") else "bicycle" if kind == "cycleway" else nets.MOTOR
         row = {"id": f"highway.{kind}", "numLanes": lanes, "speed": speed, "priority": priority, "oneway": "false"}
-        rows.append(format_element("type", {**row, "width": 1.8 if kind == "cycleway" else 3.25, "allow": users}))
-    return format_xml("types", rows)
+        rows.append(nets.format_element("type", {**row, "width": 1.8 if kind == "cycleway" else 3.25, "allow": users}))
+    return nets.format_xml("types", rows)
 
 
 def _below(tags: Tags) -> bool:
@@ -381,7 +372,7 @@ def buildings(extract: Extract, window: shapely.Geometry, road: shapely.Geometry
         base = base if base < top - 0.1 else 0.0
         rest = shape.difference(road)
         cut += bool(shape.area - rest.area > 0.1)
-        rings = [ring for ring in cut_polygons([rest], reach) if shapely.Polygon(ring).area > 1.0]
+        rings = [ring for ring in nets.cut_polygons([rest], reach) if shapely.Polygon(ring).area > 1.0]
         solids += [Solid(ring, base, top, "building") for ring in rings]
     return solids, [f"{cut} buildings reached over a road and were cut back to its edge"] if cut else []
 
@@ -567,10 +558,10 @@ def find_strip_bays(network: str, parking: Parking) -> list[tuple[float, float, 
     for street in _streets(network):
         inside = False
         for lane in street.lanes:
-            inside |= "passenger" in list_users(lane)
-            if not list_users(lane):
+            inside |= "passenger" in nets.list_users(lane)
+            if not nets.list_users(lane):
                 angle = min(ANGLES, key=lambda each: abs(ANGLES[each] - float(lane.get("width", "0"))))
-                strip, kerb_left = shapely.LineString(parse_shape(lane)), parking.lefthand != inside
+                strip, kerb_left = shapely.LineString(nets.parse_shape(lane)), parking.lefthand != inside
                 for x, y, yaw in bays_between(strip, angle, kerb_left=kerb_left).tolist():
                     if parking.beside(street.inner, street.inner.project(shapely.Point(x, y)))[inside] == angle:
                         found.append((x, y, yaw))
@@ -579,19 +570,19 @@ def find_strip_bays(network: str, parking: Parking) -> list[tuple[float, float, 
 
 def _streets(network: str) -> Iterator[_Street]:
     edges: dict[str, list[ElementTree.Element]] = {}
-    for edge, lane in list_lanes(network):
+    for edge, lane in nets.list_lanes(network):
         edges.setdefault(str(edge.get("id")), []).append(lane)
-    driven = {name: [lane for lane in lanes if "passenger" in list_users(lane)] for name, lanes in edges.items()}
+    driven = {name: [lane for lane in lanes if "passenger" in nets.list_users(lane)] for name, lanes in edges.items()}
     for name, lanes in edges.items():
         other = name[1:] if name.startswith("-") else f"-{name}"
-        if driven[name] and len(line := parse_shape(driven[name][-1])) > 1:
+        if driven[name] and len(line := nets.parse_shape(driven[name][-1])) > 1:
             yield _Street(name, lanes, shapely.LineString(line), bool(driven.get(other)))
 
 
 def _widen(edge: ElementTree.Element, sides: Sides) -> int:
     """Give an edge its strips; return the first lane number that moves."""
     lanes = edge.findall("lane") or [ElementTree.Element("lane") for _ in range(int(edge.get("numLanes", "1")))]
-    first = next((i for i, lane in enumerate(lanes) if "passenger" in list_users(lane)), 0)
+    first = next((i for i, lane in enumerate(lanes) if "passenger" in nets.list_users(lane)), 0)
     kerb, inner = (
         [] if angle is None else [ElementTree.Element("lane", disallow="all", width=f"{ANGLES[angle]:.3f}")]
         for angle in sides

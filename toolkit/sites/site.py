@@ -162,17 +162,14 @@ class Site(Displayed):
     def _card(self) -> Card:
         xmin, ymin, xmax, ymax = self.area
         things = {"lane polygon": self.lanes, "solid": self.solids, "mount": self.mounts, "parking bay": self.parking}
-        facts = (
-            f"{xmax - xmin:g} x {ymax - ymin:g} m",
-            *(describe_count(len(each), name) for name, each in things.items()),
-        )
+        size = f"{xmax - xmin:g} x {ymax - ymin:g} m"
+        facts = size, *(describe_count(len(each), name) for name, each in things.items())
         names = ", ".join(f"{sensor.name} ({type(sensor.model).__name__})" for sensor in self.sensors[:4]) or "none"
         more = f" and {len(self.sensors) - 4} more" if len(self.sensors) > 4 else ""
         tables = {"sensors": lambda: tabulate_sensors(self.sensors), "mounts": self._list_mounts}
         shown = tables if self.sensors else dict(reversed(tables.items()))
-        return Card(
-            f"Site({self.name!r})", (*facts, f"sensors {names}{more}"), shown, "toolkit.plots.plan_view:draw_site"
-        )
+        said = *facts, f"sensors {names}{more}"
+        return Card(f"Site({self.name!r})", said, shown, "toolkit.plots.plan_view:draw_site")
 
     def _list_mounts(self) -> Table:
         x, y, _ = np.array([mount.position for mount in self.mounts]).reshape(-1, 3).T

@@ -355,10 +355,8 @@ def verge_works(plot: Plot, rng: Rng) -> None:
         _put_works(plot, path, (0.0, float(rng.uniform(4.0, 9.0))), float(rng.uniform(2.0, 3.0)), rng, shoulder=False)
 
 
-def _put_works(
-    plot: Plot, path: shapely.LineString, stretch: f.Span, width: float, rng: Rng, *, shoulder: bool
-) -> None:
-    start, end = stretch
+def _put_works(plot: Plot, path: shapely.LineString, span: f.Span, width: float, rng: Rng, *, shoulder: bool) -> None:
+    start, end = span
 
     def put(solids: list[Solid], s: float, left: float, turn: float = 0.0) -> None:
         (x, y), ahead = (shapely.get_coordinates(path.interpolate(at))[0] for at in (s, s + 0.5))

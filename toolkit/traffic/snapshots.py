@@ -19,7 +19,7 @@ from functools import partial
 import numpy as np
 import shapely
 
-from toolkit.arrays import Bool, Float64, Int64
+from toolkit.arrays import Bool, Float64, Int64, Mask, Rng
 from toolkit.bodies.body import Body
 from toolkit.boxes import footprints
 from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE, Objects
@@ -46,7 +46,7 @@ class Obstacles:
         self.bases = np.array([solid.base for solid in blocking]) - site.plane(places)
         self.tree = shapely.STRtree([shapely.Polygon(solid.footprint) for solid in blocking])
 
-    def hit(self, boxes: _Boxes) -> Bool[np.ndarray, " n"]:
+    def hit(self, boxes: _Boxes) -> Mask:
         """Mask of boxes that touch an obstacle; they pass under one that begins above them, such as a tree's crown."""
         rows, obstacles = self.tree.query(_shapes(boxes), predicate="intersects")
         hit = np.zeros(len(boxes), bool)
@@ -54,7 +54,7 @@ class Obstacles:
         return hit
 
 
-def separate(boxes: _Boxes, obstacles: Obstacles) -> tuple[_Boxes, Bool[np.ndarray, " n"], int]:
+def separate(boxes: _Boxes, obstacles: Obstacles) -> tuple[_Boxes, Mask, int]:
     """Separate boxes; return them, a mask of kept rows and the number of changes.
 
     Earlier rows have precedence. A row in the way steps aside by up to 1 m across its heading, or is dropped."""
@@ -333,7 +333,7 @@ def simulate(
     bodies: Sequence[Body],
     *,
     frames: int,
-    seed: int | np.random.Generator,
+    seed: int | Rng,
     interval: float = INTERVAL,
     mix: Mix | None = None,
     once: bool = False,
@@ -406,9 +406,7 @@ def _snapshot(
 ) -> Snapshot:
     """Objects near the area now; those that cannot be kept apart are removed. counts: note that they were seen."""
     standing, last = (parked.ids, parked.bodies, parked.poses), (strays.ids, strays.bodies, strays.at(time))
-    ids, bodies, poses = (
-        np.concatenate(all_of_them) for all_of_them in zip(standing, spawner.state(), last, strict=True)
-    )
+    ids, bodies, poses = (np.concatenate(parts) for parts in zip(standing, spawner.state(), last, strict=True))
     sizes = spawner.supply.sizes[bodies]
     yaw = np.arctan2(np.sin(poses[:, 2]), np.cos(poses[:, 2]))
     boxes = np.column_stack([poses[:, :2], sizes[:, 2] / 2, sizes, yaw])

@@ -19,7 +19,7 @@ from types import ModuleType
 
 import numpy as np
 
-from toolkit.arrays import Float, Float64, Int64
+from toolkit.arrays import Float, Float64, Int64, Rng
 from toolkit.bodies.body import Body
 from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE
 from toolkit.sites.site import Site
@@ -102,7 +102,7 @@ class Supply:
     a body that was taken does not come again before all others offered with it have been taken too, so that in a large
     fleet every object has a body of its own."""
 
-    def __init__(self, bodies: Sequence[Body], rng: np.random.Generator, *, once: bool = False) -> None:
+    def __init__(self, bodies: Sequence[Body], rng: Rng, *, once: bool = False) -> None:
         self.rng, self.once, self.ids, self._taken = rng, once, count(), np.zeros(len(bodies), bool)
         self.labels = np.array([body.label for body in bodies], np.int64)
         self.sizes = np.array([body.size for body in bodies], np.float64).reshape(-1, 3)

@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from toolkit.arrays import Float64
+from toolkit.arrays import BoxRows
 from toolkit.datasets.recordings import Part
 from toolkit.mesh import box
 from toolkit.plots.canvas import FAINT, OUTCOME, sensor_colour
@@ -43,18 +43,6 @@ from toolkit.viewing.drawn import (
     Scales,
     list_colourings,
 )
-from toolkit.viewing.scene import (
-    Handle,
-    Look,
-    Segments,
-    box_edges,
-    headings,
-    overview,
-    render_page,
-    scene_html,
-    set_view,
-    viser_server,
-)
 
 if TYPE_CHECKING:
     from viser import SceneApi, ViserServer
@@ -69,13 +57,13 @@ GRID_NODE = "/grid"
 _LEAST_AREA = 20.0  # m: least extent of a scene
 _MOST = (10.0, 90.0)  # percentiles of the points that the first view shows
 _GRID_COLOUR = "#9aa0a6"
-_LINES: dict[str, tuple[float, Callable[[Float64[np.ndarray, "_ 7"]], list[Segments]]]] = {  # width (pixels), by node
-    "truth": (1.5, lambda boxes: [box_edges(boxes), headings(boxes)]),
-    "detections": (2.5, lambda boxes: [scene.dashes(box_edges(boxes), dash=0.4, gap=0.2), headings(boxes)]),
-    "hits": (3.0, lambda boxes: [box_edges(boxes)]),
-    "missed": (3.0, lambda boxes: [box_edges(boxes), scene.roof_crosses(boxes)]),
-    "false_alarms": (3.0, lambda boxes: [box_edges(boxes), scene.spikes(boxes)]),
-    "ignored": (2.0, lambda boxes: [scene.dashes(box_edges(boxes), dash=0.15, gap=0.25)]),
+_LINES: dict[str, tuple[float, Callable[[BoxRows], list[scene.Segments]]]] = {  # width (pixels), by node
+    "truth": (1.5, lambda boxes: [scene.box_edges(boxes), scene.headings(boxes)]),
+    "detections": (2.5, lambda boxes: [scene.dashes(scene.box_edges(boxes), dash=0.4, gap=0.2), scene.headings(boxes)]),
+    "hits": (3.0, lambda boxes: [scene.box_edges(boxes)]),
+    "missed": (3.0, lambda boxes: [scene.box_edges(boxes), scene.roof_crosses(boxes)]),
+    "false_alarms": (3.0, lambda boxes: [scene.box_edges(boxes), scene.spikes(boxes)]),
+    "ignored": (2.0, lambda boxes: [scene.dashes(scene.box_edges(boxes), dash=0.15, gap=0.25)]),
 }
 
 
@@ -96,7 +84,7 @@ def list_sensors(samples: Iterable[DrawnSample]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(cloud.name for sample in samples for cloud in sample.clouds))
 
 
-def add_groups(api: "SceneApi", style: SceneStyle) -> list[Handle]:
+def add_groups(api: "SceneApi", style: SceneStyle) -> list[scene.Handle]:
     """Add the nodes above all others; return their handles."""
     groups = (*_LINES, TAGS)
     names = ["/sensors", *(f"/{group}" for group in groups)]
@@ -105,7 +93,7 @@ def add_groups(api: "SceneApi", style: SceneStyle) -> list[Handle]:
     return made + [handle for number in range(len(style.sensors)) for handle in add_sensor(api, style, number)]
 
 
-def add_sensor(api: "SceneApi", style: SceneStyle, number: int) -> list[Handle]:
+def add_sensor(api: "SceneApi", style: SceneStyle, number: int) -> list[scene.Handle]:
     """Add the nodes above all nodes of one sensor."""
     nodes = {f"/sensors/{number}": True, f"/sensors/{number}/place": True}
     nodes |= {f"/sensors/{number}/{each}": each == style.colourings[0] for each in style.colourings}
@@ -114,10 +102,10 @@ def add_sensor(api: "SceneApi", style: SceneStyle, number: int) -> list[Handle]:
 
 def add_sample(
     api: "SceneApi", sample: DrawnSample, style: SceneStyle, *, frame: int = 0, visible: bool = True
-) -> list[Handle]:
+) -> list[scene.Handle]:
     """Add one frame below `add_groups`; return the handles."""
     newest = drawings.find_newest(sample)
-    made: list[Handle] = []
+    made: list[scene.Handle] = []
     for each in sample.clouds:
         cloud, number = drawings.thinned(each, style.most), style.sensors.index(each.name)
         place, (x, y, z) = f"/sensors/{number}/place/{frame}", cloud.place.tolist()
@@ -126,8 +114,8 @@ def add_sample(
         api.add_label(f"{place}/name", cloud.name, position=(x, y, z + 0.6), anchor="bottom-center")
         for colouring in style.colourings if len(cloud.points) else ():
             colours = drawings.shades(cloud, colouring, style.scales, index=number, newest=newest)
-            node, drawn = f"/sensors/{number}/{colouring}/{frame}", Look(visible=visible, precision=style.precision)
-            made.append(scene.add_points(api, node, cloud.points, colours, size=SHOWN_POINT_SIZE, **drawn))
+            node, look = f"/sensors/{number}/{colouring}/{frame}", scene.Look(size=SHOWN_POINT_SIZE, visible=visible)
+            made.append(scene.add_points(api, node, cloud.points, colours, precision=style.precision, **look))
     for number, tag in enumerate(sample.tags):
         node = f"/{TAGS}/{tag.kind}/{frame}-{number}"
         made.append(api.add_label(node, tag.text, position=tag.place, anchor="bottom-center", visible=visible))
@@ -149,11 +137,11 @@ def nodes_of_kind(kind: str, *, outcomes: bool) -> list[str]:
     return [f"/{group}/{kind}" for group in ((*_LINES, TAGS) if outcomes else (*BOXES, TAGS))]
 
 
-def add_grid(api: "SceneApi", area: tuple[float, float, float, float]) -> Handle:
+def add_grid(api: "SceneApi", area: tuple[float, float, float, float]) -> scene.Handle:
     """Add a grid of 10 m squares on the ground, for scale."""
     xmin, ymin, xmax, ymax = area
-    colours = Look(cell_color=scene.rgb(_GRID_COLOUR), section_color=scene.rgb(_GRID_COLOUR))
-    sizes = Look(width=xmax - xmin, height=ymax - ymin, cell_size=10.0, section_size=10.0)
+    colours = scene.Look(cell_color=scene.rgb(_GRID_COLOUR), section_color=scene.rgb(_GRID_COLOUR))
+    sizes = scene.Look(width=xmax - xmin, height=ymax - ymin, cell_size=10.0, section_size=10.0)
     middle, far = ((xmin + xmax) / 2, (ymin + ymax) / 2, -0.02), 10.0 * max(xmax - xmin, ymax - ymin)
     return api.add_grid(GRID_NODE, plane="xy", position=middle, fade_distance=far, **sizes, **colours)
 
@@ -211,14 +199,14 @@ def page_content(samples: Sequence[DrawnSample], title: str, *, most: int = PAGE
     style = SceneStyle(sensors, colourings, scales, max(most // max(len(sizes), 1), 1), "float16")
     area = find_view_area(samples[0])
     nodes: list[tuple[str, ...]] = []
-    with viser_server() as server:
+    with scene.viser_server() as server:
         add_grid(server.scene, area)
         add_groups(server.scene, style)
         for frame, sample in enumerate(samples):
             made = add_sample(server.scene, sample, style, frame=frame, visible=frame == 0)
             nodes.append(tuple(handle.name for handle in made))
-        set_view(server, *overview(area))
-        html = scene_html(server)
+        scene.set_view(server, *scene.overview(area))
+        html = scene.scene_html(server)
     switches = [Switch(name, f"/sensors/{k}", sensor_colour(k)) for k, name in enumerate(sensors)]
     known = any(sample.outcomes for sample in samples)
     boxes = [name for name in BOXES if name != "detections" or not all(s.outcomes for s in samples)]
@@ -242,7 +230,7 @@ def page_content(samples: Sequence[DrawnSample], title: str, *, most: int = PAGE
 def page_html(content: PageContent) -> str:
     """The page. Raises ImportError without jinja2."""
     data = {"html": content.html, "frames": content.frames, "names": content.names}
-    return render_page(Path(__file__).parent / "page.html.j2", data, content=content)
+    return scene.render_page(Path(__file__).parent / "page.html.j2", data, content=content)
 
 
 def write_page(samples: Sequence[DrawnSample], title: str, out: str | Path) -> PageContent:
@@ -272,11 +260,11 @@ class LiveView:
         self.style = SceneStyle(sensors, COLOURINGS, Scales.of(drawn), LIVE_POINTS)
         area = find_view_area(drawn)
         groups = [add_grid(server.scene, area), *add_groups(server.scene, self.style)]
-        self.groups: dict[str, Handle] = {handle.name: handle for handle in groups}
-        self.shown: list[Handle] = []
-        self.switches: dict[str, Handle] = {}  # of the page, by the part they show
+        self.groups: dict[str, scene.Handle] = {handle.name: handle for handle in groups}
+        self.shown: list[scene.Handle] = []
+        self.switches: dict[str, scene.Handle] = {}  # of the page, by the part they show
         self._wanted = 0
-        set_view(server, *overview(area))
+        scene.set_view(server, *scene.overview(area))
         server.gui.configure_theme(show_share_button=False, show_logo=False)
         self._line = server.gui.add_markdown("")
         if len(samples) > 1:
@@ -346,21 +334,21 @@ class LiveView:
         self._add_switch(self.sensor_switches, name, [f"/sensors/{number}"])
 
     def _add_slider(self) -> None:
-        slider: Handle = self.server.gui.add_slider("Frame", 0, len(self.samples) - 1, 1, 0)
+        slider: scene.Handle = self.server.gui.add_slider("Frame", 0, len(self.samples) - 1, 1, 0)
         self.switches["frame"] = slider
         slider.on_update(lambda _: self.show(int(slider.value)))
 
-        def go_on(_: Handle) -> None:
+        def go_on(_: scene.Handle) -> None:
             slider.value = (int(slider.value) + 1) % len(self.samples)
 
         self.server.gui.add_button("Next frame").on_click(go_on)
 
-    def _add_switch(self, folder: Handle, name: str, nodes: list[str]) -> None:
+    def _add_switch(self, folder: scene.Handle, name: str, nodes: list[str]) -> None:
         with folder:
             switch = self.server.gui.add_checkbox(name, True)
         self.switches[name] = switch
 
-        def apply(_: Handle) -> None:
+        def apply(_: scene.Handle) -> None:
             for node in nodes:
                 self.groups[node].visible = bool(switch.value)
 
@@ -374,7 +362,7 @@ def view_live(samples: Part, drawing: Drawing, *, port: int = PORT, ready: Calla
     if not 1 <= port < 2**16:
         raise ValueError(f"port must lie in 1..65535, got {port}: leave it out for {PORT}")
     token = secrets.token_urlsafe(16)
-    with viser_server(port, token) as server:
+    with scene.viser_server(port, token) as server:
         LiveView(server, samples, drawing)
         ready(f"http://127.0.0.1:{server.get_port()}/{token}/")
         with suppress(KeyboardInterrupt):

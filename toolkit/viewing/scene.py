@@ -204,9 +204,7 @@ def spikes(boxes: BoxRows) -> Segments:
 def arrows(boxes: BoxRows) -> Segments:
     """Arrow down onto each box: an object that nobody sees."""
     tip = boxes[:, :3] + np.array([0.0, 0, 1]) * (boxes[:, 5:6] / 2 + 0.3)
-    ends = (
-        np.array(end) * SPIKE for end in ((0.0, 0, 1.4), (0.4, 0, 0.5), (-0.4, 0, 0.5), (0, 0.4, 0.5), (0, -0.4, 0.5))
-    )
+    ends = SPIKE * np.array([(0.0, 0, 1.4), (0.4, 0, 0.5), (-0.4, 0, 0.5), (0, 0.4, 0.5), (0, -0.4, 0.5)])
     return np.concatenate([np.stack([tip, tip + end], 1) for end in ends]).astype(np.float64)
 
 

@@ -8,16 +8,7 @@ from typing import TYPE_CHECKING, Literal
 
 from tyro.conf import Positional
 
-from coview.arguments import (
-    Label,
-    check_each_once,
-    check_ious,
-    check_least,
-    check_positive,
-    check_schemes,
-    check_share,
-    sensor_set,
-)
+from coview import arguments
 from coview.detectors import CLUSTER, check_detector, recording_detector
 from coview.outputs import OK, Writing, check_folder, claim, print_result
 from coview.progress_bar import progress_bar
@@ -58,7 +49,7 @@ class Rules:
     """Fusion schemes: early, late, hybrid, foreground, differences; when left out, the first three at a known site."""
     sensors: tuple[str, ...] = ("all",)
     """Sensor sets, each a comma-separated list of numbers or names, or all."""
-    classes: tuple[Label, ...] | None = None
+    classes: tuple[arguments.Label, ...] | None = None
     """Classes to score; those that the detector knows when left out."""
     iou: tuple[float, ...] | None = None
     """IoU thresholds; 0.7 0.8 0.9 for vehicle and heavy, 0.25 0.5 0.7 for cyclist and pedestrian when left out."""
@@ -123,13 +114,13 @@ def evaluate(
     from toolkit.objects import check_known, known_labels
 
     for name in ("schemes", "sensors", "classes", "iou"):
-        check_each_once(f"--{name}", getattr(rules, name))
-    check_ious(rules.iou or ())
-    check_schemes(rules.schemes or ())
-    check_least("--radius", rules.radius, 0.0)
-    check_positive("--rate", rules.link.rate)
-    check_least("--key-every", rules.link.key_every, 1)
-    check_share("--step", rules.link.step)
+        arguments.check_each_once(f"--{name}", getattr(rules, name))
+    arguments.check_ious(rules.iou or ())
+    arguments.check_schemes(rules.schemes or ())
+    arguments.check_least("--radius", rules.radius, 0.0)
+    arguments.check_positive("--rate", rules.link.rate)
+    arguments.check_least("--key-every", rules.link.key_every, 1)
+    arguments.check_share("--step", rules.link.step)
     find_profile(subject.errors)
     inputs, reads = [dataset, *opening.files], Reads(subject.errors, run.seed, run.frames)
 
@@ -137,7 +128,7 @@ def evaluate(
         for name in ("table.json", *curve_files(labels, rules.iou)):
             check_folder(out, holds=name, inputs=inputs, overwrite=overwrite)
 
-    sets = [sensor_set(chosen) for chosen in rules.sensors]
+    sets = [arguments.sensor_set(chosen) for chosen in rules.sensors]
     check_detector(subject.detector or CLUSTER, place)
     surface = None if subject.calibrate in (None, TOGETHER) else read_surface(subject.calibrate)
     with ExitStack() as stack:
@@ -181,9 +172,8 @@ def evaluate(
             )
         found = replace(found, poses=poses)
         save_evaluation(found, out)
-    print_result(
-        found.as_dict(), f"{found.text()}\nwritten to {out}/table.json, PR curves beside it", as_json=writing.json
-    )
+    text = f"{found.text()}\nwritten to {out}/table.json, PR curves beside it"
+    print_result(found.as_dict(), text, as_json=writing.json)
     return OK
 
 
@@ -198,7 +188,7 @@ def _compare(rules: Rules, *, known: bool) -> "Comparison":
     chosen = rules.schemes or usual
     return Comparison(
         schemes=(None,) if chosen is None else [named[name] for name in chosen],
-        sensor_sets=[sensor_set(each) for each in rules.sensors],
+        sensor_sets=[arguments.sensor_set(each) for each in rules.sensors],
         iou_thresholds=rules.iou,
         protocol=rules.protocol,
         metric=rules.metric,

@@ -52,9 +52,7 @@ def stress(
             check_folder(out, holds=name, inputs=[dataset, *site_file(site)], overwrite=overwrite)
 
     asked = (dataset, detector, site, table, question, run)
-    exact = (
-        None if table is None else outputs.exact_failures(load_table(table), ious=question.iou, label=question.label)
-    )
+    left = None if table is None else outputs.exact_failures(load_table(table), ious=question.iou, label=question.label)
     check_detector(detector)
     for name in ("schemes", "kinds", "iou"):
         check_each_once(f"--{name}", getattr(question, name))
@@ -77,7 +75,7 @@ def stress(
         with progress_bar("frame", hidden=writing.json) as bar:
             question = replace(question, kinds=kinds)
             stressing.run_stress(recording, kept, question, replace(run, progress=bar.stage), finished=keep)
-        results = outputs.StressResults(tuple(rows), outputs.find_crossings(rows, seed=run.seed), exact=exact)
+        results = outputs.StressResults(tuple(rows), outputs.find_crossings(rows, seed=run.seed), exact=left)
         if stressing.is_sequence(recording) and {"silent", "blinded", "frozen"} & {*kinds}:
             noticed, alarms = time_faults(recording, kept, run)
             results = replace(results, noticed=noticed, false_alarms=alarms)

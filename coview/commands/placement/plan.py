@@ -164,10 +164,9 @@ def _describe(plan: "Plan") -> str:
 
     verdict = plan.verdict
     lines = [" ".join((verdict.sentence, *verdict.reasons)) if verdict.met is False else verdict.sentence]
-    lines += [
-        f"  {s.name}: {s.pole}, {s.height:.1f} m up, facing {s.bearing_deg:.0f} degrees from north"
-        for s in plan.sensors
-    ]
+    for s in plan.sensors:
+        facing = f"facing {s.bearing_deg:.0f} degrees from north"
+        lines.append(f"  {s.name}: {s.pole}, {s.height:.1f} m up, {facing}")
     classes = [(f"{row.label:<10}", row.judged, f" at IoU {iou_text(row.iou)}", "") for row in plan.class_ap]
     rows = (*plan.by_level, *plan.by_errors)
     cases = [(f"{r.name:<18}", r.judged, "", f" in {r.judged.frames} frames") for r in rows if r.judged is not None]
@@ -175,11 +174,9 @@ def _describe(plan: "Plan") -> str:
         ends = describe_interval(judged.low, judged.high)
         lines.append(f"  {name} AP {judged.ap:.3f} ({ends}){iou}, {judged.vehicles} to find{frames}")
     for drawn in plan.by_draw:
-        lines.append(
-            f"  {drawn.profile}: mean AP {drawn.mean:.3f} of {len(drawn.aps)} draws, a tenth below {drawn.tenth:.3f}"
-        )
+        mean = f"mean AP {drawn.mean:.3f} of {len(drawn.aps)} draws"
+        lines.append(f"  {drawn.profile}: {mean}, a tenth below {drawn.tenth:.3f}")
     if plan.confidence is not None:
-        lines.append(
-            f"  {plan.confidence:.0%} sure that no other compared set of as many sensors is better by more than 0.01"
-        )
+        best = "no other compared set of as many sensors is better by more than 0.01"
+        lines.append(f"  {plan.confidence:.0%} sure that {best}")
     return "\n".join(lines)

@@ -123,20 +123,16 @@ def search(
 def _check(query: SearchOptions, setting: SettingOptions) -> str:
     """Method to use. Raises ValueError where options conflict."""
     check_schemes([setting.scheme])
-    method: str = query.method or usual_method(
-        setting.fidelity, verify=query.verify is not None, at_least=query.at_least is not None
-    )
-    if (method == "cheapest") != (query.at_least is not None) or (query.at_least is None and query.parts > 1):
+    demands, verifies = query.at_least is not None, query.verify is not None
+    method: str = query.method or usual_method(setting.fidelity, verify=verifies, at_least=demands)
+    if (method == "cheapest") != demands or (query.parts > 1 and not demands):
         raise ValueError("--method cheapest and --parts go with --at-least 0.9, and no other method does")
-    if query.at_least is not None and "mean" in (setting.cases.failures, setting.cases.levels_by):
+    if demands and "mean" in (setting.cases.failures, setting.cases.levels_by):
         raise ValueError("--at-least asks for the worst case: leave --failures mean and --levels-by mean out")
-    if query.verify is not None and method == "portfolio":
+    if verifies and method == "portfolio":
         raise ValueError("--verify is for one method: portfolio is judged by --judge on fresh traffic anyway")
-    for option, said in (
-        ("--judge", query.judge),
-        ("--curve", query.curve or None),
-        ("--contenders", query.contenders or None),
-    ):
+    asked = ("--judge", query.judge), ("--curve", query.curve or None), ("--contenders", query.contenders or None)
+    for option, said in asked:
         if said is not None and method != "portfolio":
             raise ValueError(f"{option} is for --method portfolio, got {method}: leave one of them out")
     judged = method == "portfolio" and query.judge in (None, "detector")

@@ -293,10 +293,8 @@ class Experiment:
     def as_dict(self) -> dict[str, object]:
         """Return the values for JSON."""
         names = ("unit", "ours", "interval", "paper", "relation", "difference", "reason")
-        rows = [
-            dict(zip(self.heads, row.labels, strict=True)) | {name: getattr(row, name) for name in names}
-            for row in self.rows
-        ]
+        heads = [dict(zip(self.heads, row.labels, strict=True)) for row in self.rows]
+        rows = [head | {name: getattr(row, name) for name in names} for head, row in zip(heads, self.rows, strict=True)]
         about = {name: getattr(self, name) for name in ("name", "title", "source", "basis", "conclusion")}
         return about | {"rows": rows}
 

@@ -22,7 +22,7 @@ from coview.studies.paper.comparison import Compared, RowEvidence, explain_diffe
 from placement_env.analysis.intervals import Interval, Tally
 from placement_env.fidelity.detector import FALSE_ALARM, IGNORED, IOUS, Measured
 from placement_env.fidelity.traffic import scored
-from toolkit.arrays import Bool, Float64, Int64
+from toolkit.arrays import Float64, Int64, Mask
 from toolkit.boxes import iou_3d
 from toolkit.detection.metrics import Curve, average_precision, matches, precision_recall
 from toolkit.detection.scheme import Fused
@@ -175,7 +175,7 @@ class _FrameJob:
         truth = FrameTruth(boxes, np.stack(points, axis=1).astype(np.int64), np.transpose(sent).astype(np.int64))
         return truth, [self._run(run, view, objects, counted) for run in runs]
 
-    def _run(self, run: SchemeRun, view: View, objects: Objects, counted: Bool[np.ndarray, " n"]) -> Arrays:
+    def _run(self, run: SchemeRun, view: View, objects: Objects, counted: Mask) -> Arrays:
         fused: Fused = find_scheme(run.scheme).fuse(view, run.sensors)
         found = fused.detections
         place = np.append(np.cumsum(counted) - 1, FALSE_ALARM)  # among the scored; index -1 stands for no truth
@@ -207,7 +207,7 @@ class ApScore(NamedTuple):
         return precision_recall(self.tally.scores, self.tally.hit, self.vehicles)
 
 
-def in_view_of_all(sensors: list[Sensor], boxes: Float64[np.ndarray, "n 7"]) -> Bool[np.ndarray, " n"]:
+def in_view_of_all(sensors: list[Sensor], boxes: Float64[np.ndarray, "n 7"]) -> Mask:
     """Select boxes whose centre every sensor has in its field of view, occluded or not.
 
     This is the region of the paper's table 3."""
@@ -225,9 +225,8 @@ def score_run(stored: StoredDetections, run: SchemeRun, iou: float = 0.7, region
     for truth, found in zip(stored.truths, stored.runs[run], strict=True):
         hit_of = found.truth[row]
         there, hit = in_view_of_all(sensors, truth.boxes), hit_of >= 0
-        in_region = np.where(
-            hit, np.append(there, False)[np.where(hit, hit_of, -1)], in_view_of_all(sensors, found.boxes)
-        )
+        of_truth, own = np.append(there, False)[np.where(hit, hit_of, -1)], in_view_of_all(sensors, found.boxes)
+        in_region = np.where(hit, of_truth, own)
         counts = in_region & (hit_of != IGNORED)
         scores.append(found.scores[counts])
         hits.append(hit[counts])

@@ -105,11 +105,10 @@ def scheme_experiment(stored: StoredDetections, site: str, basis: str) -> Experi
     ap = [row for row in rows if row.unit == "AP"]
     ours = {row.labels: row.ours or 0.0 for row in ap}
     ordered = all(ours["early", at] >= ours["hybrid", at] >= ours["late", at] for at in (f"AP@{iou:g}" for iou in IOUS))
-    order = (
-        "As in the paper, early fusion is best at every IoU, then hybrid, then late, and costs follow the same order."
-        if ordered
-        else "The paper's order, early over hybrid over late fusion, does not hold at every IoU here."
-    )
+    order = "The paper's order, early over hybrid over late fusion, does not hold at every IoU here."
+    if ordered:
+        best = "As in the paper, early fusion is best at every IoU, then hybrid, then late"
+        order = f"{best}, and costs follow the same order."
     far, sent = (sum(int(truth.sent[row].sum()) for truth in stored.truths) for row in (1, 0))
     beyond = f" {100 * far / sent:.0f} % of the points lie beyond the hybrid radius." if sent else ""
     title = f"Fusion schemes, {PLACE_NAMES[site]}, all sensors, {stored.frames} frames"
@@ -205,11 +204,9 @@ def region_experiment(stored: StoredDetections, site: str, basis: str) -> Experi
         )
         better.append(ours > 0)
         gains.append(f"{set_name(pair)} together {ours:+.3f} over the better of the two (paper {paper:+.3f})")
-    helps = (
-        "A second view of the same place helps at both pairs, as in the paper."
-        if all(better)
-        else "Not every pair is better than the better of its two sensors."
-    )
+    helps = "Not every pair is better than the better of its two sensors."
+    if all(better):
+        helps = "A second view of the same place helps at both pairs, as in the paper."
     title = f"Shared regions, {PLACE_NAMES[site]}, early fusion, IoU 0.7, {stored.frames} frames"
     names = [f"{set_name(row.sensors)}\nin {set_name(row.region)}" for row in comparison.REGION_TABLE[site]]
     about = ("shared_regions", "Spatial diversity in shared regions", "table 3, section IV-D", ("region", "sensors"))

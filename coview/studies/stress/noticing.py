@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 
 from coview.studies.stress.conditions import make_conditions
-from toolkit.arrays import Bool
+from toolkit.arrays import ImageMask
 from toolkit.boxes import count_points
 from toolkit.calibration.empty_scene import Scenes
 from toolkit.datasets.recordings import ReadRecording, Reads, read_frame
@@ -125,7 +125,7 @@ class _Centre:
         view[draw_scene(captured, scene).pixels] = True
         return SensorMonitor(scene, start=start, view=view.reshape(scene.first.shape))
 
-    def covered(self, frame: Frame, sensor: int) -> Bool[np.ndarray, "rows columns"]:
+    def covered(self, frame: Frame, sensor: int) -> ImageMask:
         """Pixels in which a sensor must see what others see."""
         view = frame_view(frame, self._detector, self._site, scene=self.scenes)
         boxes = Foreground().fuse(view, range(len(frame.sensors))).detections.boxes

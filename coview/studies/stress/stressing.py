@@ -104,10 +104,8 @@ class KeptDetections:
     def __init__(self, detector: Detector, cache: Cache | None = None) -> None:
         digest, self._cache, self.asked = getattr(detector, "digest", None), Cache() if cache is None else cache, 0
         if digest is None and self._cache.path is not None:
-            raise ValueError(
-                "a detector whose detections are kept needs an attribute digest, a text that changes with all that it "
-                "depends on: add one, or keep nothing"
-            )
+            said = "a detector whose detections are kept needs an attribute digest"
+            raise ValueError(f"{said}, a text that changes with all that it depends on: add one, or keep nothing")
         self.labels = known_labels(detector)
         self._detector, self._depends_on = detector, [digest, code_digest(type(detector).__module__)]
 

@@ -146,14 +146,12 @@ def _describe_failure(plan: content.Plan) -> Fact:
 def _describe_links(plan: content.Plan) -> Fact | None:
     if not plan.links:
         return None
-    narrow, fullest = [each.pole for each in plan.links if not each.fits], max(plan.links, key=lambda each: each.share)
-    load = (
-        f"{number(fullest.peak_mbit_s, 2)} of {number(fullest.capacity_mbit_s, 2)} Mbit/s at {RATE:g} frames a second"
-    )
+    narrow, full = [each.pole for each in plan.links if not each.fits], max(plan.links, key=lambda each: each.share)
+    load = f"{number(full.peak_mbit_s, 2)} of {number(full.capacity_mbit_s, 2)} Mbit/s at {RATE:g} frames a second"
     less = _describe_cheaper_scheme(plan)
     if narrow:
-        return Fact("Links", f"Too narrow at {join_names(narrow)}; {fullest.pole} needs {load}.{less}", alarm=True)
-    return Fact("Links", f"Every link carries its load. The fullest, {fullest.pole}, needs {load}.{less}")
+        return Fact("Links", f"Too narrow at {join_names(narrow)}; {full.pole} needs {load}.{less}", alarm=True)
+    return Fact("Links", f"Every link carries its load. The fullest, {full.pole}, needs {load}.{less}")
 
 
 def _describe_cheaper_scheme(plan: content.Plan) -> str:
@@ -165,10 +163,8 @@ def _describe_cheaper_scheme(plan: content.Plan) -> str:
         return ""
     sent = " instead of ".join(number(row.kbit_per_sensor, 1) for row in (least, own))
     found = f"AP {number(least.judged.ap)} instead of {number(own.judged.ap)}"
-    return (
-        f" {SENDS[least.scheme]} would do as well: {found}, for "
-        f"{sent} kbit per sensor and frame (--scheme {least.scheme})."
-    )
+    as_well = f" {SENDS[least.scheme]} would do as well: {found}"
+    return f"{as_well}, for {sent} kbit per sensor and frame (--scheme {least.scheme})."
 
 
 def _describe_confidence(plan: content.Plan, chosen: content.PlanOption) -> tuple[Fact, ...]:

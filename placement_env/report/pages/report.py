@@ -201,10 +201,8 @@ def materials_section(plan: content.Plan) -> Content:
     if not plan.materials:
         return say("There is nothing to order.")
     dearest = max(plan.materials, key=lambda each: each.price)
-    total, part, each = (
-        price_text(price, plan.currency)
-        for price in (sum(item.price for item in plan.materials), dearest.price, dearest.unit_price)
-    )
+    sums = sum(item.price for item in plan.materials), dearest.price, dearest.unit_price
+    total, part, each = (price_text(price, plan.currency) for price in sums)
     units = () if plan.currency else (Paragraph("Prices are in units of one ordinary pole."),)
     prices = (price_column(title, plan.currency) for title in ("each", "total"))
     columns = (*text_columns("Item"), Column("count", digits=0), *prices)
@@ -261,11 +259,9 @@ def schedule_section(plan: content.Plan, site: Site) -> Content:
 def method_section(plan: content.Plan) -> Content:
     """Computation, assumptions, unknowns and provenance."""
     judged = plan.chosen.judged if plan.chosen else None
-    amount = (
-        f", {describe_count(judged.vehicles, judged.kind)} in {describe_count(judged.frames, 'frame')}"
-        if judged
-        else ""
-    )
+    amount = ""
+    if judged:
+        amount = f", {describe_count(judged.vehicles, judged.kind)} in {describe_count(judged.frames, 'frame')}"
     conclusion = (
         f"Every AP here is that of {plan.detector} in simulated traffic{amount}: it ranks places for sensors, and does "
         "not replace a trial on the street."
@@ -314,9 +310,8 @@ SHAPLEY = (
 def ground_section(plan: content.Plan, site: Site, ground: Ground | None) -> Content:
     """Visible ground, density of points and blind spots."""
     if plan.ground is None or ground is None:
-        return say(
-            f"The visible ground was not computed{'' if plan.chosen else ', because no set of sensors was chosen'}."
-        )
+        why = "" if plan.chosen else ", because no set of sensors was chosen"
+        return say(f"The visible ground was not computed{why}.")
     shares, twice = plan.ground, percent(plan.ground.seen_by[1])
     conclusion = (
         f"At least one sensor sees {percent(shares.seen_by[0])} of the open ground, and two or more see {twice}; no "
@@ -369,11 +364,10 @@ def detection_section(plan: content.Plan) -> Content:
     conclusion = "There was no vehicle to detect in any part of the site."
     if judged:
         (worst, low), (best, high) = _extremes(judged)
-        conclusion = (
-            f"No part of the site is clearly worse than another: the weakest, “{worst}”, has {ap_text(low)}."
-            if content.overlap(low, high)
-            else f"Detection is weakest at “{worst}”, {ap_text(low)}, and best at “{best}”, {ap_text(high)}."
-        )
+        conclusion = f"Detection is weakest at “{worst}”, {ap_text(low)}, and best at “{best}”, {ap_text(high)}."
+        if content.overlap(low, high):
+            alike = "No part of the site is clearly worse than another"
+            conclusion = f"{alike}: the weakest, “{worst}”, has {ap_text(low)}."
     conditions = (("level of traffic", plan.by_level), ("error profile", plan.by_errors))
     blocks = [block for name, rows in (*parts, *conditions) for block in _breakdown(name, rows)]
     return say(conclusion, *blocks, *_class_ap(plan), *_coverage(plan))
@@ -389,11 +383,9 @@ def _breakdown(name: str, rows: Sequence[content.BreakdownRow]) -> tuple[ReportB
         return (Paragraph(f"AP by {name} is unknown: there was no vehicle to detect."),) if rows else ()
     (worst, low), (best, high) = _extremes(judged)
     apart = "the intervals overlap" if content.overlap(low, high) else "the intervals do not overlap"
-    caption = (
-        f"By {name}, AP ranges from {number(low.ap)} at “{worst}” to {number(high.ap)} at “{best}”; {apart}."
-        if len(judged) > 1
-        else f"By {name}, only “{worst}” had vehicles: {ap_text(low)}."
-    )
+    caption = f"By {name}, only “{worst}” had vehicles: {ap_text(low)}."
+    if len(judged) > 1:
+        caption = f"By {name}, AP ranges from {number(low.ap)} at “{worst}” to {number(high.ap)} at “{best}”; {apart}."
     chart = charts.interval_bars(judged, f"AP by {name}")
     columns = (*text_columns(name.capitalize()), *JUDGED_COLUMNS, Column("points per vehicle", digits=0))
     cells = [(row.name, *judged_cells(row.judged), row.mean_points) for row in rows]
@@ -474,9 +466,8 @@ def worth_section(plan: content.Plan) -> Content:
         only = plan.worth[0]
         return say(f"There is one sensor, {only.sensor}, and all of the AP is its own: {number(only.shapley)}.")
     most, least = (pick(plan.worth, key=lambda each: each.shapley) for pick in (max, min))
-    conclusion = (
-        f"{most.sensor} is worth most, {number(most.shapley)} AP, and {least.sensor} least, {number(least.shapley)}."
-    )
+    said = f"{most.sensor} is worth most, {number(most.shapley)} AP"
+    conclusion = f"{said}, and {least.sensor} least, {number(least.shapley)}."
     pairs = {tuple(sorted((each.sensor, other))): value for each in plan.worth for other, value in each.synergy.items()}
     if pairs:
         best, worst = (pick(pairs, key=lambda pair: pairs[pair]) for pick in (max, min))
@@ -532,11 +523,9 @@ def order_section(plan: content.Plan) -> Content:
     price = price_text(first.price, plan.currency)
     rest = [last.judged.ap - each.judged.ap for each in plan.order]
     enough = next(i for i, missing in enumerate(rest, 1) if missing <= AP_TOLERANCE)
-    caption = (
-        f"Every sensor adds more than {AP_TOLERANCE:g} of AP."
-        if enough == len(plan.order)
-        else f"From {describe_count(enough, 'sensor')} on, more sensors add no more than {AP_TOLERANCE:g} of AP."
-    )
+    caption = f"From {describe_count(enough, 'sensor')} on, more sensors add no more than {AP_TOLERANCE:g} of AP."
+    if enough == len(plan.order):
+        caption = f"Every sensor adds more than {AP_TOLERANCE:g} of AP."
     aps = list_aps((each.sensor, each.judged) for each in plan.order)
     columns = (Column("Step", digits=0), *text_columns("Sensor"), price_column("spent", plan.currency), *JUDGED_COLUMNS)
     rows = [(i, each.sensor, each.price, *judged_cells(each.judged)) for i, each in enumerate(plan.order, 1)]

@@ -13,7 +13,7 @@ import shapely
 from placement_env.handover.ground import Ground
 from placement_env.handover.mounted import PlannedSensor
 from placement_env.report.content import Moment, Plan
-from toolkit.arrays import Float32
+from toolkit.arrays import ImageRanges
 from toolkit.mesh import Mesh, box, extrude, merge, triangulate, tube
 from toolkit.plots.canvas import FAINT, GROUND, OTHER_SOLID, OUTCOME, POLE_INK, SOLID, sensor_colour
 from toolkit.rendering.renderer import Renderer
@@ -189,7 +189,7 @@ def seen_cells(site: Site, ground: Ground, index: int) -> Mesh:
     return _lift(site, flat, 0.08 + 0.03 * index)
 
 
-def view_edges(sensor: Sensor, background: Float32[np.ndarray, "rows columns"]) -> scene.Segments:
+def view_edges(sensor: Sensor, background: ImageRanges) -> scene.Segments:
     """Outline of a sensor's view of the empty site, and rays that lead to it from the sensor.
 
     background: measurement of each ray, 0 without a return."""

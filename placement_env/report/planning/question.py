@@ -152,9 +152,8 @@ class Question:
     @cached_property
     def searched(self) -> Setting:
         """Setting of the searches. It uses the surrogate if available, else coverage; no errors but noise."""
-        plain = replace(
-            self.setting, cases=replace(self.cases, errors=("paper",)), candidates=self.setting.pool, detector=None
-        )
+        cases = replace(self.cases, errors=("paper",))
+        plain = replace(self.setting, cases=cases, candidates=self.setting.pool, detector=None)
         try:
             check_scorable(plain, "surrogate")
         except ValueError:

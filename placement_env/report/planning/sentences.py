@@ -177,9 +177,8 @@ def list_assumptions(question: Question, fidelity: str, detector: str, *, sample
             f"IoU stands beside it; pictures of single frames show hits at IoU {cases.ious[0]:g}."
         )
     if others:
-        lines.append(
-            f"{join_names(others)} did not count in the choice; the AP stated for them is that of the same detections."
-        )
+        same = "the AP stated for them is that of the same detections"
+        lines.append(f"{join_names(others)} did not count in the choice; {same}.")
     if stock.catalogue is None:
         lines.append("No catalogue was given: sensors cost nothing besides their poles, prices are in ordinary poles.")
     elif stock.catalogue.pole_price is None:
@@ -248,9 +247,8 @@ def list_unknowns(final: Judgement, levels: Sequence[BreakdownRow] = ()) -> tupl
         f"{row.name} ({row.judged.vehicles})" for row in levels if row.judged and row.judged.vehicles < FEWEST_AT_LEVEL
     ]
     if few:
-        lines.append(
-            f"What holds at {join_names(few)}: fewer than {FEWEST_AT_LEVEL} to find say little; increase --frames."
-        )
+        why = f"fewer than {FEWEST_AT_LEVEL} to find say little; increase --frames"
+        lines.append(f"What holds at {join_names(few)}: {why}.")
     if math.isnan(final.low):
         lines.append(f"How far AP {final.ap:.3f} may be off: {describe_interval(final.low, final.high)}.")
     return tuple(lines)

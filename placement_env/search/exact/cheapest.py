@@ -37,7 +37,7 @@ from placement_env.search.exact.programme import (
 )
 from placement_env.search.progress import Progress, as_rows
 from placement_env.search.result import Certificate, Result
-from placement_env.subsets import SetFunction
+from placement_env.subsets import SetFunction, Sets
 from toolkit.arrays import Bool, Float64, Int64
 
 TRIES = 10  # tries with steps in the middle of the curve
@@ -92,7 +92,7 @@ class Demand:
             found = Cases(levels=self.levels).split(there)
         return [frames for frames in found if there[frames].any()]
 
-    def reach(self, by: Sequence[Fidelity], sets: Bool[np.ndarray, "n C"]) -> Float64[np.ndarray, " n"]:
+    def reach(self, by: Sequence[Fidelity], sets: Sets) -> Float64[np.ndarray, " n"]:
         """Least AP of each set over failures and shares; 0 if a failure leaves nothing. by: fidelity of each share."""
         if not len(sets):
             return np.zeros(0)
@@ -107,7 +107,7 @@ class DemandFidelity:
     def __init__(self, whole: Fidelity, by: Sequence[Fidelity], demand: Demand) -> None:
         self._whole, self._by, self._demand, self.name = whole, tuple(by), demand, whole.name
 
-    def __call__(self, subsets: Bool[np.ndarray, "n C"], /) -> Estimate:
+    def __call__(self, subsets: Sets, /) -> Estimate:
         """Least AP of each set. A trace of the intact set's AP separates equal ones."""
         intact = self._whole(subsets)
         return intact._replace(ap=self._demand.reach(self._by, subsets) + TIE * intact.ap)
@@ -138,11 +138,9 @@ def search(
     return _by_surrogate(progress, objective.scored_by, prices, demand, SolverLimits(seed=seed, effort=effort))
 
 
-def _by_coverage(
-    progress: Progress, coverage: Coverage, prices: Prices, demand: Demand, limits: SolverLimits
-) -> Result:
+def _by_coverage(progress: Progress, cover: Coverage, prices: Prices, demand: Demand, limits: SolverLimits) -> Result:
     objective = progress.objective
-    if objective.visibility is None or coverage.views != 1 or len(objective.classes.names) > 1:
+    if objective.visibility is None or cover.views != 1 or len(objective.classes.names) > 1:
         raise ValueError("the cheapest coverage needs to know what each candidate sees, one view and one class")
     seen = objective.visibility.of_classes(objective.classes.labels)
     shares = demand.shares(objective, seen)
@@ -169,7 +167,7 @@ def _by_surrogate(
         seen = objective.visibility.of_classes(objective.classes.labels)
         shares = [surrogate.in_frames(frames) for frames in demand.shares(objective, seen)]
 
-    def reached(sets: Bool[np.ndarray, "n C"]) -> Float64[np.ndarray, " n"]:
+    def reached(sets: Sets) -> Float64[np.ndarray, " n"]:
         return objective.scores(sets).ap if plain else demand.reach(shares, sets)
 
     def reach(chosen: list[int]) -> float:

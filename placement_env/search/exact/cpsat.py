@@ -23,6 +23,7 @@ from placement_env.search.exact.programme import SECONDS, Poles, Prices, Solved,
 from placement_env.search.progress import Progress
 from placement_env.search.result import Certificate, Result
 from placement_env.search.verification import best_of_equals
+from placement_env.subsets import Sets
 from toolkit.arrays import Bool, Int64
 
 if TYPE_CHECKING:
@@ -70,7 +71,7 @@ def search(
         limits=SolverLimits(SECONDS if seconds is None else seconds, seed, effort),
     )
 
-    def covered(sets: Bool[np.ndarray, "n C"]) -> Int64[np.ndarray, " n"]:
+    def covered(sets: Sets) -> Int64[np.ndarray, " n"]:
         return np.array([int((worth @ (seen[row].sum(axis=0) >= views)).min()) for row in sets], np.int64)
 
     chosen = cover.chosen or []

@@ -5,8 +5,8 @@ import numpy as np
 from placement_env.objective import Objective, Score, Scores
 from placement_env.search.progress import Progress
 from placement_env.search.result import Certificate, Result
-from placement_env.subsets import all_subsets
-from toolkit.arrays import Bool, Float
+from placement_env.subsets import Sets, all_subsets
+from toolkit.arrays import Float
 
 LARGEST = 16  # candidates, 65 536 sets
 
@@ -49,7 +49,7 @@ def search(
     return progress.result("exhaustive", certificate, scores(front), scores(best))
 
 
-def every_set(size: int, budget: int) -> Bool[np.ndarray, "n C"]:
+def every_set(size: int, budget: int) -> Sets:
     """All sets of 1 to `budget` of `size` candidates, small ones first.
 
     >>> every_set(2, 2).astype(int).tolist()

@@ -12,7 +12,8 @@ from placement_env.search.exact.programme import GAINS, SECONDS, Programme, Solv
 from placement_env.search.progress import Progress
 from placement_env.search.result import Certificate, Result
 from placement_env.search.verification import best_of_equals
-from toolkit.arrays import Bool, Int64
+from placement_env.subsets import Sets
+from toolkit.arrays import Int64
 
 
 def search(
@@ -35,7 +36,7 @@ def search(
     value = levels.worth(chosen)
     bound = max(value, found.bound) if found.chosen is not None else levels.whole
 
-    def worth(sets: Bool[np.ndarray, "n C"]) -> Int64[np.ndarray, " n"]:
+    def worth(sets: Sets) -> Int64[np.ndarray, " n"]:
         return np.array([levels.worth(np.flatnonzero(row).tolist()) for row in sets], np.int64)
 
     progress.settle(best_of_equals(progress, chosen, worth))

@@ -82,10 +82,8 @@ def budget_curve(
         first = int(ran.ranking[0])
         members = np.flatnonzero(sets[first]).tolist()
         if not (len(before) and members == winners[-1]["subset"]):
-            figures = {"predicted": float(found.predicted[first]), "confidence": float(ran.confidence)}
-            winners.append(
-                {"subset": members, "searches": list(found.searches[first]), "money": float(money), **figures}
-            )
+            own = {"predicted": float(found.predicted[first]), "confidence": float(ran.confidence)}
+            winners.append({"subset": members, "searches": list(found.searches[first]), "money": float(money), **own})
         races.save({"ended": n + 1, "winners": winners})
     if not winners:
         return ()

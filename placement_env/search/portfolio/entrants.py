@@ -28,6 +28,7 @@ from placement_env.search.progress import as_rows
 from placement_env.search.result import Result
 from placement_env.search.verification import neighbours
 from placement_env.setting import Weights
+from placement_env.subsets import Sets
 from toolkit.arrays import Bool, Float64
 from toolkit.runtime.cache import Cache, code_digest, make_key
 
@@ -48,7 +49,7 @@ class Entrants:
 
     predicted: AP by the fidelity of the searches; considered: number of sets scored in all."""
 
-    sets: Bool[np.ndarray, "n C"]
+    sets: Sets
     predicted: Float64[np.ndarray, " n"]
     searches: tuple[tuple[str, ...], ...]
     considered: int
@@ -74,7 +75,7 @@ class _EnoughAP:
     def __init__(self, fidelity: Fidelity, enough: float) -> None:
         self.name, self._fidelity, self._enough = fidelity.name, fidelity, enough
 
-    def __call__(self, subsets: Bool[np.ndarray, "n C"], /) -> Estimate:
+    def __call__(self, subsets: Sets, /) -> Estimate:
         found = self._fidelity(subsets)
         return found._replace(ap=np.minimum(found.ap, self._enough))
 
@@ -200,9 +201,7 @@ def entropy_objective(objective: Objective) -> Objective | None:
     return Objective(setting, objective.run, visibility=seen)
 
 
-def _neighbours(
-    objective: Objective, answers: Bool[np.ndarray, "n C"], count: int
-) -> tuple[list[Bool[np.ndarray, " C"]], int]:
+def _neighbours(objective: Objective, answers: Sets, count: int) -> tuple[list[Bool[np.ndarray, " C"]], int]:
     """Best feasible neighbours of some answers, at most one per change of mount, and the number of sets scored.
 
     Where visibility is known, up to half of them are sets that no other beats in reward, entropy and coverage at once.

@@ -19,14 +19,14 @@ from placement_env.fidelity.preparation import Preparation
 from placement_env.fidelity.seeing import see
 from placement_env.fidelity.visibility import Visibility, of_frames
 from placement_env.protocol import Estimate, FidelityName
-from toolkit.arrays import Bool, Float64, Int64
+from placement_env.subsets import Sets
+from toolkit.arrays import Float64, Int64
 from toolkit.runtime.run import Processes
 
 SEARCHING = 0.3  # share of a portfolio's time that its searches may take; races and judgement share the rest
 LONG_ENOUGH = 120.0  # s above which all frames are simulated; with less, a proportional part
 FEWEST = BLOCK_FRAMES  # frames of a part of traffic
 BATCHES = 12  # largest number of batches that a fast fidelity scores separately
-Sets = Bool[np.ndarray, "n C"]
 Frames = Int64[np.ndarray, " k"]
 Report = Callable[[int], None]
 
@@ -133,9 +133,7 @@ class CasesEvaluator:
         own = (self.cases.at_profiles(ap, owners), kbit, self.cases.at_profiles(resamples, owners))
         if not self.drawings:
             return own
-        ap, kbit, resamples = zip(
-            own, *(each.at_profiles(sets, frames, progress) for each in self.drawings), strict=True
-        )
+        ap, kbit, resamples = zip(own, *(one.at_profiles(sets, frames, progress) for one in self.drawings), strict=True)
         return np.mean(ap, axis=0), np.mean(kbit, axis=0), np.mean(resamples, axis=0)
 
 

@@ -24,7 +24,6 @@ from placement_env.search.portfolio.evaluators import (
     Frames,
     Report,
     Schedule,
-    Sets,
     Timed,
     build_evaluator,
     race_order,
@@ -32,6 +31,7 @@ from placement_env.search.portfolio.evaluators import (
 from placement_env.search.progress import Limits
 from placement_env.search.result import Assessment, Certificate, Contender, ProfileAP, Result
 from placement_env.setting import Setting
+from placement_env.subsets import Sets
 from toolkit.arrays import Float64
 
 RACE_FRAMES, JUDGED_FRAMES = 96, 120

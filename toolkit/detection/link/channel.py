@@ -54,10 +54,8 @@ class LinkChannel:
         if not 0 <= self.loss < 1:
             raise ValueError(f"loss must be a share from 0 to below 1, got {self.loss}")
         if self.burst is not None and not 1 / (1 - self.loss) <= self.burst < math.inf:
-            raise ValueError(
-                f"burst must be at least {1 / (1 - self.loss):g} messages where a share of {self.loss} is lost, got "
-                f"{self.burst}: that is the mean of independent losses"
-            )
+            said = f"burst must be at least {1 / (1 - self.loss):g} messages where a share of {self.loss} is lost"
+            raise ValueError(f"{said}, got {self.burst}: that is the mean of independent losses")
         if self.every < 1:
             raise ValueError(f"every must be at least 1 frame, got {self.every}")
 
@@ -130,10 +128,8 @@ def delay_frames(
             history, arrived = [], [[] for _ in now.sensors]
             lines = [Line(channel, [seed, k, sensor]) for sensor, channel in enumerate(each)]
         elif (apart := now.time - history[-1].time) > MOST_APART and any(line.channel != PERFECT for line in lines):
-            raise ValueError(
-                f"frames must be at most {MOST_APART} s apart to show late or lost messages, got {apart:g} s: "
-                "record with coview simulate --every 0.1"
-            )
+            said = f"frames must be at most {MOST_APART} s apart to show late or lost messages, got {apart:g} s"
+            raise ValueError(f"{said}: record with coview simulate --every 0.1")
         history.append(now)
         for times, line in zip(arrived, lines, strict=True):
             times.append(line.arrival(now.time))

@@ -106,10 +106,8 @@ class DifferenceReader:
         reference = self._reference
         if reference is None or reference.number != header.number - back or reference.checksum != checksum:
             has = "none" if reference is None else f"what message {reference.number} left"
-            raise MissedReference(
-                f"message {header.number} refers to message {header.number - back}, of which the reader has {has}: "
-                "wait for the next whole image"
-            )
+            said = f"message {header.number} refers to message {header.number - back}, of which the reader has {has}"
+            raise MissedReference(f"{said}: wait for the next whole image")
         if header.step_mm != reference.step_mm:
             raise ValueError(f"a message has steps of its reference, {reference.step_mm} mm, got {header.step_mm} mm")
         restored = foreground.restore(header, content, self.scene, *decode_difference(content, _REFERS.size, reference))

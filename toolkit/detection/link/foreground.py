@@ -123,10 +123,8 @@ def restore(
     if end < len(content):
         missing, end = decode_mask(content, end, sent.shape)
         if end != len(content) or not missing.any() or (missing & sent).any():
-            raise ValueError(
-                f"missing pixels must not be sent and must end the message: got {missing.sum()} of them, "
-                f"{(missing & sent).sum()} sent, and {len(content) - end} bytes more"
-            )
+            said = f"missing pixels must not be sent and must end the message: got {missing.sum()} of them"
+            raise ValueError(f"{said}, {(missing & sent).sum()} sent, and {len(content) - end} bytes more")
     measured = from_steps(steps, sent, header.step, scene.model)
     return Restored(header, np.where(sent | missing, measured, scene.first), sent, missing, steps)
 
