@@ -512,7 +512,7 @@ class LivePlanner:
         return replace(sensor, name=free_name(base, f"{sensor.model} {1 + len(base.sensors)}"))
 
     def _improve(self, kind: str, base: Variant, sensor: LiveSensor) -> Suggestion:
-        """Suggestion of a sensor, turned and tilted while that helps."""
+        """Suggestion of a sensor, turned and tilted while that helps and makes no problem."""
 
         def judged(each: LiveSensor) -> LiveAnswer:
             return self.estimate(replace(base, sensors=(*base.sensors, each)))
@@ -523,7 +523,7 @@ class LivePlanner:
             for turn, down in TRIED:
                 other = replace(sensor, heading=sensor.heading + turn, tilt=sensor.tilt + down)
                 found = judged(other) if TILT_SPAN[0] <= other.tilt <= TILT_SPAN[1] else answer
-                if found.ap > answer.ap + 1e-4:
+                if found.ap > answer.ap + 1e-4 and len(found.problems) <= len(answer.problems):
                     sensor, answer, better = other, found, True
         return Suggestion(kind, sensor, answer, self._stock.known)
 
