@@ -20,7 +20,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from coview.live_start import StartPage
-from coview.live_tables import HINT, MAP_KEY, details_html, figures_html, map_html, note_html, site_html, variants_html
+from coview.live_tables import (
+    HINT,
+    MAP_KEY,
+    describe_ap,
+    details_html,
+    figures_html,
+    map_html,
+    note_html,
+    site_html,
+    variants_html,
+)
 from placement_env.classes import SMALL
 from placement_env.live.picture import GroundPicture, keep_picture
 from placement_env.live.planner import LivePlanner, Suggestion
@@ -30,6 +40,7 @@ from placement_env.live.variant import LiveSensor, Variant
 from placement_env.report.pages.scene import add_site
 from toolkit.arrays import Float64
 from toolkit.detection.schemes import PAPER_SCHEMES
+from toolkit.display import describe_count
 from toolkit.plots.canvas import FAINT, INK, OUTCOME, sensor_colour
 from toolkit.runtime.parallel import return_freed_memory
 from toolkit.sensors.error_profiles import PROFILES
@@ -47,6 +58,7 @@ FOUND = 0.5  # hit probability from which a road user is drawn as found
 REACH = 20.0  # m: a handle is where the sensor looks at the ground, but no farther
 PATIENCE = 1.0  # s that a suggestion waits for more poles to be looked at
 QUIET, CALM = 0.4, 2.0  # s without a change after which views that are shown are refined, and all others
+TIDY = 10.0  # s of use after which freed memory is handed back
 CATCH = 3.0  # m from the pointer within which a pole catches a sensor that is carried
 AWAY, WIDE = 1.25, 1.3  # times as far from the area as the report's view, in windows at least so wide for their height
 PHONE, SHEET = 576, 0.6  # px of width below which the panel is a sheet over this share of the scene
@@ -134,9 +146,12 @@ class LivePage:
                 self._frame.value = (int(self._frame.value) + 1) % self.planner.frames
 
     def _refine(self) -> None:
-        more = True
+        more, tidied = True, time.monotonic()
         while not self._closed:
             answer = self._answer
+            if self._touched > tidied + TIDY:
+                tidied = time.monotonic()
+                return_freed_memory()
             wait = QUIET if answer is not None and answer.coarse else CALM
             if time.monotonic() - self._touched < wait or not more:
                 time.sleep(0.1)
@@ -144,7 +159,8 @@ class LivePage:
                 continue
             more = self.planner.refine()
             time.sleep(0.01)  # for those who wait to cast rays
-            if answer is not None and answer.coarse and not self.planner.look(self.planner.variant)[1]:
+            candidates = self.planner.yard.candidates(self.planner.variant)
+            if answer is not None and answer.coarse and not self.planner.look(candidates)[1]:
                 self.do(self._show_refined)
 
     def _show_refined(self) -> None:
@@ -288,7 +304,7 @@ class LivePage:
 
     def _bound(self, spot: Spot) -> None:
         self._spots.append(spot)
-        self._note = f"{len(self._spots)} corners"
+        self._note = describe_count(len(self._spots), "corner")
         self._show_note()
         self._draw_areas()
 
@@ -398,7 +414,7 @@ class LivePage:
 
         def job() -> None:
             found = self._ghosts = list(self.planner.suggest(kind, name, patience=PATIENCE))
-            said = "; ".join(f"{each.sensor.name} on {each.sensor.mount}: AP {each.answer.ap:.3f}" for each in found)
+            said = "; ".join(f"{s.sensor.name} on {s.sensor.mount}: {describe_ap(s.answer)}" for s in found)
             title = {"add": "next sensor", "move": "best place", "remove": "missed least"}[kind]
             known = f" (of {found[0].considered} poses so far)" if found and kind != "remove" else ""
             none = "none" if kind == "remove" else "none among the poles looked at so far; ask again"
@@ -417,16 +433,15 @@ class LivePage:
         before, count = self.planner.answer().ap, 0
         for answer in self.planner.search(lambda: self._closed):
             count += 1
-            self._note = f"search: AP {answer.ap:.3f} after {count} changes"
+            self._note = f"search: AP {answer.ap:.3f} after {describe_count(count, 'change')}"
             self.do(lambda answer=answer: self._show(answer))  # type: ignore[misc]
-        self._note = (
-            f"search: AP {before:.3f} to {self.planner.answer().ap:.3f} by {count} changes; undo takes them back"
-        )
+        changes = describe_count(count, "change")
+        self._note = f"search: AP {before:.3f} to {self.planner.answer().ap:.3f} by {changes}; undo takes them back"
 
     def _measure(self) -> None:
         predicted, found = self.planner.finish(), self.planner.measure()
-        interval = f" ({found.low:.3f} to {found.high:.3f})" if np.isfinite(found.low) else ""
-        self._measured = f"measured AP {found.ap:.3f}{interval}, predicted {predicted.ap:.3f}, N = {found.objects}"
+        number = f"N = {describe_count(found.objects, 'road user')}"
+        self._measured = f"measured {describe_ap(found)}, predicted {predicted.ap:.3f}, {number}"
         self._note = f"by the detector: {self._measured}"
 
     def _export(self) -> None:
@@ -468,7 +483,8 @@ class LivePage:
             sensors = [(yard.build_sensor(variant, each), each.failed) for each in variant.sensors]
             self._small[variant] = map_html(yard.site, sensors)
         self._small = {variant: self._small[variant] for variant in variants.values()}
-        answers = {name: self.planner.estimate(each) for name, each in variants.items()}
+        shown, estimate = self.planner.current, self.planner.estimate
+        answers = {name: self._answer if name == shown else estimate(each) for name, each in variants.items()}
         maps = {name: self._small[each] for name, each in variants.items()}
         self._table.content = variants_html(answers, self.planner.current, maps)
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from toolkit.display import describe_count
 from toolkit.plots.canvas import BAR, FAINT, GROUND, INK, OUTCOME, SOLID, sensor_colour
 
 if TYPE_CHECKING:
@@ -44,17 +45,19 @@ def figures_html(answer: "LiveAnswer") -> str:
             f'<div style="color:{colour}"><b class="live-change">{answer.change:+.3f}</b>{ends} '
             f"{escape(answer.what)}</div>"
         )
-    money = f" {escape(answer.currency)}" if answer.currency else " poles"
+    limited = np.isfinite(answer.budget)
+    unit = escape(answer.currency) or ("pole" if (answer.budget if limited else answer.price) == 1 else "poles")
     worst = "no sensor is left"
     if answer.worst_sensor:
-        ends = f" ({_ends(answer.worst_low, answer.worst_high, '.3f')})" if np.isfinite(answer.worst_low) else ""
+        ends = f" ({_ends(answer.worst_low, answer.worst_high)})" if np.isfinite(answer.worst_low) else ""
         worst = f"{answer.worst:.3f}{ends} without {escape(answer.worst_sensor)}"
-    budget = f" of {answer.budget:,.10g}" if np.isfinite(answer.budget) else ""
+    budget = f" of {answer.budget:,.10g}" if limited else ""
+    sensors = describe_count(answer.sensors, "sensor")
     facts = (
         ("Worst failure leaves AP", f'<span class="live-worst">{worst}</span>'),
         ("Data", f'<span class="live-kbit">{answer.kbit:,.0f}</span> kbit per frame'),
-        ("Price", f'<span class="live-price">{answer.price:,.10g}</span>{budget}{money}, {answer.sensors} sensors'),
-        ("Seen by no sensor", f"{answer.unseen} of {answer.objects} road users"),
+        ("Price", f'<span class="live-price">{answer.price:,.10g}</span>{budget} {unit}, {sensors}'),
+        ("Seen by no sensor", f"{answer.unseen} of {describe_count(answer.objects, 'road user')}"),
         ("Fullest link", _fullest(answer)),
     )
     rows = "".join(f'<tr><td style="{_SMALL}">{name}</td><td align="right">{text}</td></tr>' for name, text in facts)
@@ -65,8 +68,8 @@ def figures_html(answer: "LiveAnswer") -> str:
     return (
         f'<div style="{_BOX}"><span class="live-ap" style="font-size:28px;font-weight:700">{answer.ap:.3f}</span> '
         f"AP, predicted{' (refining)' if answer.coarse else ''}"
-        f'<div style="{_SMALL}">95 %: {_ends(answer.low, answer.high, ".3f")}; N = {answer.objects} road users, '
-        f"{answer.frames} frames; surrogate &#177; {answer.spread:.3f}. AP, average precision, is 1 where every road "
+        f'<div style="{_SMALL}">95 %: {_ends(answer.low, answer.high)}; {_number(answer)}; '
+        f"surrogate &#177; {answer.spread:.3f}. AP, average precision, is 1 where every road "
         f"user is found and nothing else is.</div>{change}{problems}"
         f'<table style="width:100%">{rows}</table>{several}'
         f"{_bars('Found, by approach (95 %), N', answer.approaches)}</div>"
@@ -80,8 +83,13 @@ def details_html(answer: "LiveAnswer") -> str:
         f"{link.capacity_mbit_s:g} Mbit/s</td></tr>"
         for link in answer.links
     )
-    links = f'<div style="{_SMALL};margin-top:.4em">Links, over {answer.frames} frames</div><table>{rows}</table>'
+    frames = describe_count(answer.frames, "frame")
+    links = f'<div style="{_SMALL};margin-top:.4em">Links, over {frames}</div><table>{rows}</table>'
     return f'<div style="{_BOX}">{_bars("Found, by traffic (95 %), N", answer.levels)}{links}</div>'
+
+
+def _number(answer: "LiveAnswer") -> str:
+    return f"N = {describe_count(answer.objects, 'road user')}, {describe_count(answer.frames, 'frame')}"
 
 
 def _fullest(answer: "LiveAnswer") -> str:
@@ -98,7 +106,7 @@ def _bars(title: str, rows: "Iterable[FoundShare]") -> str:
         bar = f'<div style="background:{BAR};height:8px;width:{width:.0f}%"></div>'
         said = "none there" if np.isnan(row.recall) else f"{row.recall:.0%}"
         ends = f" ({row.low:.0%} to {row.high:.0%})" if np.isfinite(row.low) and row.ap is None else ""
-        ap = "" if row.ap is None or np.isnan(row.ap) else f", AP {row.ap:.3f} ({_ends(row.low, row.high, '.3f')})"
+        ap = "" if row.ap is None or np.isnan(row.ap) else f", AP {row.ap:.3f} ({_ends(row.low, row.high)})"
         lines.append(
             f'<tr><td style="white-space:nowrap">{escape(row.name)}</td>'
             f'<td style="width:20%"><div style="background:#e3e3e6">{bar}</div></td>'
@@ -149,16 +157,24 @@ def variants_html(answers: "Mapping[str, LiveAnswer]", current: str, maps: Mappi
     rows = []
     for name, each in answers.items():
         weight = "700" if name == current else "400"
-        ends = _ends(each.low, each.high, ".3f")
-        cells = (f"{each.ap:.3f}<br><span style='{_SMALL}'>{ends}</span>", f"{each.worst:.3f}", f"{each.kbit:,.0f}")
-        figures = "".join(f'<td align="right">{cell}</td>' for cell in (*cells, f"{each.price:,.10g}"))
+        aps = ((each.ap, each.low, each.high), (each.worst, each.worst_low, each.worst_high))
+        cells = [f"{ap:.3f}<br><span style='{_SMALL}'>{_ends(low, high)}</span>" for ap, low, high in aps]
+        figures = "".join(f'<td align="right">{c}</td>' for c in (*cells, f"{each.kbit:,.0f}", f"{each.price:,.10g}"))
         rows.append(
             f'<tr class="live-variant" style="font-weight:{weight}"><td>{escape(name)}{maps[name]}</td>{figures}</tr>'
         )
-    head = "".join(f'<td align="right">{name}</td>' for name in ("AP", "worst", "kbit", "price"))
+    shown = answers[current]
+    titles = ("AP (95 %)", "AP, worst failure", "kbit per frame", f"price, {escape(shown.currency) or 'poles'}")
+    head = "".join(f'<td align="right">{title}</td>' for title in titles)
     table = f'<table style="width:100%"><tr style="{_SMALL}"><td></td>{head}</tr>{"".join(rows)}</table>'
+    table += f'<div style="{_SMALL}">{_number(shown)}</div>'
     return f'<div style="{_BOX}">{table}</div>'
 
 
-def _ends(low: float, high: float, form: str) -> str:
+def describe_ap(answer: "LiveAnswer") -> str:
+    """AP with its interval."""
+    return f"AP {answer.ap:.3f} ({_ends(answer.low, answer.high)})"
+
+
+def _ends(low: float, high: float, form: str = ".3f") -> str:
     return f"{low:{form}} to {high:{form}}" if np.isfinite(low) and np.isfinite(high) else "no interval from few frames"

@@ -3,10 +3,12 @@
 import math
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, fields
+from pathlib import Path
 from typing import Any, Literal, SupportsFloat
 
 from toolkit.objects import LABELS
 
+SHIPPED = Path(__file__).parent / "weights"
 SITE_AREAS = {"tjunction": (-40.0, -20.0, 40.0, 20.0), "roundabout": (-48.0, -48.0, 48.0, 48.0)}
 _LIGHT: dict[str, Any] = {"point_features": "local", "vfe_widths": (), "voxel_width": 32}
 _LIGHT |= {"middle_widths": (), "column_width": 32}
@@ -47,6 +49,9 @@ ROAD_USERS = (
     AnchorKind("pedestrian", (0.65, 0.6, 1.7), 0.85, yaws=(0.0,), margin=0.8),
 )
 """The classes of a network for all road users, vehicle first with the anchors of the networks that know no other."""
+
+
+FITTED = ("calibration", "rivalry", "known", "thresholds", "known_thresholds")  # entries that calibration makes
 
 
 @dataclass(frozen=True)
@@ -101,10 +106,11 @@ class VoxelNetConfig:
     rivalry: tuple[tuple[float, ...], ...] = ()
     """Per label a slope, an intercept and a weight for each label, by which scores are lowered where boxes of other
     labels stand at the same place (`models.network.candidates`); (): as they are."""
-    known: tuple[tuple[float, float], ...] = ()
-    """As `calibration`, of the scores that are left where the detector knows the empty site."""
+    known: tuple[tuple[float, ...], ...] = ()
+    """As `rivalry`, of the scores that are left where the detector knows the empty site."""
     score_threshold: float = 0.1  # of detections, where the caller gives none
     thresholds: tuple[float, ...] = ()  # the same by label; (): `score_threshold` for all
+    known_thresholds: tuple[float, ...] = ()  # the same of `known` scores; (): `thresholds`
 
     def __post_init__(self) -> None:
         xmin, ymin, xmax, ymax = self.area
@@ -126,16 +132,16 @@ class VoxelNetConfig:
             raise ValueError(f"anchors by class need a quality head and a kind for each label in its order, {got}")
         if not set(self.faces) <= set(self.labels):
             raise ValueError(f"faces must be among the labels, got {self.faces} and {self.labels}")
-        for name, rows in (("calibration", self.calibration), ("known", self.known)):
-            if len(rows) not in (0, size) or any(slope <= 0 for slope, _ in rows):
-                raise ValueError(f"{name} must have a slope above 0 per label or be empty, got {rows}")
-        wrong = [row for row in self.rivalry if len(row) != size + 2 or row[0] <= 0 or min(row[2:]) < 0]
-        if len(self.rivalry) not in (0, size) or wrong:
-            needs = "a slope above 0, an intercept and a weight of at least 0 for each label"
-            raise ValueError(f"rivalry must have {needs}, for each label, or be empty, got {self.rivalry}")
-        if not all(0 <= each < 1 for each in (self.score_threshold, *self.thresholds)):
+        lengths = {"calibration": 2, "rivalry": size + 2, "known": size + 2}
+        for name, length in lengths.items():
+            rows = getattr(self, name)
+            wrong = [row for row in rows if len(row) != length or row[0] <= 0 or min(row[2:], default=0) < 0]
+            if len(rows) not in (0, size) or wrong:
+                needs = "a slope above 0, an intercept" + " and a weight of at least 0 for each label" * (length > 2)
+                raise ValueError(f"{name} must have {needs}, for each label, or be empty, got {rows}")
+        if not all(0 <= each < 1 for each in (self.score_threshold, *self.thresholds, *self.known_thresholds)):
             raise ValueError(f"score thresholds must lie in 0..1, got {self.score_threshold} and {self.thresholds}")
-        if len(self.thresholds) not in (0, size):
+        if not {len(self.thresholds), len(self.known_thresholds)} <= {0, size}:
             raise ValueError(f"thresholds must be one per label or empty, got {self.thresholds} for {self.labels}")
 
     @classmethod
@@ -195,7 +201,16 @@ class VoxelNetConfig:
     def to_dict(self) -> dict[str, Any]:
         """Return plain values for JSON."""
         # Entries younger than the first shipped weights are left out at their default, so that digests do not change.
-        young = ("kinds", "faces", "calibration", "rivalry", "known", "score_threshold", "thresholds")
+        young = (
+            "kinds",
+            "faces",
+            "calibration",
+            "rivalry",
+            "known",
+            "score_threshold",
+            "thresholds",
+            "known_thresholds",
+        )
         defaults = {each.name: each.default for each in fields(self) if each.name in young}
         return {name: value for name, value in asdict(self).items() if name not in young or value != defaults[name]}
 
@@ -265,6 +280,7 @@ _EXAMPLE = VoxelNetConfig(
     faces=("vehicle",),
     calibration=((1.0, 0.0),),
     rivalry=((1.0, 0.0, 0.0),),
-    known=((1.0, 0.0),),
+    known=((1.0, 0.0, 0.0),),
     thresholds=(0.1,),
+    known_thresholds=(0.1,),
 )

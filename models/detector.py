@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from models.config import VoxelNetConfig
+from models.config import SHIPPED, VoxelNetConfig
 from models.network import candidates as decoding
 from models.network.faces import measure_faces
 from models.network.grid import anchors, collate, voxelise
@@ -24,9 +24,9 @@ from toolkit.objects import LABELS, Detections, label_index
 from toolkit.points import join_clouds
 from toolkit.runtime.parallel import keep_freed_memory
 
-SHIPPED = Path(__file__).parent / "weights"
 SPREAD = np.array([0.7548776662466927, 0.5698402909980532])  # steps whose multiples fill a square evenly (Roberts 2018)
 MOST_PHASES = 16
+LEAST_KNOWN = 0.05  # score of what a detector reports where it is judged anew, since the empty site is known
 SAME = 0.3  # footprint IoU above which boxes of several grids are averaged
 _Clouds = Sequence[Float[np.ndarray, "_ 3"]]
 
@@ -38,7 +38,7 @@ class VoxelNetDetector:
     detections at or below it are dropped; None takes the configuration's own, which may differ by label. nms_threshold:
     of two boxes of one class with a larger footprint IoU, only the better scored one stays (0.1 in the paper).
 
-    >>> from models.config import VoxelNetConfig
+    >>> from models.config import SHIPPED, VoxelNetConfig
     >>> detector = VoxelNetDetector(VoxelNet(VoxelNetConfig.light((-8, -8, 8, 8))))
     >>> len(detector(np.zeros((0, 3), np.float32)))
     0
@@ -68,8 +68,7 @@ class VoxelNetDetector:
         self.name = type(self).__name__  # or what it was loaded by
         own = config.thresholds or (config.score_threshold,) * len(config.labels)
         self.thresholds = own if score_threshold is None else (score_threshold,) * len(own)
-        most = decoding.LEAST_RIVAL if config.rivalry else 1.0
-        self._looked_at = tuple(min(least, most) for least in self.thresholds)
+        self.known_thresholds = self.thresholds if score_threshold is not None else config.known_thresholds or own
         self.nms_threshold, self.phases = nms_threshold, 1
         self.anchors = anchors(config).to(self.device)
 
@@ -82,6 +81,10 @@ class VoxelNetDetector:
     def labels(self) -> tuple[str, ...]:
         """Known classes, names of `toolkit.objects.LABELS`."""
         return self.config.labels
+
+    @property
+    def _looked_at(self) -> tuple[float, ...]:
+        return tuple(min(least, decoding.LEAST_RIVAL if self.config.rivalry else 1.0) for least in self.thresholds)
 
     @property
     def digest(self) -> str:
@@ -166,18 +169,29 @@ class VoxelNetDetector:
                     best = found.best(rows[torch.argsort(found.place[rows])])  # in map order
                     yield row, self._finish(*best, join_clouds(clouds, unions[row]))
 
+    def at_known_site(self) -> "VoxelNetDetector":
+        """Same detector, which reports what it is less sure of too, where `score_known` is to judge it."""
+        other = copy.copy(self)
+        other.thresholds = tuple(min(least, LEAST_KNOWN) for least in self.thresholds)
+        return other if self.config.known else self
+
     def score_known(self, found: Detections) -> Detections:
         """Return detections with the scores they are worth where what belongs to the empty site is left out."""
-        return decoding.score_known(found, self.config)
+        if not self.config.known:
+            return found
+        rescored = decoding.apply_rivals(found, replace(self.config, rivalry=self.config.known))
+        return self._take_above(rescored, self.known_thresholds)
+
+    def _take_above(self, found: Detections, thresholds: tuple[float, ...]) -> Detections:
+        least = np.zeros(len(LABELS))
+        least[[label_index(name) for name in self.labels]] = thresholds
+        return found[found.scores > least[found.labels]]
 
     def _finish(self, boxes: Tensor, scores: Tensor, cloud: Points) -> Detections:
         """Suppress duplicates, deduct rivals and measure faces."""
         found = decoding.suppress(boxes, scores, self.config, self.nms_threshold)
         if self.config.rivalry:
-            least = np.zeros(len(LABELS))
-            least[[label_index(name) for name in self.labels]] = self.thresholds
-            found = decoding.apply_rivals(found, self.config)
-            found = found[found.scores > least[found.labels]]
+            found = self._take_above(decoding.apply_rivals(found, self.config), self.thresholds)
         return found if self.faces is None else measure_faces(self.faces, found, np.asarray(cloud), self.config.faces)
 
 

@@ -158,20 +158,9 @@ def apply_rivals(found: Detections, config: VoxelNetConfig) -> Detections:
     score = sigmoid(slope · logit(score) + intercept - Σ weight of a label · score of its strongest rival)."""
     if not config.rivalry or not len(found):
         return found
-    return _by_label(found, config, config.rivalry, strongest_rivals(found, config))
-
-
-def score_known(found: Detections, config: VoxelNetConfig) -> Detections:
-    """Return the scores that detections are worth where what belongs to the empty site is left out (`config.known`)."""
-    return _by_label(found, config, config.known, np.zeros((len(found), 0))) if config.known else found
-
-
-def _by_label(
-    found: Detections, config: VoxelNetConfig, rows: Sequence[Sequence[float]], rivals: Float[np.ndarray, "n L"]
-) -> Detections:
     own = {label_index(name): row for row, name in enumerate(config.labels)}
-    of = np.array(rows)[[own[int(label)] for label in found.labels]]
-    return Detections(found.boxes, rescore(found.scores, rivals, of), found.labels)
+    rows = np.array(config.rivalry)[[own[int(label)] for label in found.labels]]
+    return Detections(found.boxes, rescore(found.scores, strongest_rivals(found, config), rows), found.labels)
 
 
 def rescore(scores: _Scores, rivals: Float[np.ndarray, "n L"], rows: Float[np.ndarray, "r K"]) -> _Scores:

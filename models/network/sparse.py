@@ -171,8 +171,9 @@ def cell_by_cell(conv: nn.Module, x: Float[Tensor, "B C H W"]) -> Float[Tensor, 
     """Compute a 1x1 convolution by the convolution library.
 
     On one CPU thread torch would choose a plain matrix product, which takes about twice as long. Compilers and
-    exporters do not know the library's convolution."""
+    exporters do not know the library's convolution, and it refuses bfloat16 on processors without AVX-512."""
     plain = torch.compiler.is_compiling() or not torch.backends.mkldnn.is_available()  # type: ignore[no-untyped-call]
+    plain = plain or (x.dtype == torch.bfloat16 and not torch.ops.mkldnn._is_mkldnn_bf16_supported())
     if plain or x.device.type != "cpu":
         return conv(x)  # type: ignore[no-any-return,unused-ignore]
     return torch.mkldnn_convolution(x, conv.weight, conv.bias, (0, 0), (1, 1), (1, 1), 1)  # type: ignore[arg-type]

@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from scipy.optimize import minimize
 
-from models.config import VoxelNetConfig
+from models.config import FITTED, VoxelNetConfig
 from models.detector import VoxelNetDetector, relocate
 from models.network.candidates import logit, rescore, sigmoid, strongest_rivals
 from models.network.faces import SORTS, FaceNetworks, face_features, face_offsets
@@ -62,9 +62,9 @@ def detect_frames(
     """Detect in the first `count` frames (None: all) by early fusion.
 
     Returns detections, truth and a mask of objects centred in the frame's area. subsets, errors: see `read_points`;
-    known: leave out what belongs to the empty site, at the network's own thresholds."""
+    known: leave out what belongs to the empty site."""
     training = network.training
-    detector_in, results = detector_by_area(network, device, None if known else LOWEST), []
+    detector_in, results = detector_by_area(network, device, LOWEST), []
     background = lru_cache(maxsize=AREAS_KEPT)(_background)
     for k in range(min(len(frames), count or len(frames))):
         area = frames.rig(k).area
@@ -115,7 +115,7 @@ def widen(network: VoxelNet, config: VoxelNetConfig) -> VoxelNet:
         return network
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(0)
-        bare: dict[str, Any] = {"faces": (), "calibration": (), "rivalry": (), "known": (), "thresholds": ()}
+        bare: dict[str, Any] = dict.fromkeys(("faces", *FITTED), ())
         wider = VoxelNet(replace(known, labels=config.labels, kinds=config.kinds, **bare))
     state = wider.state_dict()
     for name, old in network.state_dict().items():
@@ -199,41 +199,44 @@ def fit_calibration(network: VoxelNet, frames: PackedFrames, *, count: int | Non
     Each threshold is the lowest above which `PRECISION` of the detections are true, over the first `count` frames
     (None: all) of a file that training did not use, some of them seen by some of the sensors or by sensors with errors.
     """
-    bare = rebuild(network, calibration=(), rivalry=(), known=(), thresholds=(), score_threshold=LOWEST)
+    bare = rebuild(network, score_threshold=LOWEST, **dict.fromkeys(FITTED, ()))
     labels = bare.config.labels
     judged = _judge(bare, frames, count, seed)
-    rows_of, hits, pairs = _fit_each(judged, labels)
+    hits = np.concatenate([np.zeros(0, int), *(hits for _, hits in judged)])
+    before = Detections.merge(found for found, _ in judged)
+    rows_of = [(hits != UNCOUNTED) & (before.labels == LABELS.index(label)) for label in labels]
+    pairs = [platt(before.scores[own], hits[own] == TRUE) if own.sum() >= FEWEST else (1.0, 0.0) for own in rows_of]
     by_label = dict(zip(map(LABELS.index, labels), pairs, strict=True))
     sure = []
-    for found, _ in judged:
+    for found, of_frame in judged:
         slope, shift = np.array([by_label[int(label)] for label in found.labels]).reshape(-1, 2).T
-        sure.append(Detections(found.boxes, sigmoid(slope * logit(found.scores) + shift), found.labels))
-    rivals = np.concatenate([np.zeros((0, len(labels))), *(strongest_rivals(found, bare.config) for found in sure)])
-    scores = Detections.merge(sure).scores
-    rows, thresholds = [], []
-    for own in rows_of:
-        true = hits[own] == TRUE
-        enough = len(labels) > 1 and own.sum() >= FEWEST
-        row = platt(scores[own], true, rivals[own]) if enough else (1.0, 0.0, *(0.0 for _ in labels))
-        left = rescore(scores[own], rivals[own], np.array([row]))
-        rows.append(row)
-        thresholds.append(round(max(LEAST_SURE, lowest_threshold(left, true, PRECISION)), 3))
-    rivalry = tuple(rows) if len(labels) > 1 else ()
-    done = rebuild(bare, calibration=pairs, rivalry=rivalry, thresholds=tuple(thresholds))
+        sure.append((Detections(found.boxes, sigmoid(slope * logit(found.scores) + shift), found.labels), of_frame))
+    rivalry, thresholds = _fit_rivals(sure, bare.config)
+    done = rebuild(bare, calibration=tuple(pairs), rivalry=rivalry, thresholds=thresholds)
     if any(map(frames.is_recorded, range(len(frames)))):
         return done
-    return rebuild(done, known=_fit_each(_judge(done, frames, count, seed, known=True), labels)[2])
+    known, known_thresholds = _fit_rivals(_judge(done, frames, count, seed, known=True), bare.config)
+    return rebuild(done, known=known, known_thresholds=known_thresholds)
 
 
-def _fit_each(
-    judged: Sequence[tuple[Detections, _Hits]], labels: Sequence[str]
-) -> tuple[list[Mask], _Hits, tuple[tuple[float, ...], ...]]:
-    """Rows of the counted detections of each label, all hits, and slope and intercept of the scores of each."""
-    hits = np.concatenate([np.zeros(0, int), *(own for _, own in judged)])
-    found = Detections.merge(own for own, _ in judged)
-    rows = [(hits != UNCOUNTED) & (found.labels == LABELS.index(label)) for label in labels]
-    pairs = (platt(found.scores[own], hits[own] == TRUE) if own.sum() >= FEWEST else (1.0, 0.0) for own in rows)
-    return rows, hits, tuple(pairs)
+def _fit_rivals(
+    judged: Sequence[tuple[Detections, _Hits]], config: VoxelNetConfig
+) -> tuple[tuple[tuple[float, ...], ...], tuple[float, ...]]:
+    """Fit slope, intercept and weights of rivals per label, and a threshold of the scores that they make."""
+    rivals = np.concatenate([np.zeros((0, len(config.labels))), *(strongest_rivals(of, config) for of, _ in judged)])
+    found, hits = (
+        Detections.merge(of for of, _ in judged),
+        np.concatenate([np.zeros(0, int), *(at for _, at in judged)]),
+    )
+    rows, thresholds = [], []
+    for number in map(LABELS.index, config.labels):
+        own = (hits != UNCOUNTED) & (found.labels == number)
+        scores, true = found.scores[own], hits[own] == TRUE
+        row = platt(scores, true, rivals[own]) if own.sum() >= FEWEST else (1.0, 0.0, *(0.0 for _ in config.labels))
+        rows.append(row)
+        left = rescore(scores, rivals[own], np.array([row]))
+        thresholds.append(round(max(LEAST_SURE, lowest_threshold(left, true, PRECISION)), 3))
+    return tuple(rows), tuple(thresholds)
 
 
 def _judge(

@@ -536,9 +536,14 @@ def _between(position: Float64[np.ndarray, "3"], mount: Mount) -> list[tuple[Pla
 
 def _places(place: Place, mount: Mount) -> list[Place]:
     """Panorama places for all heights of a sensor on a mount."""
+    return [_place(*place[:2], float(mount.position[2]) + height) for height in list_heights(mount)]
+
+
+def list_heights(mount: Mount) -> list[float]:
+    """Heights of panoramas above a mount's foot (m), which hold all of its sensors between them."""
     low, high = (h / HEIGHT_STEP for h in (mount.min_height, mount.max_height))
     steps = range(int(np.floor(low + 1e-6)), int(np.ceil(high - 1e-6)) + 1)
-    return [_place(*place[:2], float(mount.position[2]) + step * HEIGHT_STEP) for step in steps]
+    return [step * HEIGHT_STEP for step in steps]
 
 
 def _place(x: float, y: float, z: float) -> Place:

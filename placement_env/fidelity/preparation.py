@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, TypeVar, cast
 
 import numpy as np
 
+from models.config import SHIPPED
 from placement_env.candidates.candidates import Candidates
 from placement_env.cases import LEVEL_NAMES, Cases
 from placement_env.classes import VEHICLES, Classes
@@ -360,7 +361,5 @@ def load_shipped_detector(network: str, site: Site) -> Detector:
 
 def find_network(site: Site, sensors: Iterable[Sensor]) -> str:
     """Name of the shipped network for these sensors. It is the site's, trained with its own sensors, or `GENERAL`."""
-    from models.detector import SHIPPED
-
     own = set(sensors) <= set(site.sensors) and (SHIPPED / f"{site.name}.safetensors").exists()
     return site.name if own else GENERAL

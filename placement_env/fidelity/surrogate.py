@@ -105,10 +105,8 @@ class Surrogate:
         count = min(len(model.resampled) for model in self.models)
         if count < 2:
             return np.full(len(subsets), np.nan)
-        drawn = []
-        for k in range(count):
-            parts = [_Part(part.evidence, part.model.resamples[k]) for part in self._parts]
-            drawn.append(self.classes.combined(np.stack([part.expected(subsets)[0] for part in parts], axis=1)))
+        figures = np.stack([part.resampled(subsets, count) for part in self._parts], axis=2)
+        drawn = [self.classes.combined(each) for each in figures]
         return np.nan_to_num(np.std(drawn, axis=0, ddof=1))
 
     def doubts(self, sensors: Iterable[str] = ()) -> tuple[str, ...]:
@@ -150,6 +148,25 @@ class _Part:
             figures[:, block] = compute_expected_ap(probability, self.model.false_alarms)
         return figures
 
+    def resampled(self, subsets: Bool[np.ndarray, "n C"], count: int) -> Float64[np.ndarray, "count n"]:
+        """AP of each set by the first resamples of the fit, NaN without an object."""
+        if not self.objects:
+            return np.full((count, len(subsets)), np.nan)
+        models, seen = self.model.resamples[:count], self.evidence
+        rows = [seen.rows(model) for model in models]
+        sums = MemberSums(np.concatenate(rows, axis=1))(subsets)
+        parts = np.split(sums, np.cumsum([each.shape[1] for each in rows])[:-1], axis=1)
+        probability = np.stack(
+            [
+                model.probability(*seen.joined(part, model)) * model.of_size(seen.visibility.boxes).astype(np.float32)
+                for model, part in zip(models, parts, strict=True)
+            ]
+        )
+        probability.sort(axis=2)
+        alarms = np.repeat([model.false_alarms for model in models], len(subsets)).astype(np.float32)
+        ap, _ = compute_expected_ap(probability[:, :, ::-1].reshape(len(alarms), -1), alarms[:, None])
+        return ap.reshape(count, -1)
+
     def probability(self, sums: Float32[np.ndarray, "n w"]) -> Float32[np.ndarray, "n O"]:
         """Hit probability of each object, from the sums of each set's rows."""
         probability = self.model.probability(*self.evidence.joined(sums, self.model))
@@ -158,7 +175,7 @@ class _Part:
 
 
 def compute_expected_ap(
-    probability: Float[np.ndarray, "n O"], false_alarms: float
+    probability: Float[np.ndarray, "n O"], false_alarms: float | Float32[np.ndarray, "n 1"]
 ) -> tuple[Float64[np.ndarray, " n"], Float64[np.ndarray, " n"]]:
     """AP and recall by the formula above, from hit probabilities in descending order.
 
@@ -176,20 +193,24 @@ def compute_expected_ap(
 
 
 def resample_ap(
-    probability: Float64[np.ndarray, " O"], false_alarms: float, counts: Float[np.ndarray, "n O"]
+    probability: Float64[np.ndarray, " O"],
+    false_alarms: float,
+    draws: Float32[np.ndarray, "n B"],
+    block: Int64[np.ndarray, " O"],
 ) -> Float64[np.ndarray, " n"]:
-    """AP by the formula above where each object occurs `counts` times; NaN without any.
+    """AP by the formula above where the objects of each block occur as often as it is drawn; NaN without any.
 
-    >>> resample_ap(np.array([0.5, 1.0]), 1.0, np.array([[1.0, 1], [0, 2], [0, 0]]))
+    >>> draws = np.array([[1.0, 1], [0, 2], [0, 0]], np.float32)
+    >>> resample_ap(np.array([0.5, 1.0]), 1.0, draws, np.array([0, 1]))
     array([0.6875, 1.    ,    nan])
     """
     order = np.argsort(-probability, kind="stable")
-    counts, some = counts[:, order], probability[order].astype(counts.dtype)
-    weighted = counts * some
-    hits, objects = np.cumsum(weighted, axis=1), np.cumsum(counts, axis=1)
-    found = hits + false_alarms * (objects - hits)
-    precision = np.divide(hits, found, out=np.zeros_like(hits), where=found > 0)
-    area, whole = np.einsum("no,no->n", weighted, precision), counts.sum(axis=1)
+    own = (block[order] == np.arange(draws.shape[1])[:, None]).astype(np.float32)  # objects of each block
+    some = own * probability[order].astype(np.float32)
+    precision = draws @ np.cumsum(some, axis=1)
+    found = draws @ np.cumsum(some + np.float32(false_alarms) * (own - some), axis=1)
+    precision /= np.maximum(found, np.finfo(np.float32).tiny, out=found)  # 0 where nothing is found yet
+    area, whole = ((precision @ some.T) * draws).sum(axis=1), draws @ own.sum(axis=1)
     return np.divide(area, whole, out=np.full(len(area), np.nan), where=whole > 0, dtype=np.float64)
 
 

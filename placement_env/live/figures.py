@@ -12,7 +12,14 @@ from typing import cast
 import numpy as np
 
 from placement_env.analysis.approaches import find_approaches
-from placement_env.analysis.intervals import Interval, block_draws, count_blocks, figure_interval, percentiles
+from placement_env.analysis.intervals import (
+    BLOCK_FRAMES,
+    Interval,
+    block_draws,
+    count_blocks,
+    figure_interval,
+    percentiles,
+)
 from placement_env.candidates.candidates import Candidates
 from placement_env.cases import LEVEL_NAMES
 from placement_env.fidelity.coverage import sent_per_frame
@@ -21,7 +28,7 @@ from placement_env.fidelity.surrogate import Surrogate, resample_ap
 from placement_env.fidelity.visibility import Visibility
 from placement_env.handover.mounted import MBIT, RATE, LinkLoad
 from placement_env.objective import Objective
-from toolkit.arrays import Bool, Float32, Float64, Int64
+from toolkit.arrays import Bool, Float64, Int64
 
 LEVELS = 3  # of traffic
 LEAST_BLOCKS = 5  # blocks of frames that have an interval here
@@ -104,8 +111,8 @@ class Meter:
 
     def __init__(self, preparation: Preparation, currency: str) -> None:
         self.preparation, self._currency = preparation, currency
-        self.draws = block_draws(preparation.frames)
         self.blocks = count_blocks(preparation.frames)
+        self._draws = block_draws(self.blocks, block=1).astype(np.float32)
 
     def objective(self, candidates: Candidates, visibility: Visibility) -> Objective:
         """Objective of sensors whose view is known."""
@@ -163,8 +170,8 @@ class Meter:
         )
 
     @cached_property
-    def _counts(self) -> Float32[np.ndarray, "resamples O"]:
-        return self.draws.astype(np.float32)[:, self.unseen.frame]
+    def _block(self) -> Int64[np.ndarray, " O"]:
+        return self.unseen.frame // BLOCK_FRAMES
 
     @cached_property
     def unseen(self) -> Visibility:
@@ -193,7 +200,7 @@ class Meter:
         """AP of all and of each class over the draws of frames."""
         labels, hits = surrogate.classes.labels, surrogate.hits(standing)
         drawn = [
-            resample_ap(each, model.false_alarms, self._counts[:, self.unseen.labels == label])
+            resample_ap(each, model.false_alarms, self._draws, self._block[self.unseen.labels == label])
             for label, model, each in zip(labels, surrogate.models, hits, strict=True)
         ]
         return surrogate.classes.combined(np.stack(drawn, axis=1)), drawn
@@ -202,15 +209,16 @@ class Meter:
         self, names: tuple[str, ...], place: Int64[np.ndarray, " O"], probability: Float64[np.ndarray, " O"]
     ) -> tuple[FoundShare, ...]:
         """Share found of each group of objects. place: group of each."""
-        rows = []
-        for k in np.unique(place).tolist():
-            own = place == k
-            counts = self._counts[:, own]
-            whole = counts.sum(axis=1)
-            shares = np.divide(counts @ probability[own], whole, out=np.full(len(whole), np.nan), where=whole > 0)
-            recall = float(probability[own].mean())
-            ends = figure_interval(recall, shares, blocks=self.blocks, objects=int(own.sum()), fewest=LEAST_BLOCKS)
-            rows.append(FoundShare(names[k], None, recall, *ends, int(own.sum())))
+        cell, rows = place * self.blocks + self._block, []
+        counts, sums = (
+            np.bincount(cell, each, len(names) * self.blocks).reshape(len(names), -1) for each in (None, probability)
+        )
+        for k in np.flatnonzero(counts.any(axis=1)).tolist():
+            objects, whole = int(counts[k].sum()), self._draws @ counts[k]
+            shares = np.divide(self._draws @ sums[k], whole, out=np.full(len(whole), np.nan), where=whole > 0)
+            recall = float(sums[k].sum() / objects)
+            ends = figure_interval(recall, shares, blocks=self.blocks, objects=objects, fewest=LEAST_BLOCKS)
+            rows.append(FoundShare(names[k], None, recall, *ends, objects))
         return tuple(rows)
 
     @cached_property

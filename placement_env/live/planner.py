@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from placement_env.candidates.candidates import Candidates, NoCandidates, aim_sensor, paper_candidates, pool
-from placement_env.fidelity.panorama import HEIGHT_STEP, make_table_ahead
+from placement_env.fidelity.panorama import list_heights, make_table_ahead
 from placement_env.fidelity.preparation import Preparation
 from placement_env.fidelity.seeing import see
 from placement_env.fidelity.visibility import Visibility
@@ -36,6 +36,7 @@ from placement_env.objective import Score
 from placement_env.report.planning.question import Stock
 from placement_env.setting import Rendering, Setting
 from toolkit.runtime.run import Run
+from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
 
 LIVE_FRAMES, LIVE_SEED = 60, 3
@@ -286,11 +287,12 @@ class LivePlanner:
         found = self._answers.get(variant)
         if found is not None and not found.coarse:
             return found
-        candidates = self.yard.candidates(variant)
-        seen, coarse = self.look(variant)
+        candidates, yard = self.yard.candidates(variant), self.yard
+        seen, coarse = self.look(candidates)
         standing = np.array([not sensor.failed for sensor in variant.sensors], np.bool_)
-        barred = {mount.name for mount in candidates.mounts if self.yard.bars(variant, mount)}
-        said = tuple(f"{each.name} hangs in a keep-out area" for each in variant.sensors if each.mount in barred)
+        poles = [yard.find_mount(variant, each.mount) for each in variant.sensors]
+        barred = [each.name for each, pole in zip(variant.sensors, poles, strict=True) if yard.bars(variant, pole)]
+        said = tuple(f"{name} hangs in a keep-out area" for name in barred)
         if len(variant.sensors) > self.most_sensors:
             said += (f"it has {len(variant.sensors)} sensors, more than the {self.most_sensors} of its plan",)
         found = self._meter.measure(candidates, seen, standing)
@@ -301,9 +303,9 @@ class LivePlanner:
             self._answers[variant] = found
         return found
 
-    def look(self, variant: Variant) -> tuple[Visibility, bool]:
+    def look(self, every: Candidates) -> tuple[Visibility, bool]:
         """View of the sensors of a variant; True where one is not from its very height."""
-        every, live, coarse = self.yard.candidates(variant), self.preparation.live, False
+        live, coarse = self.preparation.live, False
         rows: list[Row] = []
         for k, sensor in enumerate(every.sensors):
             key = (sensor.model, sensor.pose.tobytes())
@@ -337,25 +339,32 @@ class LivePlanner:
         return self._meter.objective(candidates, seen).score(range(len(candidates)))
 
     def refine(self) -> bool:
-        """Make one of the views that are missing: first of the sensors shown, then of the stock. True while some are.
-
-        May run in a thread of its own."""
+        """Make one of the views that are missing: of the sensors shown, then from other heights of their poles, the
+        nearest first, then of the stock. True while some are. May run in a thread of its own."""
         live = self.preparation.live
         if live is None:
             return False
-        every, others = self.yard.candidates(self.variant), []
-        for k, sensor in enumerate(every.sensors):
-            mount = every.mounts[every.mount[k]]
-            for height in np.arange(mount.min_height, mount.max_height + HEIGHT_STEP, HEIGHT_STEP).tolist():
-                up = np.array([0.0, 0.0, mount.position[2] + min(height, mount.max_height) - sensor.position[2]])
-                others.append((k, aim_sensor(sensor, sensor.position + up, 0.0, 0.0)))
-        ahead = [] if live.full else others  # else they would push each other out for ever
-        for k, sensor in [*enumerate(every.sensors), *ahead]:
-            if not live.knows(sensor):
-                live.see(replace(every.select([k]), sensors=(sensor,)), reach="own")
-                return True
+        every = self.yard.candidates(self.variant)
+
+        def make(wanted: Iterable[tuple[int, Sensor]]) -> bool:
+            for k, sensor in wanted:
+                if not live.knows(sensor):
+                    live.see(replace(every.select([k]), sensors=(sensor,)), reach="own")
+                    return True
+            return False
+
         models = dict.fromkeys(sensor.model for sensor in every.sensors)
-        return any(make_table_ahead(model, *TILT_SPAN) for model in models) or self._stock.look_further()
+        if make(enumerate(every.sensors)) or any(make_table_ahead(model, *TILT_SPAN) for model in models):
+            return True
+        above = [
+            (k, np.array([0.0, 0.0, every.mounts[every.mount[k]].position[2] + height - sensor.position[2]]))
+            for k, sensor in enumerate(every.sensors)
+            for height in list_heights(every.mounts[every.mount[k]])
+        ]
+        above.sort(key=lambda each: abs(each[1][2]))
+        others = ((k, aim_sensor(every.sensors[k], every.sensors[k].position + up, 0.0, 0.0)) for k, up in above)
+        # where memory is full they would push each other out for ever
+        return (not live.full and make(others)) or self._stock.look_further()
 
     def finish(self) -> LiveAnswer:
         """Figures of the variant that is shown, without anything coarse."""
@@ -385,7 +394,8 @@ class LivePlanner:
         base = replace(variant, sensors=rest)
         standing = np.array([not each.failed for each in rest], np.bool_)
         self._stock.at_least_coarse(patience)
-        ranked = self._stock.rank(self.yard.candidates(base), self.look(base)[0], standing, self._meter.objective)
+        candidates = self.yard.candidates(base)
+        ranked = self._stock.rank(candidates, self.look(candidates)[0], standing, self._meter.objective)
         found, poles = [], set[int]()
         for candidate in ranked:
             mount = int(self.yard.stock.mount[candidate])

@@ -10,6 +10,7 @@ import math
 import os
 import time
 from dataclasses import asdict, replace
+from functools import lru_cache
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -84,12 +85,12 @@ class ProjectFile:
 
     def _format(self) -> str:
         planner = self.planner
-        past = [[name, variant.as_dict()] for name, variant in planner.past[-SAVED_STEPS:]]
+        picture = None if planner.picture is None else asdict(planner.picture)
         known = {"coview_live": PROJECT_VERSION, "site": planner.yard.site.name, "site_sha256": self._site}
-        variants = {name: variant.as_dict() for name, variant in planner.variants.items()}
-        known |= {"current": planner.current, "variants": variants, "past": past, "question": planner.question}
-        known["picture"] = None if planner.picture is None else asdict(planner.picture)
-        return json.dumps(known, allow_nan=False)
+        known |= {"current": planner.current, "question": planner.question, "picture": picture}
+        variants = ", ".join(f"{json.dumps(name)}: {_format(each)}" for name, each in planner.variants.items())
+        past = ", ".join(f"[{json.dumps(name)}, {_format(each)}]" for name, each in planner.past[-SAVED_STEPS:])
+        return f'{json.dumps(known, allow_nan=False)[:-1]}, "variants": {{{variants}}}, "past": [{past}]}}'
 
     def _load(self, path: Path) -> None:
         found = None
@@ -136,6 +137,11 @@ class ProjectFile:
         self.planner.ask(cases=replace(self.planner.asked.cases, **cases), **more)
 
 
+@lru_cache(maxsize=2 * SAVED_STEPS)
+def _format(variant: Variant) -> str:
+    return json.dumps(variant.as_dict(), allow_nan=False)
+
+
 def export_variant(planner: LivePlanner, folder: Path) -> list[Path]:
     """Write site.json, a map and a schedule of the variant that is shown; return their paths.
 
@@ -145,7 +151,7 @@ def export_variant(planner: LivePlanner, folder: Path) -> list[Path]:
         raise ValueError("there is no sensor to export: add one")
     candidates, members = planner.yard.candidates(variant), range(len(variant.sensors))
     planner.finish()
-    kbit = sent_per_frame(planner.look(variant)[0], planner.setting.fusion, planner.setting.codec)
+    kbit = sent_per_frame(planner.look(candidates)[0], planner.setting.fusion, planner.setting.codec)
     mounted = mounted_site(site, candidates, members)
     sensors = format_sensors(site, candidates, members, kbit=kbit, catalogue=planner.catalogue)
     ground, unused = visible_ground(mounted, mounted.sensors), unused_mounts(candidates, members)

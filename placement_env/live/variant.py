@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any, cast
 
 import numpy as np
@@ -235,10 +235,8 @@ class Yard:
 
     def build_sensor(self, variant: Variant, sensor: LiveSensor) -> Sensor:
         """Sensor as it hangs."""
-        model, foot = self.models[sensor.model], self.find_mount(variant, sensor.mount).position[2]
-        at = np.array([sensor.x, sensor.y, foot + sensor.height])
-        plain = Sensor(sensor.name, model, pose() @ model.body_SE3_sensor)
-        return aim_sensor(plain, at, sensor.heading, sensor.tilt)
+        foot = float(self.find_mount(variant, sensor.mount).position[2])
+        return _hang(sensor, self.models[sensor.model], foot)
 
     def check(self, variant: Variant) -> Variant:
         """Return a variant. Raises ValueError for an unknown model or pole, and names that are there twice."""
@@ -250,6 +248,12 @@ class Yard:
             if sensor.model not in self.models:
                 raise ValueError(f"there is no model {sensor.model!r}: the stock has {', '.join(self.models)}")
         return variant
+
+
+@lru_cache(maxsize=64)
+def _hang(sensor: LiveSensor, model: SensorModel, foot: float) -> Sensor:
+    plain = Sensor(sensor.name, model, pose() @ model.body_SE3_sensor)
+    return aim_sensor(plain, np.array([sensor.x, sensor.y, foot + sensor.height]), sensor.heading, sensor.tilt)
 
 
 def free_name(variant: Variant, wanted: str) -> str:

@@ -82,13 +82,18 @@ CLASSES = VoxelNetConfig.light(
         *(({"labels": ()}, "different ones of"), ({"faces": ("heavy",)}, "faces must be among")),
         *(({"faces": ("tram",)}, "different ones of"), ({"kinds": ROAD_USERS}, "a kind for each label")),
         ({**road_users(), "head": "published"}, "need a quality head"),
-        ({"calibration": ((1.0, 0.0), (1.0, 0.0))}, "a slope above 0 per label"),
-        ({"calibration": ((0.0, 0.0),)}, "a slope above 0 per label"),
+        ({"calibration": ((1.0, 0.0), (1.0, 0.0))}, "calibration must have a slope above 0, an intercept, for each"),
+        *(
+            ({"calibration": ((0.0, 0.0),)}, "calibration must"),
+            ({"calibration": ((1.0, 0.0, 0.0),)}, "calibration must"),
+        ),
+        *(({"known": ((1.0, 0.0),)}, "known must have a slope"), ({"known": ((1.0, 0.0, -0.1),)}, "known must have")),
         *(({"rivalry": ((1.0, 0.0),)}, "rivalry must have"), ({"rivalry": ((0.0, 0.0, 0.0),)}, "rivalry must have")),
         ({"rivalry": ((1.0, 0.0, -0.1),)}, "rivalry must have"),
         ({"rivalry": ((1.0, 0.0, 0.1),) * 2}, "rivalry must have"),
         *(({"score_threshold": 1.0}, "0..1"), ({"thresholds": (-0.1,)}, "0..1")),
-        ({"thresholds": (0.1, 0.1)}, "one per label"),
+        *(({"thresholds": (0.1, 0.1)}, "one per label"), ({"known_thresholds": (0.1, 0.1)}, "one per label")),
+        ({"known_thresholds": (1.0,)}, "0..1"),
     ],
 )
 def test_classes_that_do_not_fit_are_refused(changes, said):

@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from models.detector import SHIPPED, load_detector
+from models.config import SHIPPED
+from models.detector import load_detector
 from models.weight_files import load_weights
 from toolkit.datasets.dataset import CoopDataset
 from toolkit.datasets.simulation import simulate_dataset

@@ -135,21 +135,27 @@ class KnownBackground:
         own = self.detector.digest  # type: ignore[attr-defined]
         return hashlib.sha256(repr((own, self.background.digest, self.least)).encode()).hexdigest()
 
+    @cached_property
+    def _unsure(self) -> Detector:
+        """Detector that leaves to `score_known` what it is not sure of, where it has that."""
+        at_known_site = getattr(self.detector, "at_known_site", None)
+        return self.detector if at_known_site is None else at_known_site()
+
     def quick(self) -> "KnownBackground":
         """Same detector as it compares (`quick_detector`)."""
         return replace(self, detector=quick_detector(self.detector))
 
     def __call__(self, points: Points, /) -> Detections:
         """Detect in the finite ones of points (n, 3)."""
-        found = self.detector(points)
+        found = self._unsure(points)
         return self._keep(found, points, self._new(points)) if len(found) else found
 
     def unions(self, clouds: Sequence[Float[np.ndarray, "_ 3"]], unions: Bool[np.ndarray, "U C"]) -> list[Detections]:
         """Detect in several unions of the same clouds."""
-        if isinstance(self.detector, UnionDetector):
-            found = self.detector.unions(clouds, unions)
+        if isinstance(self._unsure, UnionDetector):
+            found = self._unsure.unions(clouds, unions)
         else:
-            found = [self.detector(join_clouds(clouds, union)) for union in unions]
+            found = [self._unsure(join_clouds(clouds, union)) for union in unions]
         new = [self._new(cloud) for cloud in clouds]
         pairs = zip(found, unions, strict=True)
         return [self._keep(each, join_clouds(clouds, union), join_clouds(new, union)) for each, union in pairs]

@@ -30,7 +30,8 @@ def main() -> None:
 
     import torch
 
-    from models.detector import SHIPPED, load_detector
+    from models.config import SHIPPED
+    from models.detector import load_detector
     from toolkit.datasets.dataset import CoopDataset
 
     torch.set_num_threads(1)

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from models.config import ROAD_USERS, VoxelNetConfig, road_users, select_anchors
-from models.detector import VoxelNetDetector
+from models.detector import LEAST_KNOWN, VoxelNetDetector
 from models.network.candidates import logit, sigmoid
 from models.network.faces import SORTS, FaceNetworks, face_features, face_offsets, measure_faces
 from models.network.grid import per_anchor, voxelise
@@ -34,7 +34,7 @@ from models.training.second_stage import (
 from toolkit.boxes import iou_3d
 from toolkit.detection.background import Background, KnownBackground
 from toolkit.detection.metrics import reliability
-from toolkit.objects import CYCLIST, HEAVY, VEHICLE, Detections, Objects
+from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE, Detections, Objects
 
 SMALL_AREA = (-8, -8, 8, 8)
 VEHICLES, ALL = VoxelNetConfig.light(SMALL_AREA), VoxelNetConfig.light(SMALL_AREA, **road_users())
@@ -235,6 +235,34 @@ def test_scores_are_calibrated_anew_where_the_empty_site_is_known(monkeypatch, p
     assert at.score_known(Detections.empty()).scores.size == 0
     bare = VoxelNetDetector(second_stage.rebuild(network, known=()))
     assert bare.score_known(left[0]) is left[0]
+    assert bare.at_known_site() is bare
+
+
+def test_a_detector_at_a_known_site_reports_what_the_scores_there_decide(monkeypatch):
+    """A cyclist where a surer pedestrian stands is dropped by its score there, whatever thresholds say elsewhere."""
+    rows = ((1.0, 1.0, 0.0, 0.0), (1.0, 0.0, 4.0, 0.0))
+    config = VoxelNetConfig.light(SMALL_AREA, **road_users(select_anchors(("pedestrian", "cyclist"))))
+    network = VoxelNet(replace(config, rivalry=(), known=rows, thresholds=(0.4, 0.3), known_thresholds=(0.5, 0.45)))
+    detector = VoxelNetDetector(network)
+    unsure = detector.at_known_site()
+    assert (unsure.thresholds, detector.thresholds) == ((LEAST_KNOWN,) * 2, (0.4, 0.3))
+    boxes = np.array(
+        [[0.0, 0, 1, 1, 1, 2, 0], [0.1, 0, 1, 1, 1, 2, 0], [5.0, 0, 1, 2, 1, 2, 0], [9.0, 0, 1, 1, 1, 2, 0]]
+    )
+    found = Detections(boxes, np.array([0.6, 0.7, 0.47, 0.2]), np.array([PEDESTRIAN, CYCLIST, CYCLIST, PEDESTRIAN]))
+    left = detector.score_known(found)
+    assert left.boxes.tolist() == boxes[[0, 2]].tolist()
+    assert left.scores == pytest.approx([sigmoid(logit(0.6) + 1.0), 0.47])
+    asked = VoxelNetDetector(network, score_threshold=0.01)
+    assert asked.at_known_site().thresholds == (0.01, 0.01)
+    assert len(asked.score_known(found)) == 4
+    known = KnownBackground(detector, Background.learn(np.full((1, 3), 50.0)))
+    seen = []
+    monkeypatch.setattr(VoxelNetDetector, "__call__", lambda self, points: seen.append(self.thresholds) or found)
+    new = boxes[:, :3].astype(np.float32)
+    assert len(known(new)) == 2
+    assert [len(each) for each in known.unions([new], np.ones((1, 1), bool))] == [2]
+    assert seen[0] == (LEAST_KNOWN,) * 2
 
 
 def test_what_stands_in_the_empty_site_is_left_out_at_the_network_s_thresholds(monkeypatch, packed):

@@ -239,13 +239,12 @@ def test_resampled_ap_of_every_object_once_is_the_expected_ap() -> None:
     rng = np.random.default_rng(1)
     probability = rng.uniform(size=80)
     ap, _ = compute_expected_ap(np.sort(probability)[None, ::-1], 0.3)
-    once = resample_ap(probability, 0.3, np.ones((1, 80)))
+    block = np.arange(80) // 8
+    once = resample_ap(probability, 0.3, np.ones((1, 10), np.float32), block)
     assert once == pytest.approx(ap)
-    counts = block_draws(80, resamples=300).astype(float)
-    drawn = resample_ap(probability, 0.3, counts)
-    repeated = [
-        compute_expected_ap(np.sort(np.repeat(probability, row.astype(int)))[None, ::-1], 0.3)[0] for row in counts
-    ]
+    counts = block_draws(10, block=1, resamples=300)
+    drawn = resample_ap(probability, 0.3, counts.astype(np.float32), block)
+    repeated = [compute_expected_ap(np.sort(np.repeat(probability, row[block]))[None, ::-1], 0.3)[0] for row in counts]
     assert drawn == pytest.approx(np.ravel(repeated), abs=0.01)
 
 
