@@ -201,16 +201,7 @@ class VoxelNetConfig:
     def to_dict(self) -> dict[str, Any]:
         """Return plain values for JSON."""
         # Entries younger than the first shipped weights are left out at their default, so that digests do not change.
-        young = (
-            "kinds",
-            "faces",
-            "calibration",
-            "rivalry",
-            "known",
-            "score_threshold",
-            "thresholds",
-            "known_thresholds",
-        )
+        young = ("kinds", "faces", "score_threshold", *FITTED)
         defaults = {each.name: each.default for each in fields(self) if each.name in young}
         return {name: value for name, value in asdict(self).items() if name not in young or value != defaults[name]}
 

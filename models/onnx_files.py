@@ -169,9 +169,9 @@ class OnnxDetector(VoxelNetDetector):
     def run(self, cloud: Points) -> dict[str, np.ndarray]:
         """Outputs of the network by name. Raises ValueError if it fails."""
         session = self.session
-        seen = voxelise(cloud, self.config)
         values = [np.ascontiguousarray(self._inside(cloud), np.float32)]
         if len(session.get_inputs()) > 1:
+            seen = voxelise(cloud, self.config)
             values = [each.numpy() for each in (*self._features.inputs(seen), seen.cells)]
         names = _POINTS if len(values) == 1 else _VOXELS
         try:

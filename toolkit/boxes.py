@@ -189,7 +189,8 @@ def rows_in_boxes(points: ArrayLike, boxes: ArrayLike) -> list[Int64[np.ndarray,
     west, east = boxes[:, 0] - reach, boxes[:, 0] + reach
     x = points[:, 0].astype(np.float64)
     among = np.flatnonzero((x >= west.min()) & (x <= east.max()))
-    first, x_slice, last = (_slice_along_x(some, west.min(), east.max()) for some in (west, x[among], east))
+    lowest, scale = west.min(), 4096 / (east.max() - west.min())
+    first, x_slice, last = (((some - lowest) * scale).astype(np.uint16) for some in (west, x[among], east))
     order = np.argsort(x_slice, kind="stable")  # a radix sort, for 16 bit numbers
     rows = among[order]
     first, last = np.searchsorted(x_slice[order], first), np.searchsorted(x_slice[order], last, side="right")
@@ -289,7 +290,3 @@ def _points(points: ArrayLike) -> np.ndarray:
         hint = ": pass points.T?" if rows.ndim == 2 and rows.shape[0] == 3 else ""
         raise ValueError(f"points must have shape (n, 3), got {rows.shape}{hint}")
     return rows
-
-
-def _slice_along_x(x: np.ndarray, lowest: float, highest: float) -> np.ndarray:
-    return ((x - lowest) * (4096 / (highest - lowest))).astype(np.uint16)

@@ -64,8 +64,8 @@ class Crop(NamedTuple):
         """Crop of a site or an area below `height`, by default the site's own, else 4 m (paper section II-B)."""
         if height is not None and np.isnan(height):
             raise ValueError("height must be a number of metres, got NaN")
-        own = place.height if isinstance(place, Site) else 4.0
-        return Crop(tuple(get_area(place).tolist()), own if height is None else height, get_slope(place))
+        area, own = (place.area, place.height) if isinstance(place, Site) else (check_area(place), 4.0)
+        return Crop(tuple(area.tolist()), own if height is None else height, get_slope(place))
 
     def holds(self, points: Points, floor: float = 0.0) -> Mask:
         """Mask of kept points (world). floor: in place of ground."""
@@ -142,11 +142,6 @@ def is_beyond(points: Points, sensor: Sensor | Pose, radius: float, metric: Dist
     else:
         raise ValueError(f'metric must be "horizontal" or "published", got {metric!r}')
     return np.einsum("ij,ij->i", across, across) > radius**2
-
-
-def get_area(place: Area) -> Float64[np.ndarray, "4"]:
-    """Area of a place (m), or ValueError if empty."""
-    return place.area if isinstance(place, Site) else check_area(place)
 
 
 def get_slope(place: Area) -> Slope:

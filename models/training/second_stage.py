@@ -224,10 +224,8 @@ def _fit_rivals(
 ) -> tuple[tuple[tuple[float, ...], ...], tuple[float, ...]]:
     """Fit slope, intercept and weights of rivals per label, and a threshold of the scores that they make."""
     rivals = np.concatenate([np.zeros((0, len(config.labels))), *(strongest_rivals(of, config) for of, _ in judged)])
-    found, hits = (
-        Detections.merge(of for of, _ in judged),
-        np.concatenate([np.zeros(0, int), *(at for _, at in judged)]),
-    )
+    found = Detections.merge(of for of, _ in judged)
+    hits = np.concatenate([np.zeros(0, int), *(at for _, at in judged)])
     rows, thresholds = [], []
     for number in map(LABELS.index, config.labels):
         own = (hits != UNCOUNTED) & (found.labels == number)

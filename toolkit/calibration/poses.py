@@ -20,7 +20,7 @@ import h5py
 import numpy as np
 
 from toolkit.arrays import Bool, BoxRows, Float64, Int64, Points, Pose
-from toolkit.calibration import registration, registration as reference_fit
+from toolkit.calibration import registration as reference_fit
 from toolkit.calibration.empty_scene import GRID_SAMPLES, SAMPLE, STANDS_STILL, learn_empty_scenes, learn_sample_scenes
 from toolkit.calibration.registration import LEVER, Registration, Surface, motion_between, resistance, scene_points
 from toolkit.datasets import published_layout as published
@@ -343,12 +343,9 @@ def copy_corrected(
 # Each level: radius (m) of the search for counterparts, voxel (m), least limit (m) of Tukey's weights.
 _LEVELS = ((1.5, 0.8, 0.75), (0.7, 0.5, 0.35), (0.35, 0.4, 0.15), (0.2, 0.4, 0.08))
 _STEPS = 15  # limit for each level
-_CONVERGED = 1e-4  # fraction of the radius: a smaller step is the last one
 _SAME_SIDE = 0.7  # cosine of the angle between the normals of a pair: a hedge has two sides
-_LEAST_SCALE, _TUKEY = 0.01, 4.685
 _RESISTS = 0.1  # fraction of a motion across the plane: less is the noise of normals
 _LEAST_POINTS = 5.0  # that must resist a motion for it to be observed
-_CORRELATED = 9.0  # points that weigh as much as one alone, since errors of neighbours are alike
 USUAL_TURN, USUAL_MOVE = float(np.deg2rad(1.5)), 0.15  # standard deviations of the believed poses, per axis
 
 Poses = Sequence[Pose]
@@ -375,7 +372,7 @@ class Pairs:
     @cached_property
     def weight(self) -> Float64[np.ndarray, " n"]:
         """Tukey's weight over the variance."""
-        return registration.tukey_weight(self.residual / self.limit, 1.0) / self.deviation**2
+        return reference_fit.tukey_weight(self.residual / self.limit, 1.0) / self.deviation**2
 
 
 MorePairs = Callable[[Poses, float], Sequence[Pairs]]  # further pairs for poses and a search radius (m)
@@ -419,15 +416,15 @@ def align(
     free = np.repeat([sensor not in held for sensor in range(count)], 6)
     poses = [np.array(pose, np.float64) for pose in believed]
     for radius, voxel, least in _LEVELS:
-        thinned = [registration.thin_rows(surface.points, voxel) for surface in surfaces]
+        thinned = [reference_fit.thin_rows(surface.points, voxel) for surface in surfaces]
         for _ in range(_STEPS):
             pairs = _surface_pairs(surfaces, thinned, poses, (radius, least))
             pairs += list(more(poses, radius)) if more is not None else []
-            off = [registration.motion_between(*each) for each in zip(believed, poses, strict=True)]
+            off = [motion_between(*each) for each in zip(believed, poses, strict=True)]
             system = _Joint(pairs, free, np.concatenate(off))
             step = system.step()
-            poses = list(map(registration.apply_motion, poses, step.reshape(-1, 6)))
-            if np.abs(step).max() < _CONVERGED * radius:
+            poses = list(map(reference_fit.apply_motion, poses, step.reshape(-1, 6)))
+            if np.abs(step).max() < reference_fit.CONVERGED * radius:
                 break
     middle = np.mean([pose[:3, 3] for pose in poses], axis=0)
     motions = np.zeros((6, count, 6))  # of all sensors together, as if they hung on one frame
@@ -537,9 +534,11 @@ def _surface_pairs(
             near, normals = near[alike], normals[alike]
             there = transform(poses[other], seen.points[row[near]])
             rough = np.hypot(surface.roughness[some[near]], seen.roughness[row[near]])
-            deviation, residual = np.hypot(rough, _LEAST_SCALE), ((world[near] - there) * normals).sum(axis=1)
+            residual = ((world[near] - there) * normals).sum(axis=1)
+            deviation = np.hypot(rough, reference_fit.LEAST_SCALE)
             mine, theirs = (resistance(world[near], poses[sensor][:3, 3], normals) for sensor in (one, other))
-            spread, limit = deviation * np.sqrt(_CORRELATED), np.maximum(_TUKEY * deviation, least)
+            spread = deviation * np.sqrt(reference_fit.CORRELATED)
+            limit = np.maximum(reference_fit.TUKEY * deviation, least)
             made.append(Pairs(one, other, mine, -theirs, residual, spread, limit))
     return made
 

@@ -53,14 +53,14 @@ _COARSE = ((3.0, 1.0, 1.5), (1.5, 0.7, 0.75), (0.7, 0.5, 0.35))
 _FINE = ((0.35, 0.3, 0.2), (0.2, 0.25, 0.1), (0.15, 0.25, 0.05))
 _STARTS = tuple(np.deg2rad([0.0, -2.5, 2.5, -5.0, 5.0]))  # turns about z that the coarse levels start with
 _STEPS = 20  # limit for each level
-_CONVERGED = 1e-4  # fraction of the radius: a smaller step is the last one
+CONVERGED = 1e-4  # fraction of the radius: a smaller step is the last one
 _AGREES = 0.3  # m: a point this near agrees with a start
 _SAME, _AS_GOOD = 0.05, 0.002  # m between equal results of two starts; agreement lost by one that is as good
-_TUKEY = 4.685
-_LEAST_SCALE = 0.01  # m: least scale of the residuals in Tukey's weights
+TUKEY = 4.685
+LEAST_SCALE = 0.01  # m: least scale of the residuals in Tukey's weights
 _RESISTS = 0.15  # fraction of a unit motion across the plane: less is the noise of normals
 _LEAST_SHARE, _LEAST_POINTS = 0.0004, 2.0  # of the points that must resist a motion for it to be observed
-_CORRELATED = 9.0  # points that weigh as much as one alone, since errors of neighbours are alike
+CORRELATED = 9.0  # points that weigh as much as one alone, since errors of neighbours are alike
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,7 +182,7 @@ def register(points: Points, surface: Surface, believed: Pose, *, deviation: _De
     points: measured, in the sensor's own frame; deviation: of each point (m), which lowers its weight. Raises
     ValueError if fewer than 50 points have a counterpart within 3 m."""
     points = np.asarray(points, np.float64)
-    noise = np.full(len(points), _LEAST_SCALE) if deviation is None else np.maximum(deviation, _LEAST_SCALE)
+    noise = np.full(len(points), LEAST_SCALE) if deviation is None else np.maximum(deviation, LEAST_SCALE)
     believed = np.array(believed, np.float64)
     coarse: list[np.ndarray] = []
     for turn in _STARTS:
@@ -217,14 +217,14 @@ def _align_levels(
                 raise ValueError(f"{few}: {remedy}")
             normals = surface.normals[other[near]]
             residual = ((world[near] - surface.points[other[near]]) * normals).sum(axis=1)
-            scatter = max(1.4826 * float(np.median(np.abs(residual))), _LEAST_SCALE)
+            scatter = max(1.4826 * float(np.median(np.abs(residual))), LEAST_SCALE)
             spread = np.sqrt(noise[some][near] ** 2 + surface.roughness[other[near]] ** 2 + scatter**2)
-            weight = tukey_weight(residual / np.maximum(_TUKEY * spread, least), 1.0) / spread**2
+            weight = tukey_weight(residual / np.maximum(TUKEY * spread, least), 1.0) / spread**2
             rows = resistance(world[near], pose[:3, 3], normals)
             system = _System(rows, residual, weight, len(near) / len(some), scatter)
             step = system.step()
             pose = apply_motion(pose, step)
-            if np.abs(step).max() < _CONVERGED * radius:
+            if np.abs(step).max() < CONVERGED * radius:
                 break
     return pose, system
 
@@ -302,6 +302,6 @@ class _System:
     def covariance(self) -> Float64[np.ndarray, "6 6"]:
         """Covariance of the observed motions, in rad and m."""
         values, vectors, observed = self._modes
-        inverse = np.where(observed, _CORRELATED / np.where(observed, values, 1.0), 0.0)
+        inverse = np.where(observed, CORRELATED / np.where(observed, values, 1.0), 0.0)
         unit = np.repeat([1 / LEVER, 1.0], 3)
         return unit[:, None] * ((vectors * inverse) @ vectors.T) * unit

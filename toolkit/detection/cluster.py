@@ -21,7 +21,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 import open3d as o3d
 
-from toolkit.arrays import Float, Float64, Int64, Points, Rng
+from toolkit.arrays import Float, Float64, Points, Rng
 from toolkit.boxes import count_points, nms
 from toolkit.calibration.empty_scene import Scenes
 from toolkit.calibration.ground import level
@@ -107,7 +107,8 @@ class ClusterDetector:
         index = ((points[:, :2] - points[:, :2].min(axis=0)) / self.cell).astype(np.int64)  # cells seen from above
         keys, which = np.unique(index[:, 0] << 32 | index[:, 1], return_inverse=True)
         cells = np.column_stack([keys >> 32, keys & 0xFFFFFFFF, np.zeros(len(keys))]) * self.cell
-        label = _dbscan(cells, reach[0], 1)[which]
+        cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(cells))
+        label = np.asarray(cloud.cluster_dbscan(eps=reach[0], min_points=1), np.int64)[which]
         order = np.argsort(label, kind="stable")
         parts = np.split(points[order], np.flatnonzero(np.diff(label[order])) + 1)
         clusters = []
@@ -143,11 +144,6 @@ class _Rectangle(NamedTuple):
         low, high = np.array([[self.low[1], -self.high[0]], [self.high[1], -self.low[0]]])
         at_low, at_high = np.array([[self.at_low[1], self.at_high[0]], [self.at_high[1], self.at_low[0]]])
         return _Rectangle(self.yaw + np.pi / 2, low, high, at_low, at_high)
-
-
-def _dbscan(points: Float64[np.ndarray, "n 3"], reach: float, fewest: int) -> Int64[np.ndarray, " n"]:
-    cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points))
-    return np.asarray(cloud.cluster_dbscan(eps=reach, min_points=fewest), np.int64)
 
 
 def _fit(xy: Float64[np.ndarray, "n 2"]) -> _Rectangle:

@@ -40,7 +40,6 @@ from placement_env.report.pages.document import (
     use_pole_names,
 )
 from placement_env.report.pages.scene import build_scene
-from toolkit.arrays import Float64
 from toolkit.display import describe_count
 from toolkit.runtime.files import writing_together
 from toolkit.sites.georeference import bearing_deg
@@ -326,9 +325,11 @@ def ground_section(plan: content.Plan, site: Site, ground: Ground | None) -> Con
     caption = "No lane lies in the area; the density is that of all open ground."
     if lanes.any():
         density = ground.density.sum(0, dtype=np.float64)[lanes]
+        enough = density[density >= SPARSE]
+        typical = float(np.median(enough)) if len(enough) else None
         caption = (
             f"{percent(float((density < SPARSE).mean()))} of the lanes' ground gets fewer than {SPARSE:g} point per m² "
-            f"in a frame, too few to tell what is there; the other lanes get {number(_typical(density), 0)} per m² in "
+            f"in a frame, too few to tell what is there; the other lanes get {number(typical, 0)} per m² in "
             "the middle case."
         )
     alt = "Map of the points per square metre that all sensors together put on the ground in a frame"
@@ -347,12 +348,6 @@ def ground_section(plan: content.Plan, site: Site, ground: Ground | None) -> Con
         "The junction in 3D, with points, vehicles and detections of some frames, is in report.html beside this file.",
     )
     return say(conclusion, covered, dense, blind, *table(caption, columns, rows), scene)
-
-
-def _typical(density: Float64[np.ndarray, " n"]) -> float | None:
-    """Median density of the places that are not sparse."""
-    enough = density[density >= SPARSE]
-    return float(np.median(enough)) if len(enough) else None
 
 
 def detection_section(plan: content.Plan) -> Content:

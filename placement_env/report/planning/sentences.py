@@ -18,10 +18,6 @@ from toolkit.sites.site import Site
 from toolkit.sites.surroundings import count_things, describe_things
 
 
-def _describe_ends(judged: Judgement) -> str:
-    return f"{'' if math.isnan(judged.low) else '95 % interval '}{describe_interval(judged.low, judged.high)}"
-
-
 def refuse_question(question: Question) -> tuple[str, ...]:
     """Reasons against any plan that need no simulation."""
     if question.sensors == 0:
@@ -59,8 +55,9 @@ def build_verdict(
         raise ValueError("the chosen set is not judged: judge it first")
     count, price = describe_count(len(final.sensors), "sensor"), describe_money(final.price, question.currency)
     vehicles, frames = describe_count(judged.vehicles, judged.kind), describe_count(judged.frames, "frame")
+    ends = f"{'' if math.isnan(judged.low) else '95 % interval '}{describe_interval(judged.low, judged.high)}"
     result = (
-        f"AP {judged.ap:.3f} ({_describe_ends(judged)}, {vehicles} in {frames})"
+        f"AP {judged.ap:.3f} ({ends}, {vehicles} in {frames})"
         f"{describe_cases(question)} at IoU {iou_text(question.cases.threshold)} with {count} for {price}"
     )
     least = question.min_ap
