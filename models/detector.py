@@ -83,7 +83,7 @@ class VoxelNetDetector:
         return self.config.labels
 
     @property
-    def _looked_at(self) -> tuple[float, ...]:
+    def _least_scores(self) -> tuple[float, ...]:
         return tuple(min(least, decoding.LEAST_RIVAL if self.config.rivalry else 1.0) for least in self.thresholds)
 
     @property
@@ -133,7 +133,7 @@ class VoxelNetDetector:
         voxels = [voxelise(torch.as_tensor(cloud).to(self.device), self.config) for cloud in clouds]
         if not any(len(each.cells) for each in voxels):
             return [Detections.empty() for _ in clouds]
-        found = decoding.candidates(self.network(collate(voxels)), self.anchors, self.config, self._looked_at)
+        found = decoding.candidates(self.network(collate(voxels)), self.anchors, self.config, self._least_scores)
         return [
             self._finish(*each, cloud) if len(cells.cells) else Detections.empty()
             for each, cells, cloud in zip(found, voxels, clouds, strict=True)
@@ -157,7 +157,7 @@ class VoxelNetDetector:
         for some, entries, predictions in tiled(plan):
             parts = []
             for first, corner, maps in predictions:
-                part = decoding.all_candidates(maps, self.anchors, self.config, self._looked_at, corner)
+                part = decoding.all_candidates(maps, self.anchors, self.config, self._least_scores, corner)
                 parts.append(part._replace(item=part.item + first))
             found = decoding.Candidates(*(torch.cat(column) for column in zip(*parts, strict=True)))
             count = torch.bincount(found.item, minlength=len(entries.tile)).cpu().numpy()

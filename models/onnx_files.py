@@ -192,7 +192,7 @@ class OnnxDetector(VoxelNetDetector):
         found = self.run(cloud)
         if not self.decoded:
             maps = Prediction(**{key: torch.from_numpy(found[key]) for key in Prediction._fields if key in found})
-            return self._finish(*candidates(maps, self.anchors, self.config, self._looked_at)[0], cloud)
+            return self._finish(*candidates(maps, self.anchors, self.config, self._least_scores)[0], cloud)
         boxes, scores, labels = (found[key] for key in _BOXES)
         known, fits = len(self.labels), labels.ndim == 1 and scores.shape == labels.shape
         if not fits or boxes.shape != (len(labels), 7) or not np.isin(labels, range(known)).all():
