@@ -257,7 +257,7 @@ def test_a_table_that_unpacks_to_gigabytes_is_refused(tmp_path):
         feather.write_feather(pyarrow.table(dict(columns)), tmp_path / "a.feather", compression=compression)
         assert len(cloud_files.read_table(tmp_path / "a.feather")["x"]) == 1 << 20
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr("toolkit.datasets.cloud_files.MOST_CLOUD", 20 << 20)
+            patch.setattr("toolkit.runtime.files.MOST_CLOUD", 20 << 20)
             with pytest.raises(ValueError, match=r"a\.feather .* unpacks to"):
                 cloud_files.read_table(tmp_path / "a.feather")
     nothing = pyarrow.nulls(1 << 30)
