@@ -224,6 +224,8 @@ class SpinningLidar(_Lidar):
 
     def __post_init__(self) -> None:
         check_numbers(self)
+        if self.channels < 1:
+            raise ValueError(f"channels must be at least 1, got {self.channels}")
         if not -np.pi / 2 <= self.fov_down <= self.fov_up <= np.pi / 2:
             raise ValueError(f"need -pi/2 <= fov_down <= fov_up <= pi/2 rad, got {self.fov_down} and {self.fov_up}")
         if not 0 < self.azimuth_step <= self.azimuth_fov <= 2 * np.pi + 1e-9:
