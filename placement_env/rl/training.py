@@ -150,7 +150,7 @@ def train_policy(
         return True
 
     def save() -> None:
-        parts = {"policy": model.policy, "optimiser": model.policy.optimizer}
+        parts: dict[str, Any] = {"policy": model.policy, "optimiser": model.policy.optimizer}
         state = {"steps": model.num_timesteps} | {name: part.state_dict() for name, part in parts.items()}
         save_atomically(out / CHECKPOINT, {**identity, **state})
 
