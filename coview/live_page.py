@@ -484,7 +484,8 @@ class LivePage:
             self._small[variant] = map_html(yard.site, sensors)
         self._small = {variant: self._small[variant] for variant in variants.values()}
         shown, estimate = self.planner.current, self.planner.estimate
-        answers = {name: self._answer if name == shown else estimate(each) for name, each in variants.items()}
+        known = {} if self._answer is None else {shown: self._answer}
+        answers = {name: known.get(name) or estimate(each) for name, each in variants.items()}
         maps = {name: self._small[each] for name, each in variants.items()}
         self._table.content = variants_html(answers, self.planner.current, maps)
 

@@ -258,7 +258,12 @@ def test_a_detector_at_a_known_site_reports_what_the_scores_there_decide(monkeyp
     assert len(asked.score_known(found)) == 4
     known = KnownBackground(detector, Background.learn(np.full((1, 3), 50.0)))
     seen = []
-    monkeypatch.setattr(VoxelNetDetector, "__call__", lambda self, points: seen.append(self.thresholds) or found)
+
+    def detect(self, points):
+        seen.append(self.thresholds)
+        return found
+
+    monkeypatch.setattr(VoxelNetDetector, "__call__", detect)
     new = boxes[:, :3].astype(np.float32)
     assert len(known(new)) == 2
     assert [len(each) for each in known.unions([new], np.ones((1, 1), bool))] == [2]
