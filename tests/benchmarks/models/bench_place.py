@@ -17,7 +17,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[3]))
 
 FEWEST_POINTS = 20
-APART = 9.0  # m between groups
+APART, MOST = 9.0, 12  # m between groups, and their number in a frame
 GROUPS = {  # kinds that stand side by side, and the air between them (m)
     "adult": (("adult",), 0.0),
     "child": (("child",), 0.0),
@@ -66,14 +66,11 @@ def main() -> None:
     def draw(kind: str):
         label = PEDESTRIAN if kind in ("adult", "child", "pram", "wheelchair") else CYCLIST
         while True:
-            body = draw_body(label, rng)
+            body = draw_body(label, rng, evenly=True)
             if body.name.rpartition("/")[2] == kind:
                 return body
 
-    def place(bodies: list, gap: float, ground: shapely.Geometry, taken: list) -> np.ndarray | None:
-        x, y = rng.uniform(site.area[:2], site.area[2:])
-        if not ground.contains(shapely.Point(x, y)) or any(np.hypot(x - a, y - b) < APART for a, b in taken):
-            return None
+    def place(bodies: list, gap: float, x: float, y: float) -> np.ndarray | None:
         yaw, across, rows = rng.uniform(-np.pi, np.pi), 0.0, []
         for body in bodies:
             across += body.size[1] / 2
@@ -81,10 +78,7 @@ def main() -> None:
             rows.append([*at, body.size[2] / 2, *body.size, yaw])
             across += body.size[1] / 2 + gap
         boxes = np.array(rows)
-        if obstacles.hit(boxes).any():
-            return None
-        taken.append((x, y))
-        return boxes
+        return None if obstacles.hit(boxes).any() else boxes
 
     counts = defaultdict(lambda: np.zeros(4, int))  # seen, found, another class, none
     for number in range(asked.frames):
@@ -92,9 +86,14 @@ def main() -> None:
         for _ in range(400):
             where, group = ("lane", "footway")[rng.integers(2)], list(GROUPS)[rng.integers(len(GROUPS))]
             kinds, gap = GROUPS[group]
-            drawn = [draw(kind) for kind in kinds] if len(taken) < 12 else []
-            placed = place(drawn, gap, grounds[where], taken) if drawn else None
+            x, y = rng.uniform(site.area[:2], site.area[2:])
+            near = any(np.hypot(x - a, y - b) < APART for a, b in taken)
+            if near or len(taken) == MOST or not grounds[where].contains(shapely.Point(x, y)):
+                continue
+            drawn = [draw(kind) for kind in kinds]
+            placed = place(drawn, gap, x, y)
             if placed is not None:
+                taken.append((x, y))
                 bodies += drawn
                 boxes.append(placed)
                 names += [(group, where)] * len(drawn)
