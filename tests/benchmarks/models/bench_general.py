@@ -21,7 +21,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[3]))
 
 LOWEST_SCORE = 0.03  # of the detections that AP is computed from
-IOUS = {"vehicle": (0.7, 0.8, 0.9), "heavy": (0.25, 0.5), "cyclist": (0.25, 0.5), "pedestrian": (0.25, 0.5)}
+IOUS = {"vehicle": (0.7, 0.8, 0.9), "heavy": (0.25, 0.5, 0.7), "cyclist": (0.25, 0.5), "pedestrian": (0.25, 0.5)}
 BINS = ((0, 10), (10, 30), (30, 100), (100, 300), (300, 1000), (1000, np.inf), (0, np.inf))
 
 
