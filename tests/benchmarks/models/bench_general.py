@@ -8,7 +8,7 @@ placed by coverage, and traffic as `coview simulate` has it. Early fusion of all
 the paper's noise. In the first table only vehicles with so many points count, the others are neither missed nor false
 alarms. By class everybody in the area counts, unseen ones too, then those with ten points alone; precision, false
 alarms and the expected calibration error (ECE) are of the weights' own thresholds, at the IoU from which a detection is
-true (0.5, of pedestrians 0.25).
+true (0.5, of pedestrians 0.25). "by chance" is the ECE that as many scores would have if they were exactly right.
 """
 
 import argparse
@@ -95,7 +95,7 @@ def main() -> None:
         print(f"{low:5g} to {high:4g} {vehicles:8d} {figures}")
     for least in (0, FEWEST_POINTS):
         counted = [i & (p >= least) for i, p in zip(inside, points, strict=True)]
-        print(f"\n{f'>= {least} points':>12s} {'to find':>8s}  false/frame precision recall   ECE  AP")
+        print(f"\n{f'>= {least} points':>12s} {'to find':>8s}  false/frame precision recall   ECE by chance  AP")
         for label, ious in IOUS.items():
             true = TRUE_IOU[label_index(label)]
             above = evaluate(reported, truths, iou_thresholds=(true,), counted=counted, label=label)[true]
@@ -106,10 +106,12 @@ def main() -> None:
                 kept = (boxes.labels == label_index(label)) & ~at.ignored
                 scores.append(boxes.scores[kept])
                 hits.append(at.truth[kept] >= 0)
-            error = reliability(np.concatenate(scores), np.concatenate(hits)).error
-            said = f"{above.fp / len(truths):11.2f} {above.precision:9.2f} {above.recall:6.2f} {error:5.2f}"
+            sure, rng = np.concatenate(scores), np.random.default_rng(0)
+            error = reliability(sure, np.concatenate(hits)).error
+            chance = np.mean([reliability(sure, rng.random(len(sure)) < sure).error for _ in range(200)])
+            shares = f"{above.precision:9.2f} {above.recall:6.2f} {error:5.2f} {chance:9.2f}"
             figures = " ".join(f"@{iou}: {each.ap:.3f}" for iou, each in found.items())
-            print(f"{label:>12s} {above.truths:8d}  {said}  {figures}")
+            print(f"{label:>12s} {above.truths:8d}  {above.fp / len(truths):11.2f} {shares}  {figures}")
 
 
 if __name__ == "__main__":
