@@ -16,7 +16,7 @@ one at that distance, the densest stretch of the cluster takes its place. The mo
 parked car that is away a tenth of the time is not in the scene; one that never leaves is.
 
 `Scenes` learns those of a recording on demand; clouds of a sensor become images of one grid first
-(`toolkit.calibration.empty_scene`). Sensors must stand still. `SceneAdaptation` lets a scene follow slow changes.
+(`toolkit.calibration.empty_scene`). Sensors must stand still.
 
 Rows and columns of a lidar, found in its clouds.
 
@@ -530,92 +530,6 @@ class _Learner:
         self.left_out.update(image.left_out)
         self.points += len(cloud.points)
         self.learner.add(image.measurement)
-
-
-SECONDS = 600.0  # time constant (s) of pixels that show the scene
-SETTLE = 86_400.0  # s until a nearer surface is the scene: longer than a visitor parks
-REVEAL = 60.0  # s until a farther surface is the scene
-
-
-class SceneAdaptation:
-    """Empty scene that follows slow changes, but not parked vehicles.
-
-    Times are in s. Each image moves the scene, pixel by pixel:
-
-        shows the scene    the median and the spread of that mode move towards it, by 1 - exp(-dt / `seconds`)
-        stands nearer      the scene is frozen; an object that stands there unchanged for `settle` becomes the scene
-        lies farther       the surface before it has gone; after `reveal` unchanged, the farther one becomes the scene
-
-    Unchanged means within the tolerance of `EmptyScene.shows`, by the spread of the scene. Road users that pass before
-    a waiting surface hide it without interrupting the wait; anything farther starts it anew. No return counts as
-    farthest.
-
-    A message names its scene by digest, so a new scene is sent before it is used: read `scene` only as often as that is
-    worth it. Raises ValueError for times that are not above 0."""
-
-    def __init__(
-        self, scene: EmptyScene, *, seconds: float = SECONDS, settle: float = SETTLE, reveal: float = REVEAL
-    ) -> None:
-        for name, value in (("seconds", seconds), ("settle", settle), ("reveal", reveal)):
-            if not value > 0:
-                raise ValueError(f"{name} must be above 0 s, got {value}")
-        self._began, self._seconds, self._settle, self._reveal = scene, seconds, settle, reveal
-        self._medians = [np.array(scene.first), np.array(scene.second)]
-        self._spreads = [np.array(scene.spread), np.array(scene.second_spread)]
-        self._candidate = np.full(scene.first.shape, np.nan, np.float32)  # infinite for nothing returned
-        self._since = np.full(scene.first.shape, np.inf)
-        self._time: float | None = None
-        self._frames = 0
-
-    @property
-    def scene(self) -> EmptyScene:
-        """The empty scene as it is now."""
-        images = dict(zip(_IMAGES, (self._medians[0], self._spreads[0], self._began.share), strict=False))
-        images |= {"second": self._medians[1], "second_spread": self._spreads[1]}
-        images["second_share"] = np.where(np.isnan(self._medians[1]), 0, self._began.second_share).astype(np.float32)
-        copies = {name: image.copy() for name, image in images.items()}
-        began = self._began
-        return EmptyScene(began.name, began.model, frames=began.frames + self._frames, **copies)
-
-    def update(self, measurement: Float[np.ndarray, "rows columns"], time: float) -> None:
-        """Add an image to the scene. Raises ValueError for another shape, or a time before the last one."""
-        self._began.check_shape(measurement)
-        if self._time is not None and time < self._time:
-            raise ValueError(f"images must be in order of time, got {time} s after {self._time} s")
-        share = 0.0 if self._time is None else 1 - np.exp(-(time - self._time) / self._seconds)
-        self._time, self._frames = time, self._frames + 1
-        there = is_return(measurement, self._began.model.max_range)
-        seen = np.where(there, measurement, np.inf).astype(np.float32)
-        shown = np.zeros(seen.shape, bool)
-        for median, spread in zip(self._medians, self._spreads, strict=True):  # each mode follows pixels that show it
-            off = seen - median
-            shows = (median > 0) & (np.abs(off) <= SIGMAS * spread)
-            median[shows] += share * off[shows]
-            least = np.broadcast_to(self._began.model.deviation(np.nan_to_num(median)), median.shape)
-            squared = (1 - share) * spread[shows] ** 2 + share * off[shows] ** 2
-            spread[shows] = np.maximum(np.sqrt(squared), least[shows])
-            shown |= shows | (~there & (median == 0))
-        # Start, continue or end the wait of foreground surfaces, which then become the scene.
-        first, spread = self._medians[0], self._spreads[0]
-        surface = np.where(first > 0, first, np.inf)
-        known = np.where(np.isfinite(self._candidate), self._candidate, 0)
-        within = SIGMAS * np.maximum(spread, self._began.model.deviation(known))
-        with np.errstate(invalid="ignore"):
-            same = (np.abs(seen - self._candidate) <= within) | (np.isinf(seen) & np.isinf(self._candidate))
-            hidden = seen < self._candidate - within
-        goes_on = same | (hidden & ~shown)
-        begins = ~shown & ~goes_on
-        self._candidate = np.where(goes_on, self._candidate, np.where(begins, seen, np.nan)).astype(np.float32)
-        self._since = np.where(goes_on, self._since, np.where(begins, time, np.inf))
-        farther = self._candidate > surface
-        waited: Float64[np.ndarray, "rows columns"] = time - self._since
-        ripe = goes_on & same & (waited >= np.where(farther, self._reveal, self._settle))
-        if ripe.any():
-            gone = np.isinf(self._candidate) & ripe
-            first[ripe] = np.where(gone, 0, self._candidate)[ripe]
-            spread[ripe] = np.where(gone, 0, np.broadcast_to(self._began.model.deviation(known), first.shape))[ripe]
-            self._medians[1][ripe], self._spreads[1][ripe] = np.nan, 0
-            self._candidate[ripe], self._since[ripe] = np.nan, np.inf
 
 
 class _Mode(NamedTuple):
