@@ -169,9 +169,8 @@ class Cases:
         return tuple(np.sort(part) for part in np.array_split(order, self.levels) if len(part))
 
     def expand(self, sets: Sets) -> tuple[Bool[np.ndarray, "m C"], Int64[np.ndarray, " m"]]:
-        """Sets followed by what each failure leaves of them, and the set that each row belongs to.
-
-        A set that may lose all its sensors has one case, the empty set."""
+        """Sets followed by what each failure leaves of them, and the set that each row belongs to. A set that may lose
+        all its sensors has one case, the empty set."""
         rows, owners = [*sets], list(range(len(sets)))
         for n, row in enumerate(sets) if self.failing else ():
             members = np.flatnonzero(row)

@@ -24,10 +24,8 @@ PartialScores = Callable[
 
 @dataclass(frozen=True, eq=False)
 class Race:
-    """Course of a race.
-
-    winners: rows of the best sets, best first, including ties with the last; scores: of each, from all frames; spent,
-    full: set-frames scored, and those that scoring all sets on all frames would take."""
+    """Course of a race. winners: rows of the best sets, best first, including ties with the last; scores: of each, from
+    all frames; spent, full: set-frames scored, and those that scoring all sets on all frames would take."""
 
     winners: Int64[np.ndarray, " k"]
     scores: Float64[np.ndarray, " k"]

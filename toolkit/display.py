@@ -1,6 +1,5 @@
-"""Display of nouns: a short `repr`, a picture with a table in notebooks, and tables for pandas.
-
-A noun gives a `Card`. It names the function that draws it, since pictures stand floors above most nouns."""
+"""Display of nouns: a short `repr`, a picture with a table in notebooks, and tables for pandas. A noun gives a `Card`.
+It names the function that draws it, since pictures stand floors above most nouns."""
 
 import math
 from base64 import b64encode
@@ -60,9 +59,8 @@ class Displayed:
         )
 
     def to_frame(self, table: str = "") -> Any:
-        """Return a table as a pandas DataFrame. table: its name, the one that notebooks show when empty.
-
-        Raises ValueError for an unknown table, ImportError without pandas."""
+        """Return a table as a pandas DataFrame. table: its name, the one that notebooks show when empty. Raises
+        ValueError for an unknown table, ImportError without pandas."""
         tables = self._card().tables
         if table and table not in tables:
             raise ValueError(f"table must be one of {', '.join(tables)}, got {table!r}")

@@ -224,9 +224,8 @@ class Tally:
         return float(self.hit.mean()) if len(self.hit) else float("nan")
 
     def resamples(self, *, seed: int = 0, draws: Draws | None = None) -> Float64[np.ndarray, " resamples"]:
-        """Return the all-point interpolated AP of each resample of blocks of frames; NaN without anything to find.
-
-        One seed draws the same blocks for every tally. draws: of `draws_of_blocks`, None for consecutive frames."""
+        """Return the all-point interpolated AP of each resample of blocks of frames; NaN without anything to find. One
+        seed draws the same blocks for every tally. draws: of `draws_of_blocks`, None for consecutive frames."""
         draws = block_draws(len(self.truths), seed=seed) if draws is None else draws
         order = np.argsort(-self.scores)
         scores, hits, frame = self.scores[order], self.hit[order], self.frame[order]

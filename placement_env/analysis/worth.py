@@ -134,9 +134,8 @@ def format_worth(worth: Worth, names: Sequence[str]) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Failures:
-    """Values of a sensor set under every combination of k failing sensors.
-
-    intact: value with no failure; lost: the sensors that fail; left: value of those that remain."""
+    """Values of a sensor set under every combination of k failing sensors. intact: value with no failure; lost: the
+    sensors that fail; left: value of those that remain."""
 
     intact: float
     lost: Int64[np.ndarray, "k failing"]

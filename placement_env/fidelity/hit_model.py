@@ -148,9 +148,8 @@ class HitModel:
     def probability(
         self, powers: Float[np.ndarray, "*shape"], raw: Float[np.ndarray, "*shape"] | None = None
     ) -> Float[np.ndarray, "*shape"]:
-        """Hit probability p of objects up to `BULKY` from Σ n_i ^ norm, with which it grows.
-
-        raw: Σ N_i ^ norm, for the floor; None for enough points to meet it."""
+        """Hit probability p of objects up to `BULKY` from Σ n_i ^ norm, with which it grows. raw: Σ N_i ^ norm, for the
+        floor; None for enough points to meet it."""
         z = np.log1p(powers)
         z *= -self.density / self.norm
         z -= self.intercept

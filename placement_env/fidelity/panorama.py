@@ -92,10 +92,8 @@ def compute_aim(sensor: Sensor) -> Aim:
 
 
 class Lookup(NamedTuple):
-    """Table of a sensor, and its aim there.
-
-    tilt, roll: of the table (rad); heading: places of azimuth; more: places of elevation by which the sensor is tilted
-    more than the table."""
+    """Table of a sensor, and its aim there. tilt, roll: of the table (rad); heading: places of azimuth; more: places of
+    elevation by which the sensor is tilted more than the table."""
 
     model: SensorModel
     tilt: float
@@ -251,10 +249,8 @@ CHANCE_STEPS = np.float32(250.0)  # steps of chances, so that one half is exact
 
 
 class ScoredItems(NamedTuple):
-    """Scored objects among all of some frames.
-
-    place: of each object its index among the scored ones, or their number if not scored; frame: of each object; items,
-    frames: numbers of scored objects and frames."""
+    """Scored objects among all of some frames. place: of each object its index among the scored ones, or their number
+    if not scored; frame: of each object; items, frames: numbers of scored objects and frames."""
 
     place: Int64[np.ndarray, " n"]
     frame: Int64[np.ndarray, " n"]

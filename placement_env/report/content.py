@@ -122,9 +122,8 @@ class SchemeFigures:
 
 @dataclass(frozen=True)
 class DrawnErrors:
-    """AP of the chosen set at one error profile whose errors are drawn several times, each for all frames.
-
-    aps: of each draw; mean: of these; tenth: AP below which one draw in ten falls; frames: of each draw."""
+    """AP of the chosen set at one error profile whose errors are drawn several times, each for all frames. aps: of each
+    draw; mean: of these; tenth: AP below which one draw in ten falls; frames: of each draw."""
 
     profile: str
     aps: tuple[float, ...]
@@ -245,9 +244,8 @@ class Plan(Displayed):
 
 @dataclass(frozen=True, eq=False)
 class Moment:
-    """One frame for pictures.
-
-    clouds: points of each sensor; *_hit, *_ignored: truths and detections that hit, and those that do not count."""
+    """One frame for pictures. clouds: points of each sensor; *_hit, *_ignored: truths and detections that hit, and
+    those that do not count."""
 
     clouds: tuple[Float32[np.ndarray, "_ 3"], ...]
     truth: Objects
@@ -260,10 +258,8 @@ class Moment:
 
 @dataclass(frozen=True, eq=False)
 class Planned(Displayed):
-    """A plan with the inputs of its pages and maps.
-
-    site: with the chosen sensors mounted; candidates: None without any; ground, moments: None and empty if no set may
-    be built."""
+    """A plan with the inputs of its pages and maps. site: with the chosen sensors mounted; candidates: None without
+    any; ground, moments: None and empty if no set may be built."""
 
     plan: Plan
     site: Site

@@ -153,9 +153,8 @@ class SearchOrder:
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """Answer to an order. summary: for JSON; lines: to print; met: True where any sensor is to be built.
-
-    result, chosen: of one search, and the set to hand over, which a check may have changed; points: of a curve."""
+    """Answer to an order. summary: for JSON; lines: to print; met: True where any sensor is to be built. result,
+    chosen: of one search, and the set to hand over, which a check may have changed; points: of a curve."""
 
     objective: Objective
     summary: Summary

@@ -26,9 +26,8 @@ _ACROSS = (1.0, 0.9, 0.7, 0.38, 0.0)  # of the roof, 1 its edge
 
 @dataclass(frozen=True, eq=False)
 class Proportions:
-    """Proportions of one car; lengths in metres, stations from 0 (front) to 1.
-
-    belt, lean, rounding and ends are parts of height, half width, length and width."""
+    """Proportions of one car; lengths in metres, stations from 0 (front) to 1. belt, lean, rounding and ends are parts
+    of height, half width, length and width."""
 
     kind: str
     length: float

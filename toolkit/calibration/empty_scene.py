@@ -276,9 +276,8 @@ _AT_ONCE = 256  # pixels whose measurements are compared in pairs at once
 
 @dataclass(frozen=True, eq=False)
 class EmptyScene:
-    """Empty scene of one sensor, by its name and model.
-
-    Raises ValueError for an image that does not fit the model's shape, or is negative or infinite."""
+    """Empty scene of one sensor, by its name and model. Raises ValueError for an image that does not fit the model's
+    shape, or is negative or infinite."""
 
     name: str
     model: SensorModel
@@ -380,10 +379,8 @@ class SceneLearner:
 
 
 def learn_empty_scenes(recording: Frames, sample: int = SAMPLE, *, frames: int | None = None) -> tuple[EmptyScene, ...]:
-    """Learn the empty scene of every sensor of a recording, in their order.
-
-    sample: images that are looked at, spread over the first `frames` frames, all if None. Raises ValueError without
-    frames, and for frames of clouds."""
+    """Learn the empty scene of every sensor of a recording, in their order. sample: images that are looked at, spread
+    over the first `frames` frames, all if None. Raises ValueError without frames, and for frames of clouds."""
     count = min(len(recording), len(recording) if frames is None else frames)
     if count < 1:
         raise ValueError(f"there must be a frame to learn the empty scene from, got {frames} of {len(recording)}")
@@ -489,9 +486,8 @@ class Scenes:
 
 
 def learn_sample_scenes(samples: Iterable[Frame], *, sample: int = SAMPLE) -> dict[str, LearntScene]:
-    """Learn the grid and empty scene of every sensor by name, from frames one after another.
-
-    sample: images kept of each at most. Raises ValueError as `Scenes`."""
+    """Learn the grid and empty scene of every sensor by name, from frames one after another. sample: images kept of
+    each at most. Raises ValueError as `Scenes`."""
     coming = iter(samples)
     first = list(islice(coming, GRID_SAMPLES))
     clouds: dict[str, list[SensorCloud]] = {}

@@ -177,10 +177,8 @@ def filter_classes(frames: Iterable[Frame], classes: Sequence[str | int] | None)
 
 
 def write_recording(frames: Iterable[Frame], path: str | Path, layout: str) -> int:
-    """Write frames in a layout; return how many.
-
-    Boxes come back within a millimetre and a hundredth of a degree; classes get the layout's names for ours. Raises
-    ValueError for a read-only layout."""
+    """Write frames in a layout; return how many. Boxes come back within a millimetre and a hundredth of a degree;
+    classes get the layout's names for ours. Raises ValueError for a read-only layout."""
     return find_layout(layout).write(frames, Path(path))
 
 

@@ -94,10 +94,8 @@ def by_centre(
 
 @dataclass(frozen=True)
 class GroupRow:
-    """AP of one class among some objects under one protocol.
-
-    measure: rule by which detections are true, such as BEV 0.5; among: the objects; truths: number of them; scheme: how
-    the sensors fused."""
+    """AP of one class among some objects under one protocol. measure: rule by which detections are true, such as BEV
+    0.5; among: the objects; truths: number of them; scheme: how the sensors fused."""
 
     label: str
     protocol: str

@@ -38,10 +38,8 @@ def _draw_curves(curves: _Curves, out: Path | str, title: str, look: PlotStyle, 
 
 
 def draw_density_cdf(counts: Mapping[str, Int[np.ndarray, " _"]], out: Path | str, *, title: str = "") -> None:
-    """Draw the share of objects over their points.
-
-    There is one cumulative curve for each sensor set (paper, impact of point density). The axis is linear up to `FEW`
-    points and logarithmic beyond."""
+    """Draw the share of objects over their points. There is one cumulative curve for each sensor set (paper, impact of
+    point density). The axis is linear up to `FEW` points and logarithmic beyond."""
     with house_style():
         figure, axes = curve_axes(title or "Points on an object", len(counts))
         for number, points in enumerate(counts.values()):

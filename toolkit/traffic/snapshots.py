@@ -34,9 +34,8 @@ _WALKABLE = 0.3  # m above the ground; lower solids can be stepped on
 
 
 class Obstacles:
-    """Static solids high enough to be in the way, indexed by place.
-
-    Heights count from the plane of the ground, as those of boxes do until a snapshot puts them on the ground."""
+    """Static solids high enough to be in the way, indexed by place. Heights count from the plane of the ground, as
+    those of boxes do until a snapshot puts them on the ground."""
 
     def __init__(self, site: Site) -> None:
         middles = np.array([solid.footprint.mean(axis=0) for solid in site.solids]).reshape(-1, 2)
@@ -55,9 +54,8 @@ class Obstacles:
 
 
 def separate(boxes: _Boxes, obstacles: Obstacles) -> tuple[_Boxes, Mask, int]:
-    """Separate boxes; return them, a mask of kept rows and the number of changes.
-
-    Earlier rows have precedence. A row in the way steps aside by up to 1 m across its heading, or is dropped."""
+    """Separate boxes; return them, a mask of kept rows and the number of changes. Earlier rows have precedence. A row
+    in the way steps aside by up to 1 m across its heading, or is dropped."""
     kept = np.ones(len(boxes), bool)
     in_the_way = np.flatnonzero(overlaps(boxes).any(axis=0) | obstacles.hit(boxes))
     if not len(in_the_way):

@@ -197,9 +197,8 @@ class Roads:
         return Roads(lanes)
 
     def places(self, area: Float64[np.ndarray, "4"], reach: float, vehicle_class: str) -> Places:
-        """Places within `reach` (m) of the area to start a vehicle or pedestrian of a SUMO class.
-
-        Outside the area they are headed for it. Pedestrians start on lanes of their own and walk either way."""
+        """Places within `reach` (m) of the area to start a vehicle or pedestrian of a SUMO class. Outside the area they
+        are headed for it. Pedestrians start on lanes of their own and walk either way."""
         walks = vehicle_class == "pedestrian"
         names, offsets, points = [], [np.zeros(0)], [np.zeros((0, 2))]
         for lane in self.lanes.values():
@@ -276,9 +275,8 @@ class Spawned:
 
 
 class Spawner:
-    """Spawn and remove everything that SUMO moves, at most `most` objects at a time.
-
-    Object n is vehicle or person "n" in SUMO. Raises ValueError where no lane near the area is open to cars."""
+    """Spawn and remove everything that SUMO moves, at most `most` objects at a time. Object n is vehicle or person "n"
+    in SUMO. Raises ValueError where no lane near the area is open to cars."""
 
     def __init__(self, sumo: ModuleType, site: Site, supply: Supply, *, most: int, step: float = STEP) -> None:
         self.sumo, self.area, self.most, self.step = sumo, site.area, most, step

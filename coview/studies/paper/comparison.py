@@ -112,9 +112,8 @@ class Listed:
 
     @cached_property
     def best(self) -> dict[str, tuple[SensorSet, ...]]:
-        """Best set of each size with early and with late fusion, most sensors first.
-
-        With early fusion these are the rows in bold; the paper draws PR curves and density curves of them."""
+        """Best set of each size with early and with late fusion, most sensors first. With early fusion these are the
+        rows in bold; the paper draws PR curves and density curves of them."""
         sizes = [list(rows) for _, rows in groupby(self.rows, key=lambda row: len(row.sensors))]
         early, late = (tuple(max(rows, key=itemgetter(at)).sensors for rows in sizes) for at in (1, 2))
         return {"early": early, "late": late}
@@ -241,10 +240,8 @@ def to_csv(rows: Sequence[TableRow]) -> str:
 
 
 class RowEvidence(NamedTuple):
-    """Measurements with the row's sensors; NaN if not measured.
-
-    visible: share of the vehicles with a point; hit_iou: mean IoU of the hits; published: AP by the published protocol.
-    """
+    """Measurements with the row's sensors; NaN if not measured. visible: share of the vehicles with a point; hit_iou:
+    mean IoU of the hits; published: AP by the published protocol."""
 
     visible: float
     recall: float
@@ -305,9 +302,8 @@ def paper_page(
     conditions: Mapping[str, str],
     causes: Mapping[str, str],
 ) -> str:
-    """Build the page as HTML.
-
-    pictures: SVG by name of the experiment; conditions: how the figures were computed; causes: by letter."""
+    """Build the page as HTML. pictures: SVG by name of the experiment; conditions: how the figures were computed;
+    causes: by letter."""
     rows = [row for each in experiments for row in each.rows]
     compared = sum(row.unit == "AP" and row.difference is not None for row in rows)
     about = "".join(f"<tr><th>{escape(name)}</th><td>{escape(value)}</td></tr>" for name, value in conditions.items())

@@ -35,9 +35,8 @@ _Schemes = dict[str, list[StressRow]]
 
 @dataclass(frozen=True)
 class Crossing:
-    """Level from which scheme `after` has a higher AP than `before`.
-
-    low, high: interval of the level, infinite beyond what was tried; share: of the draws with a crossing at all."""
+    """Level from which scheme `after` has a higher AP than `before`. low, high: interval of the level, infinite beyond
+    what was tried; share: of the draws with a crossing at all."""
 
     kind: str
     iou: float
@@ -148,9 +147,8 @@ STRESS_FILES = ("stress.json", "stress.svg")
 
 @dataclass(frozen=True)
 class ExactFailure:
-    """AP of all sensors, and its mean and minimum over every choice of `failing` sensors that fail.
-
-    without: names of the sensors whose failure leaves the least."""
+    """AP of all sensors, and its mean and minimum over every choice of `failing` sensors that fail. without: names of
+    the sensors whose failure leaves the least."""
 
     scheme: str
     iou: float
@@ -164,9 +162,8 @@ class ExactFailure:
 def exact_failures(
     table: Table, *, ious: Sequence[float] = (0.7,), label: str = LABELS[VEHICLE]
 ) -> tuple[ExactFailure, ...]:
-    """Compute N-1 and N-2 of every scheme at those IoUs that the table holds.
-
-    Raises ValueError if it holds none of the IoUs, or not this class."""
+    """Compute N-1 and N-2 of every scheme at those IoUs that the table holds. Raises ValueError if it holds none of the
+    IoUs, or not this class."""
     names = table.origin.sensors
     at = table.origin.ious[table.origin.classes.index(label)] if label in table.origin.classes else table.origin.ious[0]
     known = [iou for iou in ious if iou in at]
@@ -190,9 +187,8 @@ def exact_failures(
 
 @dataclass(frozen=True)
 class StressResults:
-    """Results of a stress test, None where nothing was examined.
-
-    rows: of each scheme, condition and IoU; noticed, false_alarms: of the sensors' monitors; exact: from a table."""
+    """Results of a stress test, None where nothing was examined. rows: of each scheme, condition and IoU; noticed,
+    false_alarms: of the sensors' monitors; exact: from a table."""
 
     rows: tuple[StressRow, ...]
     crossings: tuple[Crossing, ...] | None = None

@@ -189,9 +189,8 @@ def to_html(document: Document, scene: Scene | None) -> str:
 
 
 def to_pdf(document: Document) -> bytes:
-    """Return the PDF, set by typst. The same document gives the same bytes.
-
-    All texts are passed as data, so none of them is read as markup. Raises ValueError if a drawing is not SVG."""
+    """Return the PDF, set by typst. The same document gives the same bytes. All texts are passed as data, so none of
+    them is read as markup. Raises ValueError if a drawing is not SVG."""
     import typst
 
     content = asdict(document)
@@ -296,9 +295,8 @@ def interval_text(judged: content.Judgement) -> str:
 
 
 def use_pole_names(plan: content.Plan, site: Site) -> tuple[content.Plan, Site]:
-    """Call the sensors of a pool by their poles, in all texts of a plan and on its site.
-
-    Sensors of the chosen set that share a pole are numbered; other aims than the chosen ones are marked."""
+    """Call the sensors of a pool by their poles, in all texts of a plan and on its site. Sensors of the chosen set that
+    share a pole are numbered; other aims than the chosen ones are marked."""
     poles = {name: pole for each in plan.considered for name, pole in zip(each.sensors, each.poles, strict=False)}
     poles |= {sensor.name: sensor.pole for sensor in plan.sensors}
     names = {}

@@ -577,7 +577,6 @@ def build_document(plan: content.Plan, site: Site, ground: Ground | None) -> Doc
 
 def write_report(planned: content.Planned, out: Path) -> None:
     """Write `REPORT_FILES` into a folder, made if missing. Both are written or neither, with the same bytes each time.
-
     Raises ImportError without the packages of `coview[report]`, OSError if the folder cannot be written."""
     offered = planned.candidates.mounts if planned.candidates else planned.site.mounts
     plan, site = use_pole_names(planned.plan, replace(planned.site, mounts=offered))

@@ -143,9 +143,8 @@ class Judge:
     def judge_cases(
         self, sets: Bool[np.ndarray, "n C"], stage: Callable[[str], Report | None] = lambda _: None
     ) -> tuple[list[SetJudgement], _Figures]:
-        """Judge sets intact and in all cases. stage: makes a progress callback from a name.
-
-        Also returns the AP by which sets are compared in each resample, [n, resamples]."""
+        """Judge sets intact and in all cases. stage: makes a progress callback from a name. Also returns the AP by
+        which sets are compared in each resample, [n, resamples]."""
         first = replace(self.cases, errors=self.cases.profiles[0])
         judged, draws = self.judge_drawn(sets, self.intact, stage("chosen set"))
         left: Sequence[Judgement | None] = [None] * len(sets)
@@ -397,9 +396,8 @@ def choose_set(
 def _find_rivals(
     ran: Contest, ranked: Bool[np.ndarray, "n C"], evaluator: CasesEvaluator, order: Int64[np.ndarray, " frames"]
 ) -> Int64[np.ndarray, " k"]:
-    """Places of the winner of a race and its `KEPT` - 1 likeliest rivals: by mean AP over IoU, then by rank.
-
-    The mean AP is that on the frames of the first rung, which all sets share."""
+    """Places of the winner of a race and its `KEPT` - 1 likeliest rivals: by mean AP over IoU, then by rank. The mean
+    AP is that on the frames of the first rung, which all sets share."""
     tied = np.flatnonzero(ran.expected >= ran.expected[0] - LIKELY_TIE)[1:]
     means = evaluator.mean_ap(ranked[tied], order[: ran.frames.min()]) if len(tied) else np.empty(0)
     by_mean = tied[np.argsort(-means, kind="stable")]
@@ -432,9 +430,8 @@ def _thrift(option: PlanOption) -> tuple[float, int, float, float]:
 def choose(
     options: Sequence[PlanOption], draws: Mapping[int, Float64[np.ndarray, " resamples"]]
 ) -> tuple[int, tuple[int, ...]]:
-    """Return the index of the best option, and those that cannot be told from it, itself too, cheap ones first.
-
-    draws: resampled AP of each judged option, on the same frames."""
+    """Return the index of the best option, and those that cannot be told from it, itself too, cheap ones first. draws:
+    resampled AP of each judged option, on the same frames."""
     judged = {i: counted for i in sorted(draws) if (counted := options[i].counted) is not None}
     highest = max(each.ap for each in judged.values())
     close = [i for i, each in judged.items() if each.ap >= highest - NEAR_TIE]

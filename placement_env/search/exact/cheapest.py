@@ -212,10 +212,8 @@ def _by_surrogate(
 def _solve(
     progress: Progress, programme: Programme, need: int, prices: Prices, limits: SolverLimits, until: float = 1.0
 ) -> Solved:
-    """The cheapest set that meets the need, in the rest of a share of the time, in all cases that may be `lost`.
-
-    Those that bind join them. No set is cheaper than the bound, even if time runs out before a set satisfies all cases.
-    """
+    """The cheapest set that meets the need, in the rest of a share of the time, in all cases that may be `lost`. Those
+    that bind join them. No set is cheaper than the bound, even if time runs out before a set satisfies all cases."""
     mount, bound = progress.objective.candidates.mount, 0
     alone = progress.objective.candidates.places[mount] == 1  # a failing sensor takes all candidates of such a pole
     while True:

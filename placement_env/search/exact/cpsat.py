@@ -134,9 +134,8 @@ def cover_most(
 
 
 def compute_worth(labels: Int64[np.ndarray, " O"], classes: Classes) -> tuple[_Worth, int]:
-    """Whole worth of covering each object, and the total: their number where one class counts, else `PARTS`.
-
-    The objects of a class share its parts equally. The mean of classes is one row; the worst has one row per class."""
+    """Whole worth of covering each object, and the total: their number where one class counts, else `PARTS`. The
+    objects of a class share its parts equally. The mean of classes is one row; the worst has one row per class."""
     there = [(label, weight) for label, weight in zip(classes.labels, classes.weights, strict=True) if label in labels]
     if len(classes.names) == 1 or not there:
         return np.ones((1, len(labels)), np.int64), len(labels)
@@ -214,10 +213,8 @@ def greedy_cover(
 def prove_bound(
     seen: _Seen, weight: Int64[np.ndarray, " O"], mount: _Each, budget: int, *, views: int, chosen: list[int]
 ) -> int:
-    """Most objects that any set can cover with `views` views of each.
-
-    For one view the coverage of `chosen` plus the largest gains, one per mount, bounds too (Leskovec et al., KDD 2007).
-    """
+    """Most objects that any set can cover with `views` views of each. For one view the coverage of `chosen` plus the
+    largest gains, one per mount, bounds too (Leskovec et al., KDD 2007)."""
 
     def largest(gains: np.ndarray) -> float:
         best = np.zeros(int(mount.max(initial=-1)) + 1)

@@ -111,9 +111,8 @@ def parse_epoch(name: str) -> float:
 
 
 def write_folder(samples: Iterable[Frame], path: Path) -> None:
-    """Write frames as SENSOR/000000.pcd and on, with labels.json and poses.
-
-    Poses are lines of poses.txt, or poses.json where a sensor's name would not stay one word there."""
+    """Write frames as SENSOR/000000.pcd and on, with labels.json and poses. Poses are lines of poses.txt, or poses.json
+    where a sensor's name would not stay one word there."""
     entries, poses = [], dict[str, list[float]]()
     for k, sample in enumerate(samples):
         name = f"{k:06d}"
