@@ -12,6 +12,7 @@ Coordinates are longitude and latitude (RFC 7946, WGS84); altitude is ignored, a
 A collection with the member `coview_site`, such as a saved site, is in the site's metres, z that of the foot."""
 
 import re
+import tomllib
 import warnings
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
@@ -35,29 +36,9 @@ SURROUNDINGS = 300.0  # m from the detection area within which a pole may stand
 SAME_PLACE = 0.1  # m between two poles that are one
 ABOVE_GROUND = 20.0  # m from the ground beyond which a foot must be an altitude above the sea
 Json = dict[str, Any]
-
-UNDERSTOOD = {
-    "name": "name",
-    "height": "height (m above the foot)",
-    "max_height": "max_height (m above the foot)",
-    "min_height": "min_height (m above the foot)",
-    "price": "price (in the catalogue's currency)",
-    "price_factor": "price_factor (1: the price of an ordinary pole)",
-    "existing": "existing (true: it stands already and costs nothing)",
-    "capacity_kbit": "capacity_kbit (of the link, per frame)",
-    "max_sensors": "max_sensors (that the pole may carry)",
-    "keep_out": "keep_out (true or false, of a polygon)",
-}
+_TABLES = tomllib.loads((Path(__file__).parent / "poles.toml").read_text(encoding="utf-8"))
+UNDERSTOOD: dict[str, str] = _TABLES["understood"]
 SILENT = {"capacity", "kind", "origin", "layer", "used"}  # understood, or written by coview itself
-WORDS = {
-    "min_height": ("min", "minimum", "lowest"),
-    "max_height": ("max", "maximum", "highest"),
-    "height": ("height", "hgt", "hoehe", "höhe", "hauteur", "altura", "elevation"),
-    "price": ("price", "cost", "costs", "preis", "kosten", "eur", "euro", "usd", "money"),
-    "capacity_kbit": ("capacity", "kapazität", "bandwidth", "bitrate", "kbit", "kbits", "mbit", "mbits", "link"),
-    "keep_out": ("keepout", "forbidden", "exclude", "exclusion", "barred"),
-    "name": ("name", "label", "title", "ref"),
-}
 
 
 def load_poles(path: str | Path, site: Site, catalogue: SensorCatalogue | None = None) -> tuple[Mount, ...]:
@@ -142,7 +123,7 @@ def guess_property(key: str) -> str | None:
     """
     parts = [part.lower() for part in re.findall(r"[^\W\d_]+", re.sub(r"(?<=[a-zäöü])(?=[A-ZÄÖÜ])", "_", key))]
     joined = {*parts, "".join(parts)}
-    meant = [name for name, words in WORDS.items() if joined & set(words)]
+    meant = [name for name, words in _TABLES["words"].items() if joined & set(words)]
     return next(iter(meant or get_close_matches("_".join(parts), UNDERSTOOD, 1, 0.75)), None)
 
 

@@ -103,26 +103,6 @@ def point_names() -> list[str]:
 
 DPI = 150
 CHART_INCHES = 7.0  # width of a chart
-_AXES = {"titlesize": 11.0, "labelsize": 9.0, "edgecolor": INK, "labelcolor": INK, "linewidth": 0.8}
-_STYLE: dict[str, dict[str, Any]] = {
-    "font": {"family": ["DejaVu Sans"], "size": 9.0},  # comes with matplotlib
-    "axes": {**_AXES, "axisbelow": True, "unicode_minus": True, "facecolor": "white"},
-    "axes.spines": {"top": False, "right": False},
-    "axes.formatter": {"use_mathtext": False, "useoffset": False},
-    "figure": {"facecolor": "white", "dpi": 100.0},
-    "savefig": {"facecolor": "auto", "bbox": None, "transparent": False},
-    "grid": {"color": "#d5d5d5", "linewidth": 0.6, "alpha": 1.0, "linestyle": "-"},
-    "hatch": {"linewidth": 0.8},
-    "image": {"composite_image": False},
-    "lines": {"linewidth": 1.6},
-    "path": {"simplify": True},
-    "legend": {"fontsize": 8.0, "frameon": False},
-    "svg": {"fonttype": "path", "hashsalt": "coview"},  # PDF makers need no font
-    "text": {"color": INK, "parse_math": False, "usetex": False},  # a name may hold dollars
-    "xtick": {"color": INK, "labelsize": 8.0},
-    "ytick": {"color": INK, "labelsize": 8.0},
-}
-STYLE: dict[Any, Any] = {f"{group}.{key}": value for group, one in _STYLE.items() for key, value in one.items()}
 
 
 def add_legend(owner: "Axes | FigureBase", handles: "Sequence[Artist]", labels: Sequence[str], **look: Any) -> None:
@@ -135,9 +115,9 @@ def add_legend(owner: "Axes | FigureBase", handles: "Sequence[Artist]", labels: 
 @contextmanager
 def house_style() -> Iterator[None]:
     """Context in which pictures have the common style."""
-    from matplotlib import rc_context
+    from matplotlib import style
 
-    with rc_context(STYLE), catch_warnings():
+    with style.context(Path(__file__).parent / "house.mplstyle"), catch_warnings():
         filterwarnings("ignore", message="Glyph .* missing from font")  # the picture shows an empty box
         yield
 

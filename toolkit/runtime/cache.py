@@ -266,7 +266,7 @@ _Import = tuple[str, str]  # a module, and a name asked of it or ""
 
 @cache
 def code_digest(*modules: str) -> str:
-    """SHA-256 over the source that `modules` run."""
+    """SHA-256 over the source that `modules` run, and the tables (TOML) beside it."""
     return digest_of_source(modules)
 
 
@@ -276,6 +276,9 @@ def digest_of_source(modules: tuple[str, ...], top: Path = TOP) -> str:
     digest = sha256()
     for module in sorted(files):
         digest.update(module.encode() + b"\0" + sha256(files[module].read_bytes()).digest())
+    folders = {path.parent for module, path in files.items() if _is_ours(module)}
+    for data in sorted(each for folder in folders for each in folder.glob("*.toml")):
+        digest.update(data.name.encode() + b"\0" + sha256(data.read_bytes()).digest())
     for library in sorted(libraries):
         digest.update(f"{library} {_version(library)}\n".encode())
     return digest.hexdigest()
