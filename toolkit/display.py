@@ -72,11 +72,7 @@ class Displayed:
 
 
 def describe_count(number: int, thing: str, things: str = "") -> str:
-    """Return a number with its noun in the singular or plural.
-
-    >>> describe_count(1, "frame"), describe_count(2363, "frame"), describe_count(0, "box", "boxes")
-    ('1 frame', '2,363 frames', '0 boxes')
-    """
+    """Return a number with its noun in the singular or plural."""
     return f"{number:,} {thing if number == 1 else things or thing + 's'}"
 
 
@@ -116,11 +112,7 @@ def _format_table(table: Table) -> str:
 
 
 def _format_value(value: object) -> str:
-    """Return a cell's text.
-
-    >>> [_format_value(value) for value in (0.123456, 12345.6, float("nan"), None, "a", ("b", "c"))]
-    ['0.1235', '12,346', '', '', 'a', 'b, c']
-    """
+    """Return a cell's text."""
     if isinstance(value, tuple):
         return ", ".join(map(_format_value, value))
     try:

@@ -57,13 +57,7 @@ def block_draws(frames: int, *, block: int | None = None, resamples: int = RESAM
 
 
 def draws_of_blocks(blocks: Int64[np.ndarray, " frames"], *, resamples: int = RESAMPLES, seed: int = 0) -> Draws:
-    """Count how often each resample draws each frame. blocks: of each frame, in any order.
-
-    >>> draws_of_blocks(np.array([7, 2, 7]), resamples=3)
-    array([[1, 1, 1],
-           [1, 1, 1],
-           [2, 0, 2]])
-    """
+    """Count how often each resample draws each frame. blocks: of each frame, in any order."""
     different, place = np.unique(blocks, return_inverse=True)
     shares = np.full(len(different), 1 / len(different))
     drawn = np.random.default_rng(seed).multinomial(len(different), shares, size=resamples)
@@ -71,11 +65,7 @@ def draws_of_blocks(blocks: Int64[np.ndarray, " frames"], *, resamples: int = RE
 
 
 def ratio_interval(parts: ArrayLike, wholes: ArrayLike, *, seed: int = 0, confidence: float = 0.95) -> Interval:
-    """Return the interval of sum(parts) / sum(wholes), one of each per frame, such as recall or a mean.
-
-    >>> ratio_interval([1, 3] * 40, [2, 4] * 40)
-    Interval(low=0.6666666666666666, high=0.6666666666666666)
-    """
+    """Return the interval of sum(parts) / sum(wholes), one of each per frame, such as recall or a mean."""
     part, whole = np.asarray(parts, np.float64), np.asarray(wholes, np.float64)
     if part.ndim != 1 or part.shape != whole.shape:
         raise ValueError(f"there must be one part and one whole per frame, got {part.shape} and {whole.shape}")
@@ -148,22 +138,14 @@ def _wilson(share: float, count: float, confidence: float) -> Interval:
 
 
 def describe_interval(low: float, high: float, digits: int = 3) -> str:
-    """Words for an interval.
-
-    >>> describe_interval(0.91, 0.95), describe_interval(math.nan, math.nan)
-    ('0.910 to 0.950', 'no interval from fewer than 80 frames')
-    """
+    """Words for an interval."""
     if math.isnan(low) or math.isnan(high):
         return f"no interval from fewer than {FEWEST_BLOCKS * BLOCK_FRAMES} frames"
     return f"{low:.{digits}f} to {high:.{digits}f}"
 
 
 def frames_for_width(frames: int, width: float, wanted: float) -> int:
-    """Frames, in whole blocks, that should narrow an interval of some frames to the wanted width.
-
-    >>> frames_for_width(120, 0.04, 0.02)
-    480
-    """
+    """Frames, in whole blocks, that should narrow an interval of some frames to the wanted width."""
     return BLOCK_FRAMES * math.ceil(frames * (width / wanted) ** 2 / BLOCK_FRAMES)
 
 

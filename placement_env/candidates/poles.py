@@ -103,11 +103,7 @@ def load_keep_out(path: str | Path, site: Site) -> tuple[shapely.Geometry, ...]:
 
 
 def list_unknown(properties: Iterable[Json], *, areas: bool = False) -> str:
-    """List unknown properties, each once, with what they may mean; of polygons (`areas`) only those of keep_out.
-
-    >>> list_unknown([{"name": "L1", "Height": 9}, {"cost_eur": 900, "owner": "tram"}])
-    "Height: height (m above the foot)?, cost_eur: price (in the catalogue's currency)?, owner"
-    """
+    """List unknown properties, each once, with what they may mean; of polygons (`areas`) only those of keep_out."""
     unknown = dict.fromkeys(key for each in properties for key in each if key not in UNDERSTOOD and key not in SILENT)
     meant = {key: guess_property(key) for key in unknown}
     if areas:

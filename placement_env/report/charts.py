@@ -236,11 +236,7 @@ def _write_beside(axes: "Axes", row: int, text: str) -> None:
 
 
 def ap_label(judged: content.Judgement) -> str:
-    """AP and the number of vehicles.
-
-    >>> ap_label(content.Judgement(0.912, 0.88, 0.94, 0.95, 0.97, 120, 40))
-    '0.912, N = 120'
-    """
+    """AP and the number of vehicles."""
     return f"{judged.ap:.3f}, N = {judged.vehicles}"
 
 
@@ -255,18 +251,10 @@ def describe_sample(judged: Sequence[content.Judgement | None]) -> str:
 
 
 def price_label(currency: str) -> str:
-    """Axis label of prices.
-
-    >>> price_label("EUR"), price_label("")
-    ('price (EUR)', 'price (ordinary poles)')
-    """
+    """Axis label of prices."""
     return f"price ({canvas.shorten(currency, 12)})" if currency else "price (ordinary poles)"
 
 
 def set_label(names: Sequence[str]) -> str:
-    """Sensors of a set in a few letters.
-
-    >>> set_label(["d0", "d1"]), set_label([])
-    ('d0, d1', 'none')
-    """
+    """Sensors of a set in a few letters."""
     return canvas.shorten(", ".join(names) or "none", LETTERS)

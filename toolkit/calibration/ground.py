@@ -81,11 +81,7 @@ def fit_plane(points: Points, *, max_tilt: float = MAX_TILT, seed: int = 0) -> _
 
 
 def heights_above_plane(plane: _Plane, points: Points) -> Float64[np.ndarray, " n"]:
-    """Height (m, along z) of each point above a plane.
-
-    >>> heights_above_plane(np.array([0.1, 0.0, 1.0]), np.array([[10.0, 0.0, 5.0]]))
-    array([3.])
-    """
+    """Height (m, along z) of each point above a plane."""
     return points[:, 2] - points[:, :2].astype(np.float64) @ plane[:2] - plane[2]
 
 
@@ -332,11 +328,7 @@ def level_warning(cloud: "PointCloud | Points") -> str | None:
 def plain_points(cloud: object) -> Points:
     """Return the points (n, 3) of a cloud of any kind: Open3D's, tensor or legacy, or an array (n, 3) or (n, 4).
 
-    A fourth column, such as intensity, is left out.
-
-    >>> plain_points([[1.0, 2.0, 3.0, 0.5]])
-    array([[1., 2., 3.]])
-    """
+    A fourth column, such as intensity, is left out."""
     tensors, legacy = getattr(cloud, "point", None), getattr(cloud, "points", None)
     if tensors is not None:
         points = tensors.positions.cpu().numpy() if "positions" in tensors else np.empty((0, 3))

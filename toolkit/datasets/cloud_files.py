@@ -152,11 +152,7 @@ def match_poses(paths: Sequence[str | Path], poses: Mapping[str, Pose]) -> list[
 
 
 def parse_pose(numbers: object, name: str = "pose") -> Pose:
-    """Parse a pose of 16, 12 or 7 numbers, nested or flat.
-
-    >>> parse_pose([1, 0, 0, 0, 5, 6, 7])[:3, 3]
-    array([5., 6., 7.])
-    """
+    """Parse a pose of 16, 12 or 7 numbers, nested or flat."""
     try:
         flat = np.array(numbers, np.float64).ravel()
     except (TypeError, ValueError, OverflowError):
@@ -173,11 +169,7 @@ def parse_pose(numbers: object, name: str = "pose") -> Pose:
 
 
 def quaternion_pose(quaternion: Float64[np.ndarray, "4"], translation: Float64[np.ndarray, "3"]) -> Pose:
-    """Pose from a unit quaternion w x y z and a translation (m).
-
-    >>> quaternion_pose(np.array([0.0, 0, 0, 1]), np.zeros(3))[:2, :2]
-    array([[-1., 0.], [ 0., -1.]])
-    """
+    """Pose from a unit quaternion w x y z and a translation (m)."""
     norm = float(np.linalg.norm(quaternion))
     if not 0.99 < norm < 1.01:
         raise ValueError(f"a quaternion qw qx qy qz must have length 1, got {quaternion.tolist()} of length {norm:.4g}")

@@ -122,11 +122,7 @@ def entry(record: Unchecked, *keys: str) -> Unchecked:
 
 
 def as_number(value: Unchecked, name: str = "entry") -> float:
-    """A number, also where it is written as a string.
-
-    >>> as_number("1e-05")
-    1e-05
-    """
+    """A number, also where it is written as a string."""
     try:
         return float(value)
     except (TypeError, ValueError, OverflowError):
@@ -157,11 +153,7 @@ def as_list(content: Unchecked, name: str = "it") -> list[Unchecked]:
 
 
 def rigid(rotation: Unchecked, translation: Unchecked, name: str = "pose") -> Pose:
-    """Pose of a 3×3 rotation, the nearest true one (SVD) if it is a little off, and a translation.
-
-    >>> rigid([[1, 0, 0], [0, 1, 0.001], [0, 0, 1]], [["1"], ["2"], ["3"]]).round(3)[:, 3].tolist()
-    [1.0, 2.0, 3.0, 1.0]
-    """
+    """Pose of a 3×3 rotation, the nearest true one (SVD) if it is a little off, and a translation."""
     matrix = numbers(rotation, 9, f"rotation of {name}").reshape(3, 3)
     pose = np.eye(4)
     pose[:3, 3] = numbers(translation, 3, f"translation of {name}")
@@ -270,11 +262,7 @@ def labelled(
 
 
 def move_boxes(target_SE3_source: Pose, boxes: Shaped[np.ndarray, "n 7"]) -> np.ndarray:
-    """Boxes of the source frame in the target frame, whose z is up as well.
-
-    >>> move_boxes(np.diag([-1.0, -1, 1, 1]), np.array([[1.0, 2, 3, 4, 2, 1, 0.5]])).round(3).tolist()
-    [[-1.0, -2.0, 3.0, 4.0, 2.0, 1.0, -2.642]]
-    """
+    """Boxes of the source frame in the target frame, whose z is up as well."""
     with np.errstate(all="ignore"):
         centres = transform(target_SE3_source, boxes[:, :3])
         return np.column_stack([centres, boxes[:, 3:6], heading(target_SE3_source, boxes[:, 6])])
@@ -298,22 +286,12 @@ def add_problem(problems: Problems, kind: str, number: int) -> None:
 
 
 def count_full_turns(yaws: Shaped[np.ndarray, " n"], problems: Problems) -> None:
-    """Add to the problems the number of yaws that no file in radians has.
-
-    >>> problems = {}
-    >>> count_full_turns(np.array([3.0, -90.0, 7.0, np.nan]), problems)
-    >>> problems
-    {'yaws beyond a full turn': 2}
-    """
+    """Add to the problems the number of yaws that no file in radians has."""
     add_problem(problems, FULL_TURNS, int((np.abs(yaws) > FULL_TURN).sum()))
 
 
 def track_number(name: object) -> int:
-    """Track id as a number: an integer, also as text, stays itself, any other id becomes a number of its text.
-
-    >>> track_number("17"), track_number("b1d0") == track_number("b1d0")
-    (17, True)
-    """
+    """Track id as a number: an integer, also as text, stays itself, any other id becomes a number of its text."""
     text = str(name).strip()
     if text.removeprefix("-").isascii() and text.removeprefix("-").isdigit() and len(text) < 18:
         return int(text)

@@ -46,11 +46,7 @@ class Matched(NamedTuple):
 
 
 def kitti_ap(curve: Curve) -> float:
-    """AP at 40 recalls, NaN without a truth to find.
-
-    >>> kitti_ap(precision_recall(np.array([0.9, 0.8]), np.array([True, False]), truths=2))
-    0.5
-    """
+    """AP at 40 recalls, NaN without a truth to find."""
     if len(curve.recall) and np.isnan(curve.recall).all():
         return float("nan")
     recalls = np.arange(1, KITTI_RECALLS + 1) / KITTI_RECALLS
@@ -59,11 +55,7 @@ def kitti_ap(curve: Curve) -> float:
 
 
 def nuscenes_ap(curve: Curve) -> float:
-    """Area above the least precision and beyond the least recall, 1 for a perfect detector.
-
-    >>> round(nuscenes_ap(precision_recall(np.array([0.9]), np.array([True]), truths=1)), 9)
-    1.0
-    """
+    """Area above the least precision and beyond the least recall, 1 for a perfect detector."""
     if not len(curve.recall):
         return 0.0
     if np.isnan(curve.recall).all():

@@ -92,11 +92,7 @@ def point_colours(points: Float[np.ndarray, "*n"]) -> Float64[np.ndarray, "*n 4"
 
 
 def point_names() -> list[str]:
-    """Names of the steps of the scale.
-
-    >>> point_names()[:3], point_names()[-1]
-    (['0', '1', '2–4'], '100+')
-    """
+    """Names of the steps of the scale."""
     ends = [f"{low}–{high - 1}" if high - low > 1 else f"{low}" for low, high in pairwise(POINT_STEPS)]
     return ["0", *ends, f"{POINT_STEPS[-1]}+"]
 
@@ -133,12 +129,7 @@ def blank_figure(width: float, height: float, *, constrained: bool = False) -> "
 
 
 def check_picture(out: Path | str) -> None:
-    """Check that a picture's name ends in .png or .svg. Raises ValueError for another ending.
-
-    >>> check_picture("frame.jpg")
-    Traceback (most recent call last):
-    ValueError: a picture's name must end in .png or .svg, got frame.jpg
-    """
+    """Check that a picture's name ends in .png or .svg. Raises ValueError for another ending."""
     if Path(out).suffix.lower() not in (".png", ".svg"):
         raise ValueError(f"a picture's name must end in .png or .svg, got {Path(out).name}")
 
@@ -188,11 +179,7 @@ def draw_heading(figure: "Figure", title: str, subtitle: str) -> None:
 
 
 def pad_limits(values: Sequence[float]) -> tuple[float, float]:
-    """Limits of an axis from 0 to a little above the greatest value.
-
-    >>> pad_limits([2.0, 4.0]), pad_limits([])
-    ((0.0, 4.4), (0.0, 1.0))
-    """
+    """Limits of an axis from 0 to a little above the greatest value."""
     most = max(0.0, *values) if len(values) else 0.0
     return 0.0, 1.1 * float(most) if most > 0 else 1.0
 
@@ -203,11 +190,7 @@ def plain(text: str) -> str:
 
 
 def shorten(text: str, most: int) -> str:
-    """Shorten a plain text, with "…" in its middle. most: number of letters.
-
-    >>> shorten("north-east pole, camera", 12)
-    'north-…amera'
-    """
+    """Shorten a plain text, with "…" in its middle. most: number of letters."""
     text = plain(text)
     if len(text) <= most:
         return text

@@ -192,11 +192,7 @@ def extent(site: Site, holds: Float[np.ndarray, "n 2"] | None = None) -> tuple[n
 
 
 def scale_length(metres: float) -> float:
-    """Largest length up to this one that is 1, 2 or 5 times a power of ten.
-
-    >>> [scale_length(m) for m in (0.3, 7.0, 19.9, 20.0, 99.0)]
-    [0.2, 5.0, 10.0, 20.0, 50.0]
-    """
+    """Largest length up to this one that is 1, 2 or 5 times a power of ten."""
     power = 10.0 ** floor(log10(metres))
     return next(round(step * power, 9) for step in (5, 2, 1) if step * power <= metres * (1 + 1e-9))
 
@@ -208,11 +204,7 @@ TALL = 2.0  # m; buildings above this height cut off fields of view
 
 
 def sensor_labels(names: Sequence[str]) -> list[str]:
-    """Labels on the discs of sensors: their names if all are short, else numbers from 1.
-
-    >>> sensor_labels(["d0", "d1"]), sensor_labels(["d0", "north-east pole"])
-    (['d0', 'd1'], ['1', '2'])
-    """
+    """Labels on the discs of sensors: their names if all are short, else numbers from 1."""
     if all(len(name) <= SHORT for name in names):
         return list(names)
     return [str(number + 1) for number in range(len(names))]

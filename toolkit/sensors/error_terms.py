@@ -348,11 +348,7 @@ def chance_of_return(
     steepness: float,
     reflectivity: float | Float[np.ndarray, "*n"] = 1.0,
 ) -> Float64[np.ndarray, "*n"]:
-    """p(return) of surfaces at some ranges (m), cosines of incidence, and reflectivities relative to others.
-
-    >>> chance_of_return(np.array([0.0, 100.0]), np.array([1.0, 1.0]), 100.0, 2.0).tolist()
-    [1.0, 0.5]
-    """
+    """p(return) of surfaces at some ranges (m), cosines of incidence, and reflectivities relative to others."""
     power = np.asarray(reflectivity) * cosines * half_range**2
     lacking = np.asarray(ranges, np.float64) ** 2 / np.maximum(power, 1e-12)
     return 1 / (1 + lacking**steepness)
@@ -422,11 +418,7 @@ class PoleSway(_Term):
 
 
 def make_rotation(vector: Float64[np.ndarray, "3"]) -> Float64[np.ndarray, "3 3"]:
-    """Rotation about a vector by its length (rad).
-
-    >>> make_rotation(np.array([0, 0, np.pi / 2])).round(6).tolist()
-    [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
-    """
+    """Rotation about a vector by its length (rad)."""
     from scipy.spatial.transform import Rotation
 
     return Rotation.from_rotvec(vector).as_matrix()

@@ -566,11 +566,7 @@ def count_things(site: Site) -> dict[str, dict[str, int]]:
 
 
 def describe_things(counts: Mapping[str, int]) -> str:
-    """List counted things in words.
-
-    >>> describe_things({"bay": 1, "bench": 2, "tree": 30})
-    '1 bay, 2 benches, 30 trees'
-    """
+    """List counted things in words."""
     ends = {kind: "es" if kind.endswith(("sh", "ch")) else "s" for kind in counts}
     return ", ".join(f"{n} {kind}{'' if n == 1 else ends[kind]}" for kind, n in counts.items())
 

@@ -119,12 +119,7 @@ class StrayGround:
 
 
 def outward_edges(polygons: np.ndarray) -> Float64[np.ndarray, "n 4"]:
-    """Points every half metre along the outlines of polygons, and the outward normal at each: x y nx ny.
-
-    >>> edges = outward_edges(shapely.polygons([[[0, 0], [0.5, 0], [0.5, 0.5], [0, 0.5]]]))
-    >>> sorted((edges[:, 2:].round() + 0.0).tolist())
-    [[-1.0, 0.0], [0.0, -1.0], [0.0, 1.0], [1.0, 0.0]]
-    """
+    """Points every half metre along the outlines of polygons, and the outward normal at each: x y nx ny."""
     rings = shapely.segmentize(shapely.get_exterior_ring(shapely.normalize(polygons)), _EVERY)
     xy, ring = shapely.get_coordinates(rings, return_index=True)
     ahead = np.diff(xy, axis=0)[ring[1:] == ring[:-1]]

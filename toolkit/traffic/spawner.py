@@ -239,11 +239,7 @@ class Roads:
 
 
 def distance_to_area(points: Float[np.ndarray, "*n 2"], area: Float64[np.ndarray, "4"]) -> Float64[np.ndarray, "*n"]:
-    """Distance (m) from points to a rectangle, 0 inside.
-
-    >>> distance_to_area(np.array([[0.0, 0.0], [5.0, 5.0]]), np.array([-1.0, -1.0, 1.0, 2.0]))
-    array([0., 5.])
-    """
+    """Distance (m) from points to a rectangle, 0 inside."""
     beyond = points - np.clip(points, area[:2], area[2:])
     return np.hypot(beyond[..., 0], beyond[..., 1])
 

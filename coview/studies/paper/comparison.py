@@ -129,11 +129,7 @@ def sensor_sets(site: str) -> Listed:
 
 
 def set_name(sensors: SensorSet) -> str:
-    """Name of a sensor set, as the paper writes it.
-
-    >>> set_name((0, 2, 5))
-    '0,2,5'
-    """
+    """Name of a sensor set, as the paper writes it."""
     return ",".join(map(str, sensors))
 
 
@@ -229,11 +225,7 @@ class Experiment:
 
 
 def to_csv(rows: Sequence[TableRow]) -> str:
-    """Format rows of cells as CSV.
-
-    >>> to_csv([("sensors", "AP"), ("0,2,5", 0.5)]).splitlines()
-    ['sensors,AP', '"0,2,5",0.5']
-    """
+    """Format rows of cells as CSV."""
     text = StringIO()
     csv.writer(text, lineterminator="\n").writerows(rows)
     return text.getvalue()
@@ -253,13 +245,7 @@ GIVEN = "The detector is not the shipped one: what the causes say about the ship
 
 
 def explain_difference(ours: float, paper: float, evidence: RowEvidence, *, iou: float = 0.7) -> str:
-    """Explain in one line a difference from the paper's AP, "" if it is no more than `LARGE`.
-
-    >>> explain_difference(0.24, 0.29, RowEvidence(0.25, 0.25))
-    ''
-    >>> explain_difference(0.24, 0.30, RowEvidence(0.25, 0.245))
-    "only 25.0 % of the vehicles have a point here: no detector can reach the paper's figure (C)"
-    """
+    """Explain in one line a difference from the paper's AP, "" if it is no more than `LARGE`."""
     if isnan(ours) or abs(ours - paper) <= LARGE:
         return ""
     seen = evidence.visible
@@ -283,11 +269,7 @@ def explain_difference(ours: float, paper: float, evidence: RowEvidence, *, iou:
 
 
 def percent(share: float | None) -> str:
-    """Format a share in percent; a dash for None.
-
-    >>> percent(0.254), percent(None)
-    ('25.4 %', '–')
-    """
+    """Format a share in percent; a dash for None."""
     return "–" if share is None else f"{100 * share:.1f} %"
 
 

@@ -109,13 +109,7 @@ def best_schemes(rows: Sequence[StressRow]) -> tuple[BestScheme, ...]:
 
 
 def crossing_level(levels: Float64[np.ndarray, " n"], lead: Float64[np.ndarray, " n"]) -> float:
-    """Level from which a lead, linear between levels, stays above 0 up to the last. Infinite if it never does.
-
-    >>> crossing_level(np.array([0.0, 0.2, 0.4]), np.array([-0.1, -0.1, 0.3]))
-    0.25
-    >>> crossing_level(np.arange(2.0), np.array([1.0, 0]))
-    inf
-    """
+    """Level from which a lead, linear between levels, stays above 0 up to the last. Infinite if it never does."""
     if not lead[-1] > 0:
         return math.inf
     behind = np.flatnonzero(lead <= 0)

@@ -102,12 +102,7 @@ def cover_most(
 
     seen: candidates × objects; may_stand: candidates that may be built, all if None; prices: with their limit; worth:
     of each object to each of k parties, the least of whose sums counts (`compute_worth`), None to count objects. The
-    solver starts from greedy's set, so the answer covers no less.
-
-    >>> poles = Poles(np.array([0, 0, 1]), np.ones(3, int), np.zeros(3, int))
-    >>> cover_most(np.array([[1, 1, 0], [0, 1, 1], [0, 0, 1]], bool), poles, 2).chosen
-    [0, 2]
-    """
+    solver starts from greedy's set, so the answer covers no less."""
     check_whole("budget", budget, least=1)
     check_whole("views", views, least=1)
     began = time.monotonic()
@@ -190,11 +185,7 @@ def merge_objects(
 def greedy_cover(
     seen: _Seen, weight: Int64[np.ndarray, " O"], mount: _Each, budget: int, views: int, *, prices: Prices | None = None
 ) -> list[int]:
-    """Cover objects greedily, by most views of objects with fewer than `views`, on a mount each, within the money.
-
-    >>> greedy_cover(np.array([[1, 1, 0], [0, 1, 1]], bool), np.array([1, 1, 5]), np.array([0, 1]), 1, 1)
-    [1]
-    """
+    """Cover objects greedily, by most views of objects with fewer than `views`, on a mount each, within the money."""
     missing, free = np.full(len(weight), views), np.ones(len(seen), bool)
     chosen: list[int] = []
     while len(chosen) < budget:

@@ -98,11 +98,7 @@ def _pose(placed: Mapping[str, Pose], sensor: str, file: Path) -> Pose:
 
 
 def parse_epoch(name: str) -> float:
-    """Parse a name as seconds since 1970, NaN for a name without a time.
-
-    >>> round(parse_epoch("1646667310.044"), 6), round(parse_epoch("1646667310044000000"), 6)
-    (1646667310.044, 1646667310.044)
-    """
+    """Parse a name as seconds since 1970, NaN for a name without a time."""
     try:
         value = float(name)
     except ValueError:
