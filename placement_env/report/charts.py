@@ -126,8 +126,7 @@ def order_chart(order: Sequence[content.BuildStep], currency: str) -> str:
 
 
 def front_chart(options: Sequence[content.PlanOption], chosen: content.PlanOption, currency: str) -> str:
-    """AP over kbit per sensor and over price. The chosen set is marked. Judged sets have intervals; for the others the
-    predicted AP is shown hollow."""
+    """AP over kbit per sensor and over price: judged sets with intervals, others hollow, the chosen one marked."""
     from matplotlib.lines import Line2D
 
     dot: PlotStyle = {"marker": "o", "markersize": 6, "markeredgecolor": BAR, "linestyle": "none"}
@@ -163,8 +162,7 @@ def front_chart(options: Sequence[content.PlanOption], chosen: content.PlanOptio
 
 
 def worth_chart(worth: Sequence[content.SensorWorth]) -> str:
-    """Shapley value of each sensor, and pair interactions. An interaction above 0 means that two sensors add more
-    together than apart."""
+    """Shapley values, and interactions of pairs: above 0, two sensors add more together than apart."""
     with canvas.house_style():
         labels = sensor_labels([each.sensor for each in worth])
         names = [

@@ -245,8 +245,7 @@ _APART, _SCOOTERS_APART = 0.1, 0.15  # shares of riders that are drawn apart
 
 
 def _choose_stream(rng: Rng, share: float, size: float) -> Rng:
-    """Choose the generator of a rider. A share once had none, being things now: these have one of their own, so that
-    all other bodies of a seed stay as they were."""
+    """Generator of a rider: its own for shares that once had none, so that all other bodies of a seed stay."""
     return np.random.default_rng(round(size * 1e9)) if rng.random() < share else rng
 
 

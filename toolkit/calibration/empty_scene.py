@@ -76,8 +76,7 @@ class LidarGrid:
 
 
 def find_grid(clouds: Sequence[SensorCloud]) -> LidarGrid:
-    """Find the grid of one sensor in some of its clouds. Raises ValueError for fewer than 100 points, and for an image
-    of more than 4 million pixels."""
+    """Find the grid of a sensor in its clouds. Raises ValueError below 100 points and above 4 million pixels."""
     clouds = [cloud for cloud in clouds if len(cloud.points)]
     name = clouds[0].name if clouds else "the sensor"
     kept, rings = [], []
@@ -486,8 +485,7 @@ class Scenes:
 
 
 def learn_sample_scenes(samples: Iterable[Frame], *, sample: int = SAMPLE) -> dict[str, LearntScene]:
-    """Learn the grid and empty scene of every sensor by name, from frames one after another. sample: images kept of
-    each at most. Raises ValueError as `Scenes`."""
+    """Learn grid and empty scene of every sensor by name, of `sample` images at most. Raises ValueError as `Scenes`."""
     coming = iter(samples)
     first = list(islice(coming, GRID_SAMPLES))
     clouds: dict[str, list[SensorCloud]] = {}

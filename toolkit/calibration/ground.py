@@ -326,9 +326,7 @@ def level_warning(cloud: "PointCloud | Points") -> str | None:
 
 
 def plain_points(cloud: object) -> Points:
-    """Return the points (n, 3) of a cloud of any kind: Open3D's, tensor or legacy, or an array (n, 3) or (n, 4).
-
-    A fourth column, such as intensity, is left out."""
+    """Return the points (n, 3) of a cloud of Open3D, tensor or legacy, or of an array (n, 3) or (n, 4)."""
     tensors, legacy = getattr(cloud, "point", None), getattr(cloud, "points", None)
     if tensors is not None:
         points = tensors.positions.cpu().numpy() if "positions" in tensors else np.empty((0, 3))

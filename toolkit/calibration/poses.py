@@ -91,8 +91,7 @@ class FoundPose:
         return f"{self.sensor.name}: {turned}, {moved}{unseen and f'; not observed, so left as believed: {unseen}'}"
 
     def described(self) -> dict[str, object]:
-        """Return its figures for files, in degrees and metres about the world's axes. Standard deviations are infinite
-        for motions that are not observed."""
+        """Return figures for files (degrees, metres, world axes); deviations are infinite where not observed."""
         poses: dict[str, object] = {"world_SE3_sensor": self.pose.tolist()}
         poses["believed_world_SE3_sensor"] = self.sensor.pose.tolist()
         if self.registration is None:

@@ -123,8 +123,7 @@ def site_surface(site: Site, *, seed: int = 0) -> Surface:
 
 
 def cloud_surface(points: Points) -> Surface:
-    """Return the thinned surface of a cloud, without points off flat surfaces. Raises ValueError if fewer than
-    `LEAST_FLAT` are left."""
+    """Return the thinned flat surface of a cloud. Raises ValueError if fewer than `LEAST_FLAT` points are left."""
     import open3d as o3d
 
     points = np.asarray(points, np.float64)

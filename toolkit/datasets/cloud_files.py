@@ -59,8 +59,7 @@ def fuse_files(paths: Sequence[str | Path], poses: Sequence[Pose]) -> "PointClou
 def crop_area(
     cloud: "PointCloud", area: Sequence[float], height: float | None = None, *, floor: float = 0.0, remedy: str = ""
 ) -> "PointCloud":
-    """Crop a cloud with `toolkit.clouds.crop`. Raises ValueError, which says where the points lie and ends with
-    `remedy`, if none is left."""
+    """Crop by `toolkit.clouds.crop`. Raises ValueError with the places of the points and `remedy` if none is left."""
     from toolkit.clouds import crop, positions
 
     cropped = crop(cloud, area, height, floor=floor)

@@ -68,8 +68,7 @@ def nuscenes_ap(curve: Curve) -> float:
 def by_centre(
     detected: Iterable[Detections], truths: Iterable[Objects], counted: Iterable[np.ndarray], within: float, label: int
 ) -> Matched:
-    """Match detections of a class whose centres lie `within` some metres on the ground. A detection that hits only
-    uncounted objects does not count."""
+    """Match detections of a class by centres `within` metres on the ground; those on uncounted objects do not count."""
     scores, hits, total = [np.zeros(0)], [np.zeros(0, bool)], 0
     for found, there, mask in zip(detected, truths, counted, strict=True):
         found, rows = found[found.labels == label], there.labels == label

@@ -355,8 +355,7 @@ class FrameOutcome(NamedTuple):
 
 
 def draw_site(site: Site, out: Path | str) -> None:
-    """Draw the site with its poles and sensors. Streets, solids and fields of view are drawn too. The picture is PNG or
-    SVG by the suffix."""
+    """Draw the site with streets, solids, poles, sensors and their fields of view, as PNG or SVG by the suffix."""
     poles = np.array([mount.position[:2] for mount in site.mounts]).reshape(-1, 2)
     counts = ((len(site.sensors), "sensor"), (len(poles), "pole"))
     title, counted = f"Site {shorten(site.name, 60)}", ", ".join(f"{n} {word}{'s' * (n != 1)}" for n, word in counts)

@@ -458,8 +458,7 @@ MOST_CLOUD = 1 << 28  # bytes of a cloud that is packed: float64 copies of it ta
 
 
 def check_unpacked(size: int, most: int | None = None) -> None:
-    """Check how much memory a file asks for before it gets it. Raises ValueError for more than `most`, by default
-    `MOST_UNPACKED`."""
+    """Raise ValueError where a file asks for more memory than `most`, by default `MOST_UNPACKED`."""
     most = most or MOST_UNPACKED
     if size > most:
         raise ValueError(f"it unpacks to {size / 2**30:.1f} GiB, more than the {most / 2**30:g} GiB allowed: split it")

@@ -284,8 +284,7 @@ def paper_page(
     conditions: Mapping[str, str],
     causes: Mapping[str, str],
 ) -> str:
-    """Build the page as HTML. pictures: SVG by name of the experiment; conditions: how the figures were computed;
-    causes: by letter."""
+    """Build the page as HTML, from SVG by experiment, conditions of the figures, and causes by letter."""
     rows = [row for each in experiments for row in each.rows]
     compared = sum(row.unit == "AP" and row.difference is not None for row in rows)
     about = "".join(f"<tr><th>{escape(name)}</th><td>{escape(value)}</td></tr>" for name, value in conditions.items())

@@ -129,8 +129,7 @@ def _explain_kbit(stored: StoredDetections, run: SchemeRun, paper: float) -> str
 
 
 def set_experiment(table: Table, seen: StoredDetections, site: str) -> Experiment:
-    """Compare table 2: AP of all sensor sets, the best three of each size. seen: points in the table's frames, for
-    reasons."""
+    """Compare table 2: all sensor sets, the best three of each size. seen: points in its frames, for reasons."""
     listed, origin = sensor_sets(site), table.origin
     names, count = [set_name(row.sensors) for row in listed.rows], len(listed.rows)
     sets = np.array([np.isin(np.arange(len(origin.sensors)), row.sensors) for row in listed.rows])

@@ -151,8 +151,7 @@ def decode_mask(content: bytes, start: int, shape: tuple[int, int]) -> tuple[Ima
 
 
 def encode_values(steps: ImageSteps, mask: ImageMask, given: ImageMask | None = None) -> bytes:
-    """Encode measurements of a mask's pixels. given: other pixels, known to the reader. Raises ValueError for steps
-    below 0 or from 2^24 on."""
+    """Encode a mask's pixels. given: others, known to the reader. Raises ValueError for steps beyond 0 to 2^24 - 1."""
     values = steps[mask]
     if len(values) and not (values.min() >= 0 and values.max() < MOST_STEPS):
         raise ValueError(f"measurements must be 0 to {MOST_STEPS - 1} steps, got {values.min()} to {values.max()}")
