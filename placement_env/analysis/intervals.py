@@ -30,6 +30,7 @@ FEWEST_BLOCKS = 10  # that have an interval
 RESAMPLES = 1000
 AP_TOLERANCE = 0.01  # difference in AP that does not matter
 HELD_AT_ONCE = 1 << 21  # numbers held in memory at once
+Resamples = Float64[np.ndarray, " resamples"]
 Draws = Int64[np.ndarray, "resamples frames"]  # how often each resample draws each frame
 
 
@@ -81,11 +82,7 @@ def count_blocks(frames: int) -> int:
 
 
 def percentiles(
-    figures: Float64[np.ndarray, " resamples"],
-    blocks: float = math.inf,
-    *,
-    confidence: float = 0.95,
-    fewest: int = FEWEST_BLOCKS,
+    figures: Resamples, blocks: float = math.inf, *, confidence: float = 0.95, fewest: int = FEWEST_BLOCKS
 ) -> Interval:
     """Return the middle share of the defined figures. blocks: number that each is drawn from, NaN below `fewest`.
 
@@ -107,7 +104,7 @@ def percentiles(
 
 def figure_interval(
     figure: float,
-    resamples: Float64[np.ndarray, " resamples"],
+    resamples: Resamples,
     *,
     blocks: float,
     objects: int = 0,
@@ -149,9 +146,7 @@ def frames_for_width(frames: int, width: float, wanted: float) -> int:
     return BLOCK_FRAMES * math.ceil(frames * (width / wanted) ** 2 / BLOCK_FRAMES)
 
 
-def is_as_good(
-    figures: Float64[np.ndarray, " resamples"], best: Float64[np.ndarray, " resamples"], blocks: float
-) -> bool:
+def is_as_good(figures: Resamples, best: Resamples, blocks: float) -> bool:
     """True if a figure is surely within `AP_TOLERANCE` of the best: the whole interval of the paired loss is.
 
     Two figures whose intervals overlap may still differ; on the same frames the loss has an interval of its own.
@@ -205,7 +200,7 @@ class Tally:
         """Share of detections that hit; NaN without a detection."""
         return float(self.hit.mean()) if len(self.hit) else float("nan")
 
-    def resamples(self, *, seed: int = 0, draws: Draws | None = None) -> Float64[np.ndarray, " resamples"]:
+    def resamples(self, *, seed: int = 0, draws: Draws | None = None) -> Resamples:
         """Return the all-point interpolated AP of each resample of blocks of frames; NaN without anything to find. One
         seed draws the same blocks for every tally. draws: of `draws_of_blocks`, None for consecutive frames."""
         draws = block_draws(len(self.truths), seed=seed) if draws is None else draws

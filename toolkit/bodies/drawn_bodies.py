@@ -334,7 +334,7 @@ TOWING = 0.1  # of the heavy vehicles are cars with a trailer
 
 
 def draw_body(label: int | str, rng: Rng, evenly: bool = False) -> Body:
-    """Draw a body of a class: vehicle, cyclist, pedestrian or heavy. Its name says its kind. evenly: see `draw_person`."""
+    """Draw a body of a class (`LABELS`). Its name says its kind. evenly: see `draw_person`."""
     label = label_index(label)
     kind, mesh, outside = _DRAW[label](rng, evenly)
     return make_boxed_body(f"{LABELS[label]}/{kind}", label, mesh, outside)

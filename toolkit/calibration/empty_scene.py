@@ -227,8 +227,7 @@ class CloudImage:
 
 
 def rasterize_cloud(cloud: SensorCloud, grid: LidarGrid) -> CloudImage:
-    """Return the cloud of a sensor in its grid: each point in the row of its laser, else in the nearest row, if that is
-    no farther than the next row."""
+    """Return a cloud in its sensor's grid: points in the row of their laser, else in the nearest one if near enough."""
     model = grid.model
     elevation, azimuth, distance = compute_angles(cloud.in_sensor())
     rows = np.array(model.elevations)

@@ -190,9 +190,7 @@ def find_shift(some: Sequence[Seen]) -> Shift | None:
     return found
 
 
-def against_their_way(
-    samples: Sequence[Frame], undo: Callable[[Frame, np.ndarray], np.ndarray]
-) -> tuple[int, int, int] | None:
+def against_their_way(samples: Sequence[Frame], undo: Callable[..., np.ndarray]) -> tuple[int, int, int] | None:
     """Count tracks and moving boxes that only a mistake turns backwards, and all moving boxes."""
     tracks: set[int] = set()
     mended = spoilt = total = 0

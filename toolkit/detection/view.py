@@ -282,8 +282,7 @@ def frame_view(
     scene: Callable[[int], EmptyScene] | None = None,
     memory: LinkMemory | None = None,
 ) -> View:
-    """Return the view of a frame, cropped to a site or area, below a height (m), else the site's own. scene, memory:
-    see `View`."""
+    """Return the view of a frame, cropped to a site or area below a height (m). scene, memory: see `View`."""
     crop = Crop.of(site, height)
     detect = detector if crop.slope == LEVEL else partial(detect_on_ground, detector, place=site)
     images = Images(lambda sensor: Captured(frame, sensor, site, height), scene, _sent_time(frame), frame.index)

@@ -201,8 +201,7 @@ def read_secret(path: Path) -> bytes:
 
 
 def encode_arrays(key: bytes, arrays: Iterable[np.ndarray]) -> bytes:
-    """Encode arrays: checksum, a line of JSON with types and shapes, content. Raises ValueError for arrays of objects
-    or records."""
+    """Encode arrays: checksum, types and shapes in a line of JSON, content. Raises ValueError for arrays of objects."""
     columns = [np.ascontiguousarray(column) for column in arrays]
     for column in columns:
         if column.dtype.kind not in ARRAY_KINDS:

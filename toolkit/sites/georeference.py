@@ -142,8 +142,7 @@ _Json = dict[str, Any]
 
 
 def site_geojson(site: Site) -> str:
-    """GeoJSON text of a site in longitude and latitude. Raises ValueError for a site without a known place on earth;
-    ImportError if its map needs pyproj."""
+    """GeoJSON of a site in longitude and latitude. Raises ValueError without a place, ImportError without pyproj."""
     if site.geo_reference is None:
         silent = f"site {site.name!r} does not say where on earth it is (geo_reference is null)"
         remedy = "import it from a map that has, or use the site file, which is GeoJSON in metres"

@@ -23,7 +23,6 @@ from placement_env.report.charts import interval_bars
 from placement_env.report.content import CONFIDENCE
 from toolkit.arrays import Float64
 from toolkit.detection.schemes import PAPER_SCHEMES
-from toolkit.objects import LABELS, VEHICLE
 from toolkit.runtime.files import replace_infinite, write_text, writing_together
 from toolkit.runtime.text_tables import align_columns
 
@@ -153,11 +152,8 @@ class ExactFailure:
     without: tuple[str, ...]
 
 
-def exact_failures(
-    table: Table, *, ious: Sequence[float] = (0.7,), label: str = LABELS[VEHICLE]
-) -> tuple[ExactFailure, ...]:
-    """Compute N-1 and N-2 of every scheme at those IoUs that the table holds. Raises ValueError if it holds none of the
-    IoUs, or not this class."""
+def exact_failures(table: Table, *, ious: Sequence[float] = (0.7,), label: str = "vehicle") -> tuple[ExactFailure, ...]:
+    """Compute N-1 and N-2 of every scheme at these IoUs. Raises ValueError if a table lacks them all, or the class."""
     names = table.origin.sensors
     at = table.origin.ious[table.origin.classes.index(label)] if label in table.origin.classes else table.origin.ious[0]
     known = [iou for iou in ious if iou in at]

@@ -20,7 +20,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from placement_env.analysis import intervals
-from placement_env.analysis.intervals import BLOCK_FRAMES, Draws, Tally
+from placement_env.analysis.intervals import BLOCK_FRAMES, Draws, Resamples, Tally
 from placement_env.analysis.shrinkage import shrink
 from placement_env.cases import USUAL_CASES, Cases
 from placement_env.classes import Classes, Combine
@@ -329,7 +329,7 @@ class _Options:
 
     def __init__(self, objective: Objective, found: Entrants, judge: Judge) -> None:
         self.found, self.judge = found, judge
-        self.draws: dict[int, Float64[np.ndarray, " resamples"]] = {}
+        self.draws: dict[int, Resamples] = {}
         self.options: list[PlanOption] = []
         for i, score in enumerate(map(objective.score, map(np.flatnonzero, found.sets))):
             names = tuple(objective.names[c].replace("/", "-") for c in score.subset)  # as files name sensors
@@ -427,9 +427,7 @@ def _thrift(option: PlanOption) -> tuple[float, int, float, float]:
     return option.price, len(option.sensors), -(option.mean_ap or 0.0), option.kbit_per_sensor
 
 
-def choose(
-    options: Sequence[PlanOption], draws: Mapping[int, Float64[np.ndarray, " resamples"]]
-) -> tuple[int, tuple[int, ...]]:
+def choose(options: Sequence[PlanOption], draws: Mapping[int, Resamples]) -> tuple[int, tuple[int, ...]]:
     """Return the index of the best option, and those that cannot be told from it, itself too, cheap ones first. draws:
     resampled AP of each judged option, on the same frames."""
     judged = {i: counted for i in sorted(draws) if (counted := options[i].counted) is not None}

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 PARTS = 10**9  # parts into which the sum over several classes is divided
 _Seen = Bool[np.ndarray, "C O"]  # of candidates × objects, True where seen
 _Each = Int64[np.ndarray, " C"]  # of candidates, such as their mounts or prices
+_Weight = Int64[np.ndarray, " O"]
 _Worth = Int64[np.ndarray, "k O"]
 
 
@@ -183,7 +184,7 @@ def merge_objects(
 
 
 def greedy_cover(
-    seen: _Seen, weight: Int64[np.ndarray, " O"], mount: _Each, budget: int, views: int, *, prices: Prices | None = None
+    seen: _Seen, weight: _Weight, mount: _Each, budget: int, views: int, *, prices: Prices | None = None
 ) -> list[int]:
     """Cover objects greedily, by most views of objects with fewer than `views`, on a mount each, within the money."""
     missing, free = np.full(len(weight), views), np.ones(len(seen), bool)
@@ -201,9 +202,7 @@ def greedy_cover(
     return chosen
 
 
-def prove_bound(
-    seen: _Seen, weight: Int64[np.ndarray, " O"], mount: _Each, budget: int, *, views: int, chosen: list[int]
-) -> int:
+def prove_bound(seen: _Seen, weight: _Weight, mount: _Each, budget: int, *, views: int, chosen: list[int]) -> int:
     """Most objects that any set can cover with `views` views of each. For one view the coverage of `chosen` plus the
     largest gains, one per mount, bounds too (Leskovec et al., KDD 2007)."""
 

@@ -188,8 +188,7 @@ def still_squares(reference: Reference, steps: ImageSteps, sent: ImageMask) -> B
 def encode_difference(
     steps: ImageSteps, sent: ImageMask, reference: Reference, squares: Bool[np.ndarray, "down across"]
 ) -> bytes:
-    """Encode the sent pixels. squares: those that stand still. Raises ValueError for steps below 0 or from 2^24 on, and
-    for an image of another shape."""
+    """Encode the sent pixels. squares: still ones. Raises ValueError for steps beyond 0 to 2^24 - 1, another shape."""
     if steps.shape != reference.fine.shape:
         raise ValueError(f"the reference is an image of {reference.fine.shape}, got one of {steps.shape}")
     there = _count_pixels(reference.known) > 0
