@@ -4,7 +4,10 @@ Nothing in it depends on the clock, so the same question has the same plan, byte
 1000 bit; prices are in the plan's currency. AP and recall are at the plan's IoU unless a field says otherwise, always
 by the detector on traffic that no search saw. An undefined figure is None."""
 
+import tomllib
 from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -18,6 +21,7 @@ from toolkit.objects import Detections, Objects
 from toolkit.sites.site import Site
 
 CONFIDENCE = 0.95  # of every interval
+TEXTS: dict[str, Any] = tomllib.loads((Path(__file__).parent / "texts.toml").read_text(encoding="utf-8"))
 
 
 @dataclass(frozen=True)

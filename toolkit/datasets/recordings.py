@@ -104,9 +104,8 @@ _BAGS, _HDF5 = (".bag", ".mcap", ".db3"), (".hdf5", ".h5")
 
 
 def guess_layout(path: str | Path) -> str:
-    """Guess the layout of a path by its ending or, in a folder, by files that only one layout has.
-
-    Raises ValueError for a folder that several layouts might have written, and a file that none writes."""
+    """Guess the layout of a path by its ending or, in a folder, by files that only one layout has. Raises ValueError
+    for a folder that several layouts might have written, and a file that none writes."""
     path = Path(path)
     if not path.is_dir():
         ending = path.suffix.lower()
