@@ -135,7 +135,6 @@ def command(name: str) -> Callable[..., int]:
 def refuse_hidden_packages() -> None:
     """Raise ValueError for a user's file that hides our packages."""
     from importlib.util import find_spec
-    from pathlib import Path
 
     home = Path(__file__).resolve().parents[1]
     for name in PACKAGES:

@@ -3,6 +3,7 @@ line that names a file. Numbers may be strings (DAIR-V2X, and YAML's 1e-05), and
 worse is a ValueError."""
 
 import json
+import tomllib
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -18,7 +19,7 @@ from toolkit.datasets.cloud_files import check_extent, read_recorded
 from toolkit.datasets.published_layout import FARTHEST_OBJECT
 from toolkit.frame import DisplayedRecording, Frame, Frames, OtherObjects, RecordingView, SensorCloud
 from toolkit.geometry import check_pose, transform
-from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE, Detections, Objects
+from toolkit.objects import LABELS, Detections, Objects, label_index
 from toolkit.point_files import pcd_bytes
 from toolkit.runtime.files import parse_json, read_bytes, replace_infinite, write_bytes, write_text
 from toolkit.sites.site import Site
@@ -196,18 +197,8 @@ STRAY = "names, times or tokens of labels have no cloud"
 DOUBLED = "doubled labels"
 FULL_TURNS = "yaws beyond a full turn"
 
-_NAMES = {  # datasets' names of our classes, in lower case
-    VEHICLE: """car van vehicle passengercar suv pickup taxi police emergency_vehicle regular_vehicle vehicle.car
-        vehicle.emergency.police""",
-    HEAVY: """heavy truck bus tram trailer minibus large_truck construction_truck large_vehicle box_truck truck_cab
-        school_bus articulated_bus vehicular_trailer railed_vehicle vehicle.truck vehicle.bus.rigid vehicle.bus.bendy
-        vehicle.trailer vehicle.construction vehicle.emergency.ambulance""",
-    CYCLIST: """cyclist bicycle bike bicyclist bicyclerider motorcycle motorcyclist motorcyclerider tricycle tricyclist
-        scooter scooterrider wheeled_rider vehicle.bicycle vehicle.motorcycle""",
-    PEDESTRIAN: """pedestrian person person_sitting walker official_signaler human.pedestrian.adult
-        human.pedestrian.child human.pedestrian.construction_worker human.pedestrian.police_officer""",
-}
-CATEGORIES = {name: label for label, names in _NAMES.items() for name in names.split()}
+_NAMES = tomllib.loads((Path(__file__).parent / "classes.toml").read_text(encoding="utf-8"))
+CATEGORIES = {name: label_index(label) for label, names in _NAMES.items() for name in names}
 COMMON_NAMES = {"vehicle": "Car", "cyclist": "Cyclist", "pedestrian": "Pedestrian", "heavy": "Truck"}  # when written
 
 
