@@ -99,9 +99,8 @@ def search(
 
 
 def make(name: str = "SensorSelect", **settings: Any) -> "gymnasium.Env[Any, Any]":
-    """Make an environment: SensorSelect, SensorSubset or SensorPose.
-
-    settings: of its configuration, such as site="tjunction" and budget=3. Raises ImportError without Gymnasium."""
+    """Make an environment: SensorSelect, SensorSubset or SensorPose. settings: of its configuration, such as
+    site="tjunction" and budget=3. Raises ImportError without Gymnasium."""
     try:
         import gymnasium
     except ImportError:
@@ -111,9 +110,8 @@ def make(name: str = "SensorSelect", **settings: Any) -> "gymnasium.Env[Any, Any
 
 
 def live(site: "Setting | str", *, frames: int = 60, seed: int = 3, port: int = 8090) -> "coview.live_page.LiveSession":
-    """Serve a page where sensors of a site or setting are moved by hand; in Jupyter it shows in the cell.
-
-    Raises ValueError where no surrogate scores the setting, ImportError without viser."""
+    """Serve a page where sensors of a site or setting are moved by hand; in Jupyter it shows in the cell. Raises
+    ValueError where no surrogate scores the setting, ImportError without viser."""
     from coview.live_page import LiveSession
     from placement_env.live.planner import LivePlanner
 

@@ -175,9 +175,8 @@ def _check_long(recording: "Recording") -> None:
 
 
 def check_detector(name: str, place: "Place | None" = None) -> None:
-    """Raise FileNotFoundError for a name that stands for no detector, before any work.
-
-    place: where it will detect. Raises ValueError if its area is not that of the weights."""
+    """Raise FileNotFoundError for a name that stands for no detector, before any work. place: where it will detect.
+    Raises ValueError if its area is not that of the weights."""
     bare = parse_detector(name).bare
     if bare not in ("voxelnet", CLUSTER) and ":" not in bare:
         from models.detector import weights_file
@@ -197,10 +196,8 @@ def check_detector(name: str, place: "Place | None" = None) -> None:
 
 
 def site_detector(name: str, site: "Site") -> "Detector":
-    """Return a detector for a site.
-
-    name: voxelnet for the site's own shipped network, a shipped name, a file of weights or in ONNX, or
-    package.module:callable, and what may stand behind it; +background: of the site's scenery."""
+    """Return a detector for a site. name: voxelnet for the site's own shipped network, a shipped name, a file of
+    weights or in ONNX, or package.module:callable, and what may stand behind it; +background: of the site's scenery."""
     asked = parse_detector(name, site)
     detector = _bare_detector(asked, site)
     if not asked.known:

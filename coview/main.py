@@ -2,51 +2,15 @@
 
 import os
 import sys
+import tomllib
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
-GROUPS: dict[str, dict[str, tuple[str, str]]] = {  # commands, their modules in `coview.commands`, a line for --help
-    "Start here": {"demo": ("placement.demo", "record, evaluate and plan a T-junction in minutes")},
-    "Sites and recordings": {
-        "site": ("recordings.site", "import, draw, show or export a junction"),
-        "simulate": ("recordings.simulate", "record a site with simulated traffic and sensors"),
-        "survey": ("recordings.checks", "count objects, points and kbit of a recording"),
-        "view": ("recordings.view", "look at a recording in the browser"),
-        "doctor": ("recordings.checks", "check a recording for classic mistakes"),
-        "calibrate": ("recordings.checks", "find sensors' poses by what stands still"),
-        "convert": ("recordings.files", "write a recording in another layout"),
-        "fuse": ("recordings.files", "fuse cloud files in one frame"),
-    },
-    "Detection": {
-        "detect": ("detection.detect", "find road users in anybody's clouds"),
-        "evaluate": ("detection.evaluate", "score fusion schemes by AP and kbit"),
-        "pack": ("recordings.files", "pack recordings into one file to train from"),
-        "train": ("detection.train", "train a network of your own"),
-        "export": ("detection.train", "write a network as ONNX"),
-    },
-    "Placement": {
-        "search": ("placement.search", "search for the best set of sensors"),
-        "plan": ("placement.plan", "plan what to build, with a report"),
-        "live": ("placement.live", "move sensors by hand in the browser, and see what it does"),
-        "what-if": ("placement.live", "say what moving, adding or dropping sensors of a plan does"),
-        "table": ("placement.table", "score every set of a recording's sensors"),
-        "surrogate": ("placement.surrogate", "fit a fast surrogate of a detector"),
-    },
-    "Studies": {
-        "reproduce": ("placement.reproduce", "run the paper's experiments"),
-        "stress": ("detection.stress", "put fusion schemes under stress"),
-    },
-}
+_TABLE = tomllib.loads((Path(__file__).parent / "commands.toml").read_text(encoding="utf-8"))
+GROUPS: dict[str, dict[str, tuple[str, str]]] = _TABLE["groups"]
 COMMANDS = {name: module for group in GROUPS.values() for name, (module, _) in group.items()}
 PACKAGES = ("toolkit", "models", "placement_env")
-USAGE = """usage: coview COMMAND [OPTIONS]
-
-Plan roadside perception: which poles of a junction should carry depth sensors?
-{}
-coview COMMAND --help explains a command and shows examples of it.
-coview --version prints the version; --debug shows the traceback of any error.
-Exit codes: 0 done, 1 the answer is no, 2 bad input, 3 a package is missing, 4 a
-worker died, 70 a fault of coview, 130 stopped, 141 nobody reads the output.
-"""
+USAGE: str = _TABLE["usage"]
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -171,7 +135,6 @@ def command(name: str) -> Callable[..., int]:
 def refuse_hidden_packages() -> None:
     """Raise ValueError for a user's file that hides our packages."""
     from importlib.util import find_spec
-    from pathlib import Path
 
     home = Path(__file__).resolve().parents[1]
     for name in PACKAGES:

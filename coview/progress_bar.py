@@ -63,11 +63,7 @@ class Bar:
 
 
 def _describe_time(seconds: float) -> str:
-    """Words for a span of time.
-
-    >>> _describe_time(12.3), _describe_time(600.0), _describe_time(9000.0)
-    ('12 s', '10 min', '2.5 h')
-    """
+    """Words for a span of time."""
     if seconds < 90:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"

@@ -82,11 +82,7 @@ class Cases:
 
     @property
     def ious(self) -> tuple[float, ...]:
-        """IoU thresholds, ascending.
-
-        >>> Cases(iou=0.7).ious, Cases(iou="0.5:0.6").ious
-        ((0.7,), (0.5, 0.55, 0.6))
-        """
+        """IoU thresholds, ascending."""
         return self.threshold if isinstance(self.threshold, tuple) else (self.threshold,)
 
     @property
@@ -130,19 +126,11 @@ class Cases:
 
     @cached_property
     def errors_text(self) -> str:
-        """Names of the error profiles in words.
-
-        >>> Cases(errors=("paper", "typical", "poor")).errors_text
-        'paper, typical and poor'
-        """
+        """Names of the error profiles in words."""
         return join_names(self.names)
 
     def describe_failures(self) -> str:
-        """Words for what is left of a set.
-
-        >>> Cases(failing=2, failures="mean").describe_failures()
-        'what is left on average when 2 sensors fail'
-        """
+        """Words for what is left of a set."""
         what = "1 sensor fails" if self.failing == 1 else f"{self.failing} sensors fail"
         return f"what is left {'in the worst case' if self.failures == 'worst' else 'on average'} when {what}"
 
@@ -169,9 +157,8 @@ class Cases:
         return tuple(np.sort(part) for part in np.array_split(order, self.levels) if len(part))
 
     def expand(self, sets: Sets) -> tuple[Bool[np.ndarray, "m C"], Int64[np.ndarray, " m"]]:
-        """Sets followed by what each failure leaves of them, and the set that each row belongs to.
-
-        A set that may lose all its sensors has one case, the empty set."""
+        """Sets followed by what each failure leaves of them, and the set that each row belongs to. A set that may lose
+        all its sensors has one case, the empty set."""
         rows, owners = [*sets], list(range(len(sets)))
         for n, row in enumerate(sets) if self.failing else ():
             members = np.flatnonzero(row)
@@ -242,11 +229,7 @@ def _thresholds(iou: float | str | Iterable[float]) -> tuple[float, ...]:
 
 
 def iou_text(iou: IoUs) -> str:
-    """Words for a threshold, or several.
-
-    >>> iou_text(0.7), iou_text((0.5, 0.55, 0.6))
-    ('0.7', '0.5 to 0.6 (mean of 3 thresholds)')
-    """
+    """Words for a threshold, or several."""
     if isinstance(iou, float | int):
         return f"{iou:g}"
     return f"{iou[0]:g} to {iou[-1]:g} (mean of {len(iou)} thresholds)"

@@ -94,11 +94,7 @@ class Classes:
         return own if own is not None else SMALL_IOU if name in SMALL else iou
 
     def described(self, iou: float | tuple[float, ...] | None = None) -> str:
-        """Describe in words. iou: of the objective; other ones are named beside a class, None to name none.
-
-        >>> Classes(("vehicle", "pedestrian"), combine="worst").described(0.7)
-        'worst of vehicle and pedestrian (IoU 0.5)'
-        """
+        """Describe in words. iou: of the objective; other ones are named beside a class, None to name none."""
         each = list(self.names)
         if iou is not None:
             own = [self.get_iou(name, 0.0) for name in each]  # 0 where it is the objective's
@@ -131,11 +127,7 @@ VEHICLES = Classes()
 
 
 def join_names(names: Sequence[str]) -> str:
-    """Names in a row.
-
-    >>> join_names(["a", "b", "c"]), join_names(["a"]), join_names([])
-    ('a, b and c', 'a', 'none')
-    """
+    """Names in a row."""
     if len(names) < 2:
         return names[0] if names else "none"
     return f"{', '.join(names[:-1])} and {names[-1]}"

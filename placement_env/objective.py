@@ -278,7 +278,6 @@ class Objective:
 
     def next_allowed(self, subset: Bool[np.ndarray, " C"] | Members) -> Bool[np.ndarray, " C"]:
         """Mask of candidates to add next: on mounts that must carry a sensor until all do, which leave money for these.
-
         Then any that is allowed."""
         mount = self.candidates.mount
         bare = np.setdiff1d(self.kept, mount[self._row(subset)])

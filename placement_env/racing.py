@@ -24,10 +24,8 @@ PartialScores = Callable[
 
 @dataclass(frozen=True, eq=False)
 class Race:
-    """Course of a race.
-
-    winners: rows of the best sets, best first, including ties with the last; scores: of each, from all frames; spent,
-    full: set-frames scored, and those that scoring all sets on all frames would take."""
+    """Course of a race. winners: rows of the best sets, best first, including ties with the last; scores: of each, from
+    all frames; spent, full: set-frames scored, and those that scoring all sets on all frames would take."""
 
     winners: Int64[np.ndarray, " k"]
     scores: Float64[np.ndarray, " k"]
@@ -208,11 +206,7 @@ def _doubt(rungs: list[tuple[Int64[np.ndarray, " _"], Resampled]], winner: int, 
 
 
 def find_best(scores: Float64[np.ndarray, " n"], places: int) -> Int64[np.ndarray, " k"]:
-    """Rows of the best scores, best first and undefined ones last, with all that tie with the last place.
-
-    >>> find_best(np.array([0.1, 0.5, 0.9, 0.5]), 2), find_best(np.array([np.nan, 0.9, np.nan]), 2)
-    (array([2, 1, 3]), array([1, 0, 2]))
-    """
+    """Rows of the best scores, best first and undefined ones last, with all that tie with the last place."""
     ranked = np.argsort(-scores, kind="stable")
     ranks = np.nan_to_num(scores[ranked], nan=-np.inf)
     return ranked[ranks >= ranks[min(places, len(ranks)) - 1]]

@@ -1,6 +1,5 @@
-"""`Setting`: what is asked, whatever the way to compute it: site, candidates, fusion, cases, fidelity and costs.
-
-With a `toolkit.runtime.run.Run` it makes what scores sets: `placement_env.objective.Objective(setting, run)`."""
+"""`Setting`: what is asked, whatever the way to compute it: site, candidates, fusion, cases, fidelity and costs. With a
+`toolkit.runtime.run.Run` it makes what scores sets: `placement_env.objective.Objective(setting, run)`."""
 
 import math
 from collections.abc import Callable, Iterable

@@ -1,6 +1,5 @@
-"""Display of nouns: a short `repr`, a picture with a table in notebooks, and tables for pandas.
-
-A noun gives a `Card`. It names the function that draws it, since pictures stand floors above most nouns."""
+"""Display of nouns: a short `repr`, a picture with a table in notebooks, and tables for pandas. A noun gives a `Card`.
+It names the function that draws it, since pictures stand floors above most nouns."""
 
 import math
 from base64 import b64encode
@@ -60,9 +59,8 @@ class Displayed:
         )
 
     def to_frame(self, table: str = "") -> Any:
-        """Return a table as a pandas DataFrame. table: its name, the one that notebooks show when empty.
-
-        Raises ValueError for an unknown table, ImportError without pandas."""
+        """Return a table as a pandas DataFrame. table: its name, the one that notebooks show when empty. Raises
+        ValueError for an unknown table, ImportError without pandas."""
         tables = self._card().tables
         if table and table not in tables:
             raise ValueError(f"table must be one of {', '.join(tables)}, got {table!r}")
@@ -74,11 +72,7 @@ class Displayed:
 
 
 def describe_count(number: int, thing: str, things: str = "") -> str:
-    """Return a number with its noun in the singular or plural.
-
-    >>> describe_count(1, "frame"), describe_count(2363, "frame"), describe_count(0, "box", "boxes")
-    ('1 frame', '2,363 frames', '0 boxes')
-    """
+    """Return a number with its noun in the singular or plural."""
     return f"{number:,} {thing if number == 1 else things or thing + 's'}"
 
 
@@ -118,11 +112,7 @@ def _format_table(table: Table) -> str:
 
 
 def _format_value(value: object) -> str:
-    """Return a cell's text.
-
-    >>> [_format_value(value) for value in (0.123456, 12345.6, float("nan"), None, "a", ("b", "c"))]
-    ['0.1235', '12,346', '', '', 'a', 'b, c']
-    """
+    """Return a cell's text."""
     if isinstance(value, tuple):
         return ", ".join(map(_format_value, value))
     try:

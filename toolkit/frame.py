@@ -376,10 +376,8 @@ def unproject(
 
 
 def select_sensors(available: Sequence[Sensor], wanted: Sequence[int | str] | None = None) -> list[int]:
-    """Return the positions of some sensors in `available`.
-
-    wanted: names or numbers, None for all. Raises ValueError for an unknown sensor, one chosen twice, and names that
-    two sensors share."""
+    """Return the positions of some sensors in `available`. wanted: names or numbers, None for all. Raises ValueError
+    for an unknown sensor, one chosen twice, and names that two sensors share."""
     names = [sensor.name for sensor in available]
     if len(set(names)) < len(names):
         raise ValueError(f"every sensor needs a name of its own, got {', '.join(names)}: rename those that share one")

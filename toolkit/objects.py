@@ -15,11 +15,7 @@ VEHICLE, CYCLIST, PEDESTRIAN, HEAVY = range(4)
 
 
 def label_index(label: str | int) -> int:
-    """Class number of a name or number in `LABELS`.
-
-    >>> label_index("cyclist"), label_index(3)
-    (1, 3)
-    """
+    """Class number of a name or number in `LABELS`."""
     if isinstance(label, str) and label in LABELS:
         return LABELS.index(label)
     if isinstance(label, int | np.integer | float) and label == np.trunc(label) and 0 <= int(label) < len(LABELS):

@@ -30,6 +30,7 @@ FEWEST_BLOCKS = 10  # that have an interval
 RESAMPLES = 1000
 AP_TOLERANCE = 0.01  # difference in AP that does not matter
 HELD_AT_ONCE = 1 << 21  # numbers held in memory at once
+Resamples = Float64[np.ndarray, " resamples"]
 Draws = Int64[np.ndarray, "resamples frames"]  # how often each resample draws each frame
 
 
@@ -57,13 +58,7 @@ def block_draws(frames: int, *, block: int | None = None, resamples: int = RESAM
 
 
 def draws_of_blocks(blocks: Int64[np.ndarray, " frames"], *, resamples: int = RESAMPLES, seed: int = 0) -> Draws:
-    """Count how often each resample draws each frame. blocks: of each frame, in any order.
-
-    >>> draws_of_blocks(np.array([7, 2, 7]), resamples=3)
-    array([[1, 1, 1],
-           [1, 1, 1],
-           [2, 0, 2]])
-    """
+    """Count how often each resample draws each frame. blocks: of each frame, in any order."""
     different, place = np.unique(blocks, return_inverse=True)
     shares = np.full(len(different), 1 / len(different))
     drawn = np.random.default_rng(seed).multinomial(len(different), shares, size=resamples)
@@ -71,11 +66,7 @@ def draws_of_blocks(blocks: Int64[np.ndarray, " frames"], *, resamples: int = RE
 
 
 def ratio_interval(parts: ArrayLike, wholes: ArrayLike, *, seed: int = 0, confidence: float = 0.95) -> Interval:
-    """Return the interval of sum(parts) / sum(wholes), one of each per frame, such as recall or a mean.
-
-    >>> ratio_interval([1, 3] * 40, [2, 4] * 40)
-    Interval(low=0.6666666666666666, high=0.6666666666666666)
-    """
+    """Return the interval of sum(parts) / sum(wholes), one of each per frame, such as recall or a mean."""
     part, whole = np.asarray(parts, np.float64), np.asarray(wholes, np.float64)
     if part.ndim != 1 or part.shape != whole.shape:
         raise ValueError(f"there must be one part and one whole per frame, got {part.shape} and {whole.shape}")
@@ -91,11 +82,7 @@ def count_blocks(frames: int) -> int:
 
 
 def percentiles(
-    figures: Float64[np.ndarray, " resamples"],
-    blocks: float = math.inf,
-    *,
-    confidence: float = 0.95,
-    fewest: int = FEWEST_BLOCKS,
+    figures: Resamples, blocks: float = math.inf, *, confidence: float = 0.95, fewest: int = FEWEST_BLOCKS
 ) -> Interval:
     """Return the middle share of the defined figures. blocks: number that each is drawn from, NaN below `fewest`.
 
@@ -117,7 +104,7 @@ def percentiles(
 
 def figure_interval(
     figure: float,
-    resamples: Float64[np.ndarray, " resamples"],
+    resamples: Resamples,
     *,
     blocks: float,
     objects: int = 0,
@@ -148,28 +135,18 @@ def _wilson(share: float, count: float, confidence: float) -> Interval:
 
 
 def describe_interval(low: float, high: float, digits: int = 3) -> str:
-    """Words for an interval.
-
-    >>> describe_interval(0.91, 0.95), describe_interval(math.nan, math.nan)
-    ('0.910 to 0.950', 'no interval from fewer than 80 frames')
-    """
+    """Words for an interval."""
     if math.isnan(low) or math.isnan(high):
         return f"no interval from fewer than {FEWEST_BLOCKS * BLOCK_FRAMES} frames"
     return f"{low:.{digits}f} to {high:.{digits}f}"
 
 
 def frames_for_width(frames: int, width: float, wanted: float) -> int:
-    """Frames, in whole blocks, that should narrow an interval of some frames to the wanted width.
-
-    >>> frames_for_width(120, 0.04, 0.02)
-    480
-    """
+    """Frames, in whole blocks, that should narrow an interval of some frames to the wanted width."""
     return BLOCK_FRAMES * math.ceil(frames * (width / wanted) ** 2 / BLOCK_FRAMES)
 
 
-def is_as_good(
-    figures: Float64[np.ndarray, " resamples"], best: Float64[np.ndarray, " resamples"], blocks: float
-) -> bool:
+def is_as_good(figures: Resamples, best: Resamples, blocks: float) -> bool:
     """True if a figure is surely within `AP_TOLERANCE` of the best: the whole interval of the paired loss is.
 
     Two figures whose intervals overlap may still differ; on the same frames the loss has an interval of its own.
@@ -223,10 +200,9 @@ class Tally:
         """Share of detections that hit; NaN without a detection."""
         return float(self.hit.mean()) if len(self.hit) else float("nan")
 
-    def resamples(self, *, seed: int = 0, draws: Draws | None = None) -> Float64[np.ndarray, " resamples"]:
-        """Return the all-point interpolated AP of each resample of blocks of frames; NaN without anything to find.
-
-        One seed draws the same blocks for every tally. draws: of `draws_of_blocks`, None for consecutive frames."""
+    def resamples(self, *, seed: int = 0, draws: Draws | None = None) -> Resamples:
+        """Return the all-point interpolated AP of each resample of blocks of frames; NaN without anything to find. One
+        seed draws the same blocks for every tally. draws: of `draws_of_blocks`, None for consecutive frames."""
         draws = block_draws(len(self.truths), seed=seed) if draws is None else draws
         order = np.argsort(-self.scores)
         scores, hits, frame = self.scores[order], self.hit[order], self.frame[order]

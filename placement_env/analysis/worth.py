@@ -134,9 +134,8 @@ def format_worth(worth: Worth, names: Sequence[str]) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Failures:
-    """Values of a sensor set under every combination of k failing sensors.
-
-    intact: value with no failure; lost: the sensors that fail; left: value of those that remain."""
+    """Values of a sensor set under every combination of k failing sensors. intact: value with no failure; lost: the
+    sensors that fail; left: value of those that remain."""
 
     intact: float
     lost: Int64[np.ndarray, "k failing"]
@@ -196,14 +195,7 @@ def _weights(n: int) -> Float64[np.ndarray, " sizes"]:
 
 
 def _williams_square(n: int) -> Int64[np.ndarray, "n n"]:
-    """n orders of n sensors (Williams 1949): each takes each place once, each two are neighbours twice.
-
-    >>> _williams_square(4)
-    array([[0, 1, 3, 2],
-           [1, 2, 0, 3],
-           [2, 3, 1, 0],
-           [3, 0, 2, 1]])
-    """
+    """n orders of n sensors (Williams 1949): each takes each place once, each two are neighbours twice."""
     place = np.arange(n)
     zigzag = np.where(place % 2, (place + 1) // 2, -(place // 2))
     return (place[:, None] + zigzag) % n

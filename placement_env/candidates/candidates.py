@@ -34,9 +34,8 @@ ROUNDED = 1e-9  # share of a link's capacity by which rounding may exceed it
 
 @dataclass(frozen=True, eq=False)
 class Axes:
-    """Values of the factors after the mount: heights (m), headings and tilts (rad), models.
-
-    prices: of each model, in the unit of the mounts' prices, or none. Raises ValueError where they do not fit."""
+    """Values of the factors after the mount: heights (m), headings and tilts (rad), models. prices: of each model, in
+    the unit of the mounts' prices, or none. Raises ValueError where they do not fit."""
 
     heights: Float64[np.ndarray, " H"]
     headings: Float64[np.ndarray, " Y"]
@@ -256,9 +255,8 @@ class NoCandidates(ValueError):
 
 
 def paper_candidates(site: Site) -> Candidates:
-    """Return the present sensors of `site`, each on its own mount. Raises ValueError if the site has none.
-
-    That is the nearest within `ON_ITS_MOUNT` (a copy for a second sensor), else a new one where the sensor is."""
+    """Return the present sensors of `site`, each on its own mount. Raises ValueError if the site has none. That is the
+    nearest within `ON_ITS_MOUNT` (a copy for a second sensor), else a new one where the sensor is."""
     if not site.sensors:
         raise ValueError(f"site {site.name!r} has no sensors of its own: take candidates from pool(site)")
     mounts: list[Mount] = []
@@ -360,10 +358,8 @@ def choose_candidates(
 
 
 def own_and_random(site: Site, poses: int, rng: Rng, *, models: Sequence[SensorModel] = ()) -> Candidates:
-    """Return the site's own sensors, each on a mount of its own, then random poses of its pool.
-
-    models: none for the paper's camera. Raises ValueError where the pool has fewer poses, or there would be no sensor.
-    """
+    """Return the site's own sensors, each on a mount of its own, then random poses of its pool. models: none for the
+    paper's camera. Raises ValueError where the pool has fewer poses, or there would be no sensor."""
     more, least = pool(site, models=tuple(models) or PAPER), 0 if site.sensors else 1
     if not least <= poses <= len(more):
         raise ValueError(f"poses must be {least} to the {len(more)} of the pool of {site.name!r}, got {poses}")
@@ -377,9 +373,8 @@ def own_and_random(site: Site, poses: int, rng: Rng, *, models: Sequence[SensorM
 
 
 def random_sets(candidates: Candidates, own: int, count: int, rng: np.random.Generator) -> Sets:
-    """Draw up to `count` different sets, half of them from the first `own` candidates, if there are any.
-
-    The others have 1 to `MOST_POSES` of the other candidates, at most one on a mount."""
+    """Draw up to `count` different sets, half of them from the first `own` candidates, if there are any. The others
+    have 1 to `MOST_POSES` of the other candidates, at most one on a mount."""
     sets, of_own = np.zeros((count, len(candidates)), bool), count // 2 if own else 0
     for row in sets[:of_own]:
         row[rng.choice(own, rng.integers(1, own + 1), replace=False)] = True

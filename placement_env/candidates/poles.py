@@ -12,6 +12,7 @@ Coordinates are longitude and latitude (RFC 7946, WGS84); altitude is ignored, a
 A collection with the member `coview_site`, such as a saved site, is in the site's metres, z that of the foot."""
 
 import re
+import tomllib
 import warnings
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
@@ -35,29 +36,9 @@ SURROUNDINGS = 300.0  # m from the detection area within which a pole may stand
 SAME_PLACE = 0.1  # m between two poles that are one
 ABOVE_GROUND = 20.0  # m from the ground beyond which a foot must be an altitude above the sea
 Json = dict[str, Any]
-
-UNDERSTOOD = {
-    "name": "name",
-    "height": "height (m above the foot)",
-    "max_height": "max_height (m above the foot)",
-    "min_height": "min_height (m above the foot)",
-    "price": "price (in the catalogue's currency)",
-    "price_factor": "price_factor (1: the price of an ordinary pole)",
-    "existing": "existing (true: it stands already and costs nothing)",
-    "capacity_kbit": "capacity_kbit (of the link, per frame)",
-    "max_sensors": "max_sensors (that the pole may carry)",
-    "keep_out": "keep_out (true or false, of a polygon)",
-}
+_TABLES = tomllib.loads((Path(__file__).parent / "poles.toml").read_text(encoding="utf-8"))
+UNDERSTOOD: dict[str, str] = _TABLES["understood"]
 SILENT = {"capacity", "kind", "origin", "layer", "used"}  # understood, or written by coview itself
-WORDS = {
-    "min_height": ("min", "minimum", "lowest"),
-    "max_height": ("max", "maximum", "highest"),
-    "height": ("height", "hgt", "hoehe", "höhe", "hauteur", "altura", "elevation"),
-    "price": ("price", "cost", "costs", "preis", "kosten", "eur", "euro", "usd", "money"),
-    "capacity_kbit": ("capacity", "kapazität", "bandwidth", "bitrate", "kbit", "kbits", "mbit", "mbits", "link"),
-    "keep_out": ("keepout", "forbidden", "exclude", "exclusion", "barred"),
-    "name": ("name", "label", "title", "ref"),
-}
 
 
 def load_poles(path: str | Path, site: Site, catalogue: SensorCatalogue | None = None) -> tuple[Mount, ...]:
@@ -122,11 +103,7 @@ def load_keep_out(path: str | Path, site: Site) -> tuple[shapely.Geometry, ...]:
 
 
 def list_unknown(properties: Iterable[Json], *, areas: bool = False) -> str:
-    """List unknown properties, each once, with what they may mean; of polygons (`areas`) only those of keep_out.
-
-    >>> list_unknown([{"name": "L1", "Height": 9}, {"cost_eur": 900, "owner": "tram"}])
-    "Height: height (m above the foot)?, cost_eur: price (in the catalogue's currency)?, owner"
-    """
+    """List unknown properties, each once, with what they may mean; of polygons (`areas`) only those of keep_out."""
     unknown = dict.fromkeys(key for each in properties for key in each if key not in UNDERSTOOD and key not in SILENT)
     meant = {key: guess_property(key) for key in unknown}
     if areas:
@@ -142,7 +119,7 @@ def guess_property(key: str) -> str | None:
     """
     parts = [part.lower() for part in re.findall(r"[^\W\d_]+", re.sub(r"(?<=[a-zäöü])(?=[A-ZÄÖÜ])", "_", key))]
     joined = {*parts, "".join(parts)}
-    meant = [name for name, words in WORDS.items() if joined & set(words)]
+    meant = [name for name, words in _TABLES["words"].items() if joined & set(words)]
     return next(iter(meant or get_close_matches("_".join(parts), UNDERSTOOD, 1, 0.75)), None)
 
 

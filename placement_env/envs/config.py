@@ -87,10 +87,8 @@ class EnvConfig:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SubsetConfig(EnvConfig):
-    """Configuration of `coview/SensorSubset-v0`.
-
-    slots: for candidates, None for as many as the largest of the sites needs; objective: in place of setting, run, site
-    and scheme."""
+    """Configuration of `coview/SensorSubset-v0`. slots: for candidates, None for as many as the largest of the sites
+    needs; objective: in place of setting, run, site and scheme."""
 
     slots: int | None = None
     objective: Objective | None = None
@@ -134,7 +132,6 @@ class PoseConfig(EnvConfig):
 
 def build_config(kind: type[Config], config: Config | None, given: Mapping[str, object]) -> Config:
     """Build a configuration from another and fields by name, those of `Setting` and `Run` and `iou` of `Cases` too.
-
     Raises TypeError for an unknown name and for a configuration of another kind."""
     config = kind() if config is None else config
     if type(config) is not kind:

@@ -87,10 +87,8 @@ class Task:
         return self
 
     def read_actions(self, actions: ArrayLike) -> Shaped[np.ndarray, "n ..."]:
-        """Return an action for each of n episodes.
-
-        Raises ValueError for a wrong number of values, one that is not finite, or not whole where choices are counted;
-        ResetNeeded before the first reset."""
+        """Return an action for each of n episodes. Raises ValueError for a wrong number of values, one that is not
+        finite, or not whole where choices are counted; ResetNeeded before the first reset."""
         array, shape = np.asarray(actions), (self.running().state.n, *(self.action_space.shape or ()))
         kind = array.dtype.kind
         if array.size != math.prod(shape) or kind not in "biuf":
@@ -118,10 +116,8 @@ class PlacementEnv(gym.Env[np.ndarray, Any]):
         self.observation_space, self.action_space = self.task.observation_space, self.task.action_space
 
     def reset(self, *, seed: int | None = None, options: Options | None = None) -> tuple[np.ndarray, Info]:
-        """Start an episode.
-
-        options, for this episode: site, scheme, budget, failed (candidates that have failed, by index or name). Raises
-        ValueError where one does not fit."""
+        """Start an episode. options, for this episode: site, scheme, budget, failed (candidates that have failed, by
+        index or name). Raises ValueError where one does not fit."""
         super().reset(seed=seed)
         self.task.reset(np.zeros(1, np.int64), [self.np_random], options)
         observations, info = self.task.observe()
@@ -147,10 +143,8 @@ class PlacementEnv(gym.Env[np.ndarray, Any]):
 
 
 class PlacementVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
-    """n episodes of a task.
-
-    An episode that has ended starts anew, without options, at the next step, whose reward is 0. config: of the task, or
-    its fields by name, or the task of another environment, whose scenarios are shared."""
+    """n episodes of a task. An episode that has ended starts anew, without options, at the next step, whose reward is
+    0. config: of the task, or its fields by name, or the task of another environment, whose scenarios are shared."""
 
     metadata: ClassVar[dict[str, Any]] = {**METADATA, "autoreset_mode": AutoresetMode.NEXT_STEP}  # type: ignore[misc]
     task_type: ClassVar[type[Task]] = Task

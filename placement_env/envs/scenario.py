@@ -111,9 +111,8 @@ class Episode:
 
 
 class Conditions(NamedTuple):
-    """Conditions of an episode, drawn or given by options.
-
-    site: its number; failed: candidates, by index or name; traffic: its number, of the parts of the run."""
+    """Conditions of an episode, drawn or given by options. site: its number; failed: candidates, by index or name;
+    traffic: its number, of the parts of the run."""
 
     site: int
     scheme: Scheme
@@ -128,9 +127,8 @@ class Conditions(NamedTuple):
 
 
 class EpisodeSource:
-    """Sites of an environment, and the episodes drawn from them.
-
-    sites: the first `drawn` are those of the config, options may name others; slots: of every scenario."""
+    """Sites of an environment, and the episodes drawn from them. sites: the first `drawn` are those of the config,
+    options may name others; slots: of every scenario."""
 
     slots: int
 

@@ -1,6 +1,5 @@
-"""State of n episodes: chosen sensors, scores and observations.
-
-The scalar environments have one row, the vector environments many, under the same rules in the same arrays."""
+"""State of n episodes: chosen sensors, scores and observations. The scalar environments have one row, the vector
+environments many, under the same rules in the same arrays."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -99,9 +98,8 @@ class State:
         return scenario.objective, np.flatnonzero(self.chosen[row]).tolist()
 
     def observe(self) -> Float32[np.ndarray, "n size"]:
-        """Return `STATIC` and `DYNAMIC` of the slots, feature after feature, then `GLOBAL`, all in -1..1.
-
-        Price and budget are given as x / (x + 8), kbit of the chosen set (in Mbit) as x / (x + 1)."""
+        """Return `STATIC` and `DYNAMIC` of the slots, feature after feature, then `GLOBAL`, all in -1..1. Price and
+        budget are given as x / (x + 8), kbit of the chosen set (in Mbit) as x / (x + 1)."""
         n, static, own = self.n, len(STATIC), len(STATIC) + len(DYNAMIC)
         whole = np.empty((n, own * self.slots + len(GLOBAL)), np.float32)
         features = whole[:, : -len(GLOBAL)].reshape(n, own, self.slots)

@@ -77,9 +77,8 @@ class MeasuredImages(Protocol):
 
 
 class Outcome(NamedTuple):
-    """Detections of one set in one frame, and bits sent by each sensor of the set.
-
-    truth: at each IoU threshold the index of the frame's scored object that each hit, or FALSE_ALARM or IGNORED."""
+    """Detections of one set in one frame, and bits sent by each sensor of the set. truth: at each IoU threshold the
+    index of the frame's scored object that each hit, or FALSE_ALARM or IGNORED."""
 
     scores: Float64[np.ndarray, " n"]
     truth: Shaped[np.ndarray, "ious n"]
@@ -301,9 +300,8 @@ class _FrameDetections:
         return self._fused[chosen]
 
     def fuse_together(self, sets: Sequence[tuple[int, ...]]) -> None:
-        """Fuse sets with shared batches of detections, for a detector that gains from many clouds at once.
-
-        Each set advances until it needs an unknown detection; all of these are then made together."""
+        """Fuse sets with shared batches of detections, for a detector that gains from many clouds at once. Each set
+        advances until it needs an unknown detection; all of these are then made together."""
         waiting = [chosen for chosen in sets if chosen]
         while isinstance(self._rules.detector, UnionDetector) and len(waiting) > 1:
             asked = self._asked = {}

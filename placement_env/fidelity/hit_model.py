@@ -148,9 +148,8 @@ class HitModel:
     def probability(
         self, powers: Float[np.ndarray, "*shape"], raw: Float[np.ndarray, "*shape"] | None = None
     ) -> Float[np.ndarray, "*shape"]:
-        """Hit probability p of objects up to `BULKY` from Σ n_i ^ norm, with which it grows.
-
-        raw: Σ N_i ^ norm, for the floor; None for enough points to meet it."""
+        """Hit probability p of objects up to `BULKY` from Σ n_i ^ norm, with which it grows. raw: Σ N_i ^ norm, for the
+        floor; None for enough points to meet it."""
         z = np.log1p(powers)
         z *= -self.density / self.norm
         z -= self.intercept
@@ -187,9 +186,7 @@ def save_models(models: tuple[HitModel, ...], path: str | Path) -> None:
     write_text(path, json.dumps([asdict(model) for model in models], indent=1, allow_nan=False) + "\n")
 
 
-def shipped_model(
-    scheme: str, iou: float = 0.7, detector: str = "general", *, label: str = LABELS[VEHICLE]
-) -> HitModel:
+def shipped_model(scheme: str, iou: float = 0.7, detector: str = "general", *, label: str = "vehicle") -> HitModel:
     """Shipped model of a shipped detector, or of the general one. Raises ValueError for an unknown choice."""
     own = FOLDER / f"{detector}.json"
     models = load_models(own if own.is_file() else FOLDER / "general.json")

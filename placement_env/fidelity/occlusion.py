@@ -199,9 +199,8 @@ class _Scene:
         return _Part(pixels, sensors, depth, counted, more_sent, more_far)
 
     def compose(self, parts: Sequence[_Part]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Points (S, n) on each object, and the sums that all objects add to each sensor's points sent and far.
-
-        The nearest hit counts; of equally near ones the first object's."""
+        """Points (S, n) on each object, and the sums that all objects add to each sensor's points sent and far. The
+        nearest hit counts; of equally near ones the first object's."""
         count = len(self._positions)
         if not parts:
             return np.zeros((count, 0)), np.zeros(count), np.zeros(count)

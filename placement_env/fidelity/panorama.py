@@ -77,13 +77,7 @@ class Aim(NamedTuple):
 
 
 def compute_aim(sensor: Sensor) -> Aim:
-    """Aim of a sensor; one that looks straight down or up takes its heading from the top of its image.
-
-    >>> from toolkit.geometry import look
-    >>> from toolkit.sensors.models import DepthCamera
-    >>> np.round(compute_aim(Sensor("c", DepthCamera(), look((0.0, 0.0, 5.0), 1.0, 0.25))), 6).tolist()
-    [1.0, 0.25, 0.0]
-    """
+    """Aim of a sensor; one that looks straight down or up takes its heading from the top of its image."""
     turn = sensor.world_SE3_body[:3, :3]
     tilt = float(np.arctan2(-turn[2, 0], np.hypot(turn[0, 0], turn[1, 0])))
     if np.hypot(turn[0, 0], turn[1, 0]) < 1e-6:
@@ -92,10 +86,8 @@ def compute_aim(sensor: Sensor) -> Aim:
 
 
 class Lookup(NamedTuple):
-    """Table of a sensor, and its aim there.
-
-    tilt, roll: of the table (rad); heading: places of azimuth; more: places of elevation by which the sensor is tilted
-    more than the table."""
+    """Table of a sensor, and its aim there. tilt, roll: of the table (rad); heading: places of azimuth; more: places of
+    elevation by which the sensor is tilted more than the table."""
 
     model: SensorModel
     tilt: float
@@ -251,10 +243,8 @@ CHANCE_STEPS = np.float32(250.0)  # steps of chances, so that one half is exact
 
 
 class ScoredItems(NamedTuple):
-    """Scored objects among all of some frames.
-
-    place: of each object its index among the scored ones, or their number if not scored; frame: of each object; items,
-    frames: numbers of scored objects and frames."""
+    """Scored objects among all of some frames. place: of each object its index among the scored ones, or their number
+    if not scored; frame: of each object; items, frames: numbers of scored objects and frames."""
 
     place: Int64[np.ndarray, " n"]
     frame: Int64[np.ndarray, " n"]
@@ -342,9 +332,7 @@ def successive_strips(traffic: Traffic, places: Float64[np.ndarray, "V 3"]) -> S
     return SuccessiveStrips(build_renderer(traffic), places, Counted(Crop.of(traffic.site), traffic.site.hybrid_radius))
 
 
-def find_place_strips(
-    successive: SuccessiveStrips, traffic: Traffic, frames: Iterable[int], places: int
-) -> list[Strips]:
+def place_strips(successive: SuccessiveStrips, traffic: Traffic, frames: Iterable[int], places: int) -> list[Strips]:
     """Strips of each place in some frames."""
     parts, first = [], 0
     for k in frames:
@@ -424,6 +412,7 @@ HEIGHT_STEP = 0.5  # m between the panoramas of a mount
 MOST_BYTES = 600_000_000  # of the panoramas kept in memory
 
 Place = tuple[float, float, float]
+_Wanted = list[tuple[Place, Mount]]
 Reach = Literal["mount", "own", "nearest"]
 
 
@@ -483,9 +472,7 @@ class LiveView:
     def _knows(self, shares: list[tuple[Place, float]], model: SensorModel) -> bool:
         return all(place in self._kept and model in self._kept[place].stills for place, _ in shares)
 
-    def _prepare(
-        self, wanted: list[tuple[Place, Mount]], models: set[SensorModel], *, whole: bool
-    ) -> dict[Place, Surround]:
+    def _prepare(self, wanted: _Wanted, models: set[SensorModel], *, whole: bool) -> dict[Place, Surround]:
         """Views from places, made where they lack."""
         asked = dict.fromkeys(place for place, _ in wanted)
         found = {place: self._kept[place] for place in asked if place in self._kept}  # held, whatever is dropped
@@ -494,9 +481,7 @@ class LiveView:
         with self.casting:
             return found | self._make(wanted, models, whole=whole)
 
-    def _make(
-        self, wanted: list[tuple[Place, Mount]], models: set[SensorModel], *, whole: bool
-    ) -> dict[Place, Surround]:
+    def _make(self, wanted: _Wanted, models: set[SensorModel], *, whole: bool) -> dict[Place, Surround]:
 
         def lacks(place: Place) -> bool:
             return place not in self._kept or not models <= self._kept[place].stills.keys()
@@ -517,7 +502,7 @@ class LiveView:
 
         def make(missing: list[int]) -> list[Strips]:
             successive = successive_strips(self.traffic, np.array(places)[missing])
-            return find_place_strips(successive, self.traffic, range(len(self.traffic)), len(missing))
+            return place_strips(successive, self.traffic, range(len(self.traffic)), len(missing))
 
         keys = [make_key("panorama", code_digest(__name__), self.traffic.digest(), place) for place in places]
         return [Strips(*arrays) for arrays in recall(self._cache, keys, make)]

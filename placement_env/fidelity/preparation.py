@@ -1,5 +1,4 @@
 """`Preparation`: traffic, views, renders and detectors that the fidelities of one setting share, made when needed.
-
 `CasesFidelity` combines those of single cases into one, see `placement_env.cases`."""
 
 from collections.abc import Callable, Iterable, Sequence
@@ -71,10 +70,8 @@ class CasesFidelity:
         return self._reduce(subsets, lambda fidelity, rows: fidelity(rows))
 
     def by_class(self, subsets: Sets, /) -> ClassEstimates:
-        """Figures of each set for each class.
-
-        The worst failure or level of one class need not be that of another; the worst error profile is that of all
-        classes together."""
+        """Figures of each set for each class. The worst failure or level of one class need not be that of another; the
+        worst error profile is that of all classes together."""
         found = self._at_profiles(subsets, lambda fidelity, rows: cast(ByClass, fidelity).by_class(rows))
         return ClassEstimates(*self._over_profiles(found, [each.combined(self.classes).ap for each in found]))
 
@@ -139,9 +136,8 @@ _DETECTORS: dict[tuple[str, str], Detector] = {}  # by network and text of the s
 
 @dataclass(frozen=True, eq=False)
 class Preparation:
-    """Shared parts of a setting's fidelities.
-
-    stride: step between the frames that count; compares: sets are compared, which is left to `quick_detector`."""
+    """Shared parts of a setting's fidelities. stride: step between the frames that count; compares: sets are compared,
+    which is left to `quick_detector`."""
 
     setting: Setting
     run: Run = Run()
@@ -191,10 +187,8 @@ class Preparation:
 
     @cached_property
     def live(self) -> "LiveView | None":
-        """View of moving sensors, from panoramas of the mounts.
-
-        None where rays must be cast: where the setting's `rendering` is "full", or the range of a candidate ends within
-        the site."""
+        """View of moving sensors, from panoramas of the mounts. None where rays must be cast: where the setting's
+        `rendering` is "full", or the range of a candidate ends within the site."""
         from placement_env.fidelity.panorama import LiveView
         from placement_env.fidelity.seeing import choose_quick
 
@@ -344,10 +338,8 @@ def surrogate_models(setting: Setting, iou: float, network: str) -> tuple[HitMod
 
 
 def load_shipped_detector(network: str, site: Site) -> Detector:
-    """Shipped network as it detects at a site, made once for all preparations.
-
-    The general one was not trained there and would take some hedge for a vehicle in every frame, so it gets the empty
-    site."""
+    """Shipped network as it detects at a site, made once for all preparations. The general one was not trained there
+    and would take some hedge for a vehicle in every frame, so it gets the empty site."""
     from models.detector import load_detector
 
     key = network, format_site(site)

@@ -11,7 +11,7 @@ import numpy as np
 from placement_env.candidates.candidates import Candidates
 from placement_env.checks import check_choice
 from placement_env.fidelity.occlusion import Seen, look_at
-from placement_env.fidelity.panorama import Lookup, ScoredItems, Still, Surround, find_place_strips, successive_strips
+from placement_env.fidelity.panorama import Lookup, ScoredItems, Still, Surround, place_strips, successive_strips
 from placement_env.fidelity.traffic import Traffic, build_renderer
 from placement_env.fidelity.visibility import Visibility
 from placement_env.setting import Rendering
@@ -146,7 +146,7 @@ class _RoundLook(_Look):
         scored = ScoredItems.of(self.traffic, self.traffic.snapshots[slice(*block)], self.labels)
         places, viewpoint = self._places
         seen = Seen(*(np.zeros((len(self.sensors), size), np.float32) for size in (scored.items, *[scored.frames] * 2)))
-        for v, strips in enumerate(find_place_strips(self._strips, self.traffic, range(*block), len(places))):
+        for v, strips in enumerate(place_strips(self._strips, self.traffic, range(*block), len(places))):
             surround = Surround.of(strips, scored, self._stills[v])
             for s in np.flatnonzero(viewpoint == v).tolist():
                 for whole, row in zip(seen, surround.seen(self._lookups[s]), strict=True):

@@ -198,12 +198,7 @@ def resample_ap(
     draws: Float32[np.ndarray, "n B"],
     block: Int64[np.ndarray, " O"],
 ) -> Float64[np.ndarray, " n"]:
-    """AP by the formula above where the objects of each block occur as often as it is drawn; NaN without any.
-
-    >>> draws = np.array([[1.0, 1], [0, 2], [0, 0]], np.float32)
-    >>> resample_ap(np.array([0.5, 1.0]), 1.0, draws, np.array([0, 1]))
-    array([0.6875, 1.    ,    nan])
-    """
+    """AP by the formula above where the objects of each block occur as often as it is drawn; NaN without any."""
     order = np.argsort(-probability, kind="stable")
     own = (block[order] == np.arange(draws.shape[1])[:, None]).astype(np.float32)  # objects of each block
     some = own * probability[order].astype(np.float32)

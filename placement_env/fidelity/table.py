@@ -122,10 +122,8 @@ class Table:
 
 
 class TableFidelity:
-    """Score sets by looking them up, as exactly as by detection, at no cost.
-
-    classes: that count, several combined. Raises ValueError for a scheme, IoU threshold, class or codec that the table
-    lacks."""
+    """Score sets by looking them up, as exactly as by detection, at no cost. classes: that count, several combined.
+    Raises ValueError for a scheme, IoU threshold, class or codec that the table lacks."""
 
     name = "table"
 

@@ -100,7 +100,6 @@ class Visibility:
         labels: Sequence[int] = (VEHICLE,),
     ) -> "Visibility":
         """View of a recording's sensors on its objects of some classes, counted in the clouds of the first `frames`.
-
         Points sent are counted with the noise that `toolkit.detection.evaluation` adds, None for none, as kbit are."""
         site, count = recording.site, min(len(recording), len(recording) if frames is None else frames)
         points, sent, far, objects = [], [], [], []

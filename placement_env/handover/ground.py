@@ -94,9 +94,8 @@ def visible_ground(site: Site, sensors: Sequence[Sensor], *, cell: float = 0.5) 
 def lay_grid(
     site: Site, cell: float, height: float
 ) -> tuple[np.ndarray, np.ndarray, Float64[np.ndarray, "ny nx 3"], Bool[np.ndarray, "ny nx"]]:
-    """Centres of columns and rows of square cells over the area, places above them, and which are open ground.
-
-    cell: side (m); height: of the places above the ground (m). Raises ValueError as `visible_ground`."""
+    """Centres of columns and rows of square cells over the area, places above them, and which are open ground. cell:
+    side (m); height: of the places above the ground (m). Raises ValueError as `visible_ground`."""
     area = site.area
     sides = area[2:] - area[:2]
     if not 0 < cell <= sides.min() / 1.5:
@@ -113,9 +112,8 @@ def lay_grid(
 
 
 def ground_shares(ground: Ground, names: Sequence[str]) -> GroundShares:
-    """Compute shares of the ground. names: of its sensors, in order. Without lanes their blind share is 0.
-
-    Raises ValueError for names that are too few, too many or not distinct, and for an area without open ground."""
+    """Compute shares of the ground. names: of its sensors, in order. Without lanes their blind share is 0. Raises
+    ValueError for names that are too few, too many or not distinct, and for an area without open ground."""
     if len(names) != len(ground.seen) or len(set(names)) < len(names):
         raise ValueError(f"each of the {len(ground.seen)} sensors needs a name of its own, got {list(names)}")
     if not ground.open_ground.any():

@@ -70,9 +70,8 @@ class MaterialItem:
 
 
 def mounted_site(site: Site, candidates: Candidates, chosen: Chosen, moved: Sequence[Sensor] = ()) -> Site:
-    """Return `site` with only the chosen sensors, and their mounts if it lacks them.
-
-    chosen: indices of candidates; moved: the same sensors, in that order, as placed by a search of continuous poses."""
+    """Return `site` with only the chosen sensors, and their mounts if it lacks them. chosen: indices of candidates;
+    moved: the same sensors, in that order, as placed by a search of continuous poses."""
     sensors, mounts = _sensors(candidates, chosen, moved)
     feet = np.array([mount.position[:2] for mount in site.mounts]).reshape(-1, 2)
     new = {m.name: m for m in mounts if not (np.hypot(*(feet - m.position[:2]).T) <= SAME_SPOT).any()}
@@ -150,9 +149,8 @@ def _sensors(
 
 
 def link_loads(sensors: tuple[PlannedSensor, ...], *, limited: bool) -> tuple[LinkLoad, ...]:
-    """Load of each pole's link. Sensors that share one add up, peaks too.
-
-    limited: whether the scheme sends points; only points count against the capacity."""
+    """Load of each pole's link. Sensors that share one add up, peaks too. limited: whether the scheme sends points;
+    only points count against the capacity."""
     loads = []
     for pole in dict.fromkeys(sensor.pole for sensor in sensors):
         here = [sensor for sensor in sensors if sensor.pole == pole]

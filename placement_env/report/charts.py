@@ -126,9 +126,7 @@ def order_chart(order: Sequence[content.BuildStep], currency: str) -> str:
 
 
 def front_chart(options: Sequence[content.PlanOption], chosen: content.PlanOption, currency: str) -> str:
-    """AP over kbit per sensor and over price.
-
-    The chosen set is marked. Judged sets have intervals; for the others the predicted AP is shown hollow."""
+    """AP over kbit per sensor and over price: judged sets with intervals, others hollow, the chosen one marked."""
     from matplotlib.lines import Line2D
 
     dot: PlotStyle = {"marker": "o", "markersize": 6, "markeredgecolor": BAR, "linestyle": "none"}
@@ -164,9 +162,7 @@ def front_chart(options: Sequence[content.PlanOption], chosen: content.PlanOptio
 
 
 def worth_chart(worth: Sequence[content.SensorWorth]) -> str:
-    """Shapley value of each sensor, and pair interactions.
-
-    An interaction above 0 means that two sensors add more together than apart."""
+    """Shapley values, and interactions of pairs: above 0, two sensors add more together than apart."""
     with canvas.house_style():
         labels = sensor_labels([each.sensor for each in worth])
         names = [
@@ -238,11 +234,7 @@ def _write_beside(axes: "Axes", row: int, text: str) -> None:
 
 
 def ap_label(judged: content.Judgement) -> str:
-    """AP and the number of vehicles.
-
-    >>> ap_label(content.Judgement(0.912, 0.88, 0.94, 0.95, 0.97, 120, 40))
-    '0.912, N = 120'
-    """
+    """AP and the number of vehicles."""
     return f"{judged.ap:.3f}, N = {judged.vehicles}"
 
 
@@ -257,18 +249,10 @@ def describe_sample(judged: Sequence[content.Judgement | None]) -> str:
 
 
 def price_label(currency: str) -> str:
-    """Axis label of prices.
-
-    >>> price_label("EUR"), price_label("")
-    ('price (EUR)', 'price (ordinary poles)')
-    """
+    """Axis label of prices."""
     return f"price ({canvas.shorten(currency, 12)})" if currency else "price (ordinary poles)"
 
 
 def set_label(names: Sequence[str]) -> str:
-    """Sensors of a set in a few letters.
-
-    >>> set_label(["d0", "d1"]), set_label([])
-    ('d0, d1', 'none')
-    """
+    """Sensors of a set in a few letters."""
     return canvas.shorten(", ".join(names) or "none", LETTERS)

@@ -4,7 +4,10 @@ Nothing in it depends on the clock, so the same question has the same plan, byte
 1000 bit; prices are in the plan's currency. AP and recall are at the plan's IoU unless a field says otherwise, always
 by the detector on traffic that no search saw. An undefined figure is None."""
 
+import tomllib
 from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -18,6 +21,7 @@ from toolkit.objects import Detections, Objects
 from toolkit.sites.site import Site
 
 CONFIDENCE = 0.95  # of every interval
+TEXTS: dict[str, Any] = tomllib.loads((Path(__file__).parent / "texts.toml").read_text(encoding="utf-8"))
 
 
 @dataclass(frozen=True)
@@ -122,9 +126,8 @@ class SchemeFigures:
 
 @dataclass(frozen=True)
 class DrawnErrors:
-    """AP of the chosen set at one error profile whose errors are drawn several times, each for all frames.
-
-    aps: of each draw; mean: of these; tenth: AP below which one draw in ten falls; frames: of each draw."""
+    """AP of the chosen set at one error profile whose errors are drawn several times, each for all frames. aps: of each
+    draw; mean: of these; tenth: AP below which one draw in ten falls; frames: of each draw."""
 
     profile: str
     aps: tuple[float, ...]
@@ -245,9 +248,8 @@ class Plan(Displayed):
 
 @dataclass(frozen=True, eq=False)
 class Moment:
-    """One frame for pictures.
-
-    clouds: points of each sensor; *_hit, *_ignored: truths and detections that hit, and those that do not count."""
+    """One frame for pictures. clouds: points of each sensor; *_hit, *_ignored: truths and detections that hit, and
+    those that do not count."""
 
     clouds: tuple[Float32[np.ndarray, "_ 3"], ...]
     truth: Objects
@@ -260,10 +262,8 @@ class Moment:
 
 @dataclass(frozen=True, eq=False)
 class Planned(Displayed):
-    """A plan with the inputs of its pages and maps.
-
-    site: with the chosen sensors mounted; candidates: None without any; ground, moments: None and empty if no set may
-    be built."""
+    """A plan with the inputs of its pages and maps. site: with the chosen sensors mounted; candidates: None without
+    any; ground, moments: None and empty if no set may be built."""
 
     plan: Plan
     site: Site

@@ -1,6 +1,5 @@
-"""Maps of a plan as SVG text: sensors, coverage and density of the ground, and blind spots.
-
-Cells lie between streets and solids as an image; everything else is lines. The same arguments give the same text."""
+"""Maps of a plan as SVG text: sensors, coverage and density of the ground, and blind spots. Cells lie between streets
+and solids as an image; everything else is lines. The same arguments give the same text."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -101,9 +100,7 @@ def _plan_sheet(
 
 
 def coverage_map(site: Site, ground: Ground, sensors: Sequence[Sensor]) -> str:
-    """Map the number of sensors that see each place: 0, 1, 2, 3 or more.
-
-    Raises ValueError for a ground of other sensors."""
+    """Map the number of sensors that see each place, up to 3. Raises ValueError for a ground of other sensors."""
     views = np.minimum(ground.views, 3)
     shares = [float((views[ground.open_ground] == k).mean()) if ground.open_ground.any() else 0.0 for k in range(4)]
     names = ["no sensor", "1 sensor", "2 sensors", "3 or more"]

@@ -32,9 +32,8 @@ def as_sb3(vector: gym.vector.VectorEnv[Any, Any, Any], *, augment: bool = False
 
 
 def vectorize(first: AnyEnv, make_env: Callable[[], AnyEnv], n: int, *, augment: bool = False) -> VecEnv:
-    """Step n episodes of an environment and others like it together; coview's own share its scenarios.
-
-    Raises ValueError for `augment`, see `SB3VecEnv`, with any other environment."""
+    """Step n episodes of an environment and others like it together; coview's own share its scenarios. Raises
+    ValueError for `augment`, see `SB3VecEnv`, with any other environment."""
     ours = type(first) in (SensorSelectEnv, SensorSubsetEnv, SensorPoseEnv)  # neither wrapped nor inherited from
     if ours and isinstance(first, PlacementEnv):
         return SB3VecEnv(PlacementVectorEnv(n, first.task), augment=augment)

@@ -53,9 +53,8 @@ def answer_files(order: SearchOrder) -> tuple[str, ...]:
 
 
 def write_answer(folder: str | Path, order: SearchOrder, answer: Answer) -> str:
-    """Write all of an answer's files into a folder, or none. Return a line that names them.
-
-    Raises ValueError where no sensor is to be built, or the objective has no site."""
+    """Write all of an answer's files into a folder, or none. Return a line that names them. Raises ValueError where no
+    sensor is to be built, or the objective has no site."""
     if not answer.met or answer.objective.site is None:
         raise ValueError("only a set of sensors at a site can be handed over, and this is an empty set or has no site")
     objective, members, plain = answer.objective, answer.chosen, answer.objective.setting.place
@@ -83,9 +82,8 @@ def write_answer(folder: str | Path, order: SearchOrder, answer: Answer) -> str:
 def kbit_per_frame(
     objective: Objective, members: Sequence[int], moved: Sequence[Sensor] = ()
 ) -> Float64[np.ndarray, "sensors frames"]:
-    """kbit that each sensor of a set sends per frame of the objective's traffic. moved: new poses of the sensors.
-
-    Where the scheme sends boxes, a sensor is assumed to send one for each object that it sees with `LEAST` points."""
+    """kbit that each sensor of a set sends per frame of the objective's traffic. moved: new poses of the sensors. Where
+    the scheme sends boxes, a sensor is assumed to send one for each object that it sees with `LEAST` points."""
     made = objective.preparation
     if made is None:
         raise ValueError("kbit of each frame are known of an objective made from a site: Objective(site)")
@@ -98,9 +96,8 @@ def kbit_per_frame(
 
 
 def curve_csv(objective: Objective, points: Sequence[CurvePoint], currency: str = "") -> str:
-    """Table with one line per set; `money` is empty where the curve is over numbers of sensors.
-
-    `CURVE_COLUMNS` are followed by AP, low and high at each error profile, where there are several."""
+    """Table with one line per set; `money` is empty where the curve is over numbers of sensors. `CURVE_COLUMNS` are
+    followed by AP, low and high at each error profile, where there are several."""
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\r\n")
     profiles = [each.name for each in points[0].by_errors] if points else []
@@ -125,9 +122,8 @@ def _site_file(n: int) -> str:
 
 
 def draw_curve(points: Sequence[CurvePoint], out: Path | str, *, judge: str, currency: str = "") -> None:
-    """Write the picture as PNG or SVG, by suffix. judge: fidelity that measured the AP.
-
-    The line goes through the sets that pay; other sets are hollow, and crosses show predictions."""
+    """Write the picture as PNG or SVG, by suffix. judge: fidelity that measured the AP. The line goes through the sets
+    that pay; other sets are hollow, and crosses show predictions."""
     from matplotlib.lines import Line2D
     from matplotlib.ticker import MaxNLocator
 

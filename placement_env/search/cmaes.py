@@ -157,9 +157,7 @@ def improve(
 
 
 def build_pose_scorer(preparation: Preparation, weights: Weights = FREE, *, live: LiveView | None = None) -> PoseScorer:
-    """Scorer of sensor sets by the preparation's fidelity, None where a set does not fit its mounts and links.
-
-    live: panoramas to use, None to cast rays."""
+    """Scorer of sets by the preparation's fidelity, None for sets that do not fit. live: panoramas, None for rays."""
     quiet = replace(preparation.run, cache=None, progress=None)
 
     def score_poses(sets: Sequence[Poses]) -> list[Score | None]:

@@ -69,10 +69,8 @@ def search(
 def grow(
     progress: Progress, prices: Float64[np.ndarray, " C"] | None = None, *, start: Sequence[int] = ()
 ) -> tuple[list[int], float]:
-    """Greedy's candidates in order, as many as fit and the limits allow, and the largest growth of any gain.
-
-    prices: of the candidates, to take the greatest gain per price; None for the greatest gain; start: first candidates.
-    """
+    """Greedy's candidates in order, as many as fit and the limits allow, and the largest growth of any gain. prices: of
+    the candidates, to take the greatest gain per price; None for the greatest gain; start: first candidates."""
     chosen = list(start)
     reward, rise = 0.0, 0.0
     gains = np.full(progress.size, np.inf)
@@ -141,9 +139,8 @@ def online_bound(progress: Progress, chosen: list[int]) -> float:
 
 
 def certify(progress: Progress, chosen: list[int], ratio: float, rise: float) -> Certificate:
-    """Greedy's certificate for a monotone submodular objective.
-
-    ratio: guaranteed share of the optimum, void under cost weights; rise: largest observed growth of a gain."""
+    """Greedy's certificate for a monotone submodular objective. ratio: guaranteed share of the optimum, void under cost
+    weights; rise: largest observed growth of a gain."""
     costs = progress.objective.weights.comm > 0 or progress.objective.weights.price > 0
     if rise > TOLERANCE and not costs:
         return progress.unknown(f"said to be submodular, but a gain grew by {rise:.2g} as other sensors joined")
@@ -178,9 +175,8 @@ class FirstSensors:
 
 
 class HalvedViews:
-    """Mean over objects of 1 - 2^-n where n sensors of a set have `LEAST` points on the object. Submodular.
-
-    Each further view is worth half of the one before, so sensors that add no object still spread their views."""
+    """Mean over objects of 1 - 2^-n where n sensors of a set have `LEAST` points on the object. Submodular. Each
+    further view is worth half of the one before, so sensors that add no object still spread their views."""
 
     name = "halved views"
 
@@ -198,10 +194,8 @@ class HalvedViews:
 def with_first_sensors(
     site: Site, count: int, *, models: Models = PAPER, tilts: Sequence[float] = (TILT,)
 ) -> FirstSensors:
-    """Replace a site's sensors by `count` on its mounts, fewer if no more fit or see a vehicle.
-
-    models, tilts: as `pool` takes them. Raises ValueError for a count below 1, and for a site without mounts, poses or
-    vehicles."""
+    """Replace a site's sensors by `count` on its mounts, fewer if no more fit or see a vehicle. models, tilts: as
+    `pool` takes them. Raises ValueError for a count below 1, and for a site without mounts, poses or vehicles."""
     check_whole("number of sensors", count, least=1)
     candidates = pool(site, heights=[HEIGHT], headings=HEADINGS, tilts=tilts, models=models)
     visibility = see(simulate_traffic(site, FIRST_FRAMES), candidates)

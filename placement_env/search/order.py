@@ -153,9 +153,8 @@ class SearchOrder:
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """Answer to an order. summary: for JSON; lines: to print; met: True where any sensor is to be built.
-
-    result, chosen: of one search, and the set to hand over, which a check may have changed; points: of a curve."""
+    """Answer to an order. summary: for JSON; lines: to print; met: True where any sensor is to be built. result,
+    chosen: of one search, and the set to hand over, which a check may have changed; points: of a curve."""
 
     objective: Objective
     summary: Summary
@@ -466,11 +465,7 @@ def explain_kept(
 
 
 def describe_money(amount: float, currency: str) -> str:
-    """A sum in words.
-
-    >>> describe_money(5500.0, "EUR"), describe_money(1.0, ""), describe_money(2.5, "")
-    ('5,500 EUR', 'the price of 1 ordinary pole', 'the price of 2.5 ordinary poles')
-    """
+    """A sum in words."""
     if currency:
         return f"{round(amount, 2):,.10g} {currency}"
     return f"the price of {round(amount, 2):g} ordinary {'pole' if amount == 1 else 'poles'}"

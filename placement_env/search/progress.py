@@ -158,12 +158,7 @@ def as_rows(sets: Sequence[Sequence[int]], size: int) -> Sets:
 
 
 def add_each(chosen: Sequence[int], options: Int[np.ndarray, " n"], size: int) -> Sets:
-    """The set `chosen` with each of the options added.
-
-    >>> add_each([0], np.array([1, 2]), 3)
-    array([[ True,  True, False],
-           [ True, False,  True]])
-    """
+    """The set `chosen` with each of the options added."""
     rows = np.zeros((len(options), size), bool)
     rows[:, list(chosen)] = True
     rows[np.arange(len(options)), options] = True

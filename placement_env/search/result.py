@@ -64,10 +64,8 @@ class Certificate:
 
 @dataclass(frozen=True)
 class Contender:
-    """Answer of some searches of a portfolio, or its winner. searches: empty where it is a neighbour.
-
-    predicted: AP by the searched objective; ap, low, high: by the judge on traffic that neither searches nor race saw.
-    """
+    """Answer of some searches of a portfolio, or its winner. searches: empty where it is a neighbour. predicted: AP by
+    the searched objective; ap, low, high: by the judge on traffic that neither searches nor race saw."""
 
     searches: tuple[str, ...]
     subset: tuple[int, ...]
@@ -147,9 +145,8 @@ class Result(Displayed):
     origin: dict[str, Any] = field(default_factory=dict)
 
     def save(self, path: str | Path, *, overwrite: bool = False) -> None:
-        """Write the result as JSON, completely or not. `load` reads it; null stands for non-finite values.
-
-        Raises FileExistsError for a file that may not be overwritten."""
+        """Write the result as JSON, completely or not. `load` reads it; null stands for non-finite values. Raises
+        FileExistsError for a file that may not be overwritten."""
         if Path(path).exists() and not overwrite:
             raise FileExistsError(f"{path} exists: save to another file, or pass overwrite=True")
         content = {"coview_result": VERSION} | asdict(self)

@@ -59,9 +59,8 @@ def verify_best(fast: Objective, accurate: Objective, result: Result) -> tuple[S
 
 
 def score_result(accurate: Objective, result: Result) -> Score:
-    """Score a result by another objective of the same candidates; moved sensors are scored in their poses.
-
-    Raises ValueError where they were moved and the objective has no site, or they may not be built there."""
+    """Score a result by another objective of the same candidates; moved sensors are scored in their poses. Raises
+    ValueError where they were moved and the objective has no site, or they may not be built there."""
     if not result.sensors:
         return accurate.score(result.best.subset)
     from placement_env.search.cmaes import build_pose_scorer
@@ -111,9 +110,8 @@ def neighbours(subset: Int64[np.ndarray, " k"], candidates: int) -> Sets:
 def best_of_equals(
     progress: Progress, chosen: Sequence[int], count: Callable[[Sets], Shaped[np.ndarray, " n"]]
 ) -> list[int]:
-    """Best set by the objective that changes of one sensor reach within the limits while they keep the count.
-
-    Coverage has many optima (one set of coverage 1.000 has AP 0.918, its neighbour 0.98): a solver answers with any."""
+    """Best set by the objective that changes of one sensor reach within the limits while they keep the count. Coverage
+    has many optima (one set of coverage 1.000 has AP 0.918, its neighbour 0.98): a solver answers with any."""
     best = sorted(int(c) for c in chosen)
     if not best:
         return best

@@ -21,7 +21,16 @@ from toolkit.arrays import Float64, Rng
 from toolkit.bodies import people
 from toolkit.bodies.body import Body, make_boxed_body
 from toolkit.bodies.people import AT_AN_EAR, PUSHING, Figure, hold, pair, person, rider, striding
-from toolkit.bodies.vehicles import CAR_PROFILES, Profile, Proportions, loft_parts, loft_shell, make_axles, make_wheel
+from toolkit.bodies.vehicles import (
+    CAR_PROFILES,
+    CAR_SHAPES,
+    Profile,
+    Proportions,
+    loft_parts,
+    loft_shell,
+    make_axles,
+    make_wheel,
+)
 from toolkit.mesh import Mesh, Vector, box, ellipsoid, flip_sides, loft, merge, place, scale_mesh, stand, tube
 from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE, label_index
 
@@ -236,8 +245,7 @@ _APART, _SCOOTERS_APART = 0.1, 0.15  # shares of riders that are drawn apart
 
 
 def _choose_stream(rng: Rng, share: float, size: float) -> Rng:
-    """Choose the generator of a rider. A share once had none, being things now: these have one of their own, so that
-    all other bodies of a seed stay as they were."""
+    """Generator of a rider: its own for shares that once had none, so that all other bodies of a seed stay."""
     return np.random.default_rng(round(size * 1e9)) if rng.random() < share else rng
 
 
@@ -326,12 +334,7 @@ TOWING = 0.1  # of the heavy vehicles are cars with a trailer
 
 
 def draw_body(label: int | str, rng: Rng, evenly: bool = False) -> Body:
-    """Draw a body of a class: vehicle, cyclist, pedestrian or heavy. Its name says its kind. evenly: see `draw_person`.
-
-    >>> body = draw_body("vehicle", np.random.default_rng(0))
-    >>> body.label, len(body.size)
-    (0, 3)
-    """
+    """Draw a body of a class (`LABELS`). Its name says its kind. evenly: see `draw_person`."""
     label = label_index(label)
     kind, mesh, outside = _DRAW[label](rng, evenly)
     return make_boxed_body(f"{LABELS[label]}/{kind}", label, mesh, outside)
@@ -393,29 +396,7 @@ class Kind:
     clearance: tuple[float, float] = (0.13, 0.2)
 
 
-# name, share, then from .. to: length, width, height, wheel, lean, belt, clearance
-_KINDS = """
-kei       0.07 3    3.5  1.45 1.56 1.45 1.95 0.25 0.3  0.05 0.14 0.5  0.6  0.13 0.2
-city      0.09 3.1  3.8  1.5  1.72 1.4  1.62 0.27 0.31 0.14 0.24 0.56 0.66 0.13 0.2
-hatchback 0.16 3.75 4.5  1.66 1.86 1.4  1.6  0.29 0.34 0.16 0.27 0.56 0.66 0.13 0.2
-sedan     0.14 4.1  5.3  1.66 1.94 1.36 1.55 0.3  0.36 0.17 0.28 0.56 0.66 0.13 0.2
-estate    0.09 4.2  5.05 1.68 1.92 1.4  1.58 0.3  0.35 0.14 0.24 0.56 0.66 0.13 0.2
-suv       0.16 3.9  5.2  1.72 2.03 1.5  1.95 0.33 0.41 0.13 0.25 0.57 0.67 0.17 0.25
-offroader 0.04 3.4  5    1.62 2    1.65 2.1  0.35 0.44 0.03 0.12 0.56 0.63 0.2  0.3
-minivan   0.07 4    5.3  1.7  2    1.58 1.95 0.3  0.35 0.1  0.2  0.52 0.6  0.13 0.2
-van       0.08 4.3  6    1.75 2.14 1.78 2.6  0.31 0.37 0.03 0.13 0.46 0.58 0.13 0.2
-pickup    0.05 4.6  6    1.7  2.12 1.6  2.02 0.34 0.43 0.1  0.2  0.58 0.65 0.2  0.3
-coupe     0.05 3.6  4.9  1.64 2    1.25 1.42 0.3  0.36 0.22 0.34 0.6  0.68 0.1  0.15
-"""
-
-
-def _parse_kind(figures: str) -> Kind:
-    name, share, *cells = figures.split()
-    length, width, height, *rest = zip(map(float, cells[::2]), map(float, cells[1::2]), strict=True)
-    return Kind(name, float(share), length, width, height, CAR_PROFILES[name], *rest)
-
-
-CAR_KINDS = tuple(map(_parse_kind, _KINDS.strip().splitlines()))
+CAR_KINDS = tuple(Kind(name, profile=CAR_PROFILES[name], **row) for name, row in CAR_SHAPES["kinds"].items())
 _SHARES = np.array([kind.share for kind in CAR_KINDS]) / sum(kind.share for kind in CAR_KINDS)
 
 

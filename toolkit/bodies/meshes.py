@@ -114,9 +114,8 @@ def surface_points(mesh: Mesh) -> Float64[np.ndarray, "n 3"]:
 
 
 def mirror_span(mesh: Mesh) -> Span | None:
-    """Range of y (m) of a vehicle's body without wing mirrors; None where none sticks out by 3 cm or more.
-
-    A mirror sticks out within 30 cm of the outermost point, above the wheels, in the front six tenths."""
+    """Range of y (m) of a vehicle's body without wing mirrors; None where none sticks out by 3 cm or more. A mirror
+    sticks out within 30 cm of the outermost point, above the wheels, in the front six tenths."""
     points = surface_points(mesh)
     low, size = mesh.vertices.min(axis=0), np.ptp(mesh.vertices, axis=0)
     x, z = points[:, 0], points[:, 2] - low[2]
@@ -181,9 +180,8 @@ class MeshEntry:
 
 
 def read_mesh_table(folder: Path) -> dict[Path, MeshEntry]:
-    """Read `meshes.toml` in a folder, by file; empty if there is none.
-
-    Raises ValueError, naming the table and the entry, for damaged TOML and impossible entries."""
+    """Read `meshes.toml` in a folder, by file; empty if there is none. Raises ValueError, naming the table and the
+    entry, for damaged TOML and impossible entries."""
     path = folder / TABLE
     if not lexists(path):
         return {}

@@ -23,9 +23,8 @@ AT_AN_EAR = ((0.08, 0.13, 0.66), (0.10, -0.12, 0.68)), ((0.16, 0.05, 0.80), (0.0
 
 @dataclass(frozen=True)
 class Figure:
-    """Joints of a person 1 unit tall facing +x, y left.
-
-    stout: breadth of trunk and limbs relative to an average adult."""
+    """Joints of a person 1 unit tall facing +x, y left. stout: breadth of trunk and limbs relative to an average
+    adult."""
 
     hip: Vector = (0.0, 0.0, 0.52)
     neck: Vector = (0.01, 0.0, 0.83)

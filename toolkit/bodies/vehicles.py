@@ -4,8 +4,11 @@ A car is a row of cross-sections along x, all worked out at once. The side profi
 its width; above the belt line the sides lean in (tumblehome), windscreen and tail bow in plan, and the wheel arches cut
 into the flanks."""
 
-from collections.abc import Iterable
+import tomllib
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -26,9 +29,8 @@ _ACROSS = (1.0, 0.9, 0.7, 0.38, 0.0)  # of the roof, 1 its edge
 
 @dataclass(frozen=True, eq=False)
 class Proportions:
-    """Proportions of one car; lengths in metres, stations from 0 (front) to 1.
-
-    belt, lean, rounding and ends are parts of height, half width, length and width."""
+    """Proportions of one car; lengths in metres, stations from 0 (front) to 1. belt, lean, rounding and ends are parts
+    of height, half width, length and width."""
 
     kind: str
     length: float
@@ -117,67 +119,14 @@ def make_wheel(x: float, y: float, radius: float, breadth: float, sides: int = 1
     return stand(tube(line, np.array([0.86, 1, 1, 0.86]) * radius, sides))
 
 
-_PROFILES = """
-kei        0 0.34, 0.02 0.44, 0.15 0.53, 0.3 0.96, 0.42 1, 0.93 0.985, 0.985 0.66, 1 0.42
-city       0 0.36, 0.02 0.46, 0.22 0.61, 0.41 0.965, 0.55 1, 0.87 0.955, 0.97 0.62, 1 0.48
-hatchback  0 0.38, 0.02 0.47, 0.24 0.62, 0.43 0.965, 0.56 1, 0.85 0.955, 0.965 0.62, 1 0.5
-sedan      0 0.38, 0.02 0.48, 0.27 0.63, 0.42 0.965, 0.53 1, 0.68 0.955, 0.85 0.7, 0.98 0.66, 1 0.5
-estate     0 0.38, 0.02 0.48, 0.26 0.63, 0.4 0.965, 0.52 1, 0.9 0.95, 0.985 0.63, 1 0.48
-suv        0 0.42, 0.015 0.54, 0.24 0.64, 0.37 0.965, 0.48 1, 0.89 0.96, 0.975 0.62, 1 0.5
-offroader  0 0.44, 0.01 0.58, 0.27 0.63, 0.335 0.97, 0.4 1, 0.96 0.985, 0.985 0.8, 1 0.4
-minivan    0 0.36, 0.02 0.45, 0.16 0.57, 0.35 0.96, 0.48 1, 0.91 0.965, 0.98 0.6, 1 0.46
-van        0 0.3, 0.015 0.42, 0.1 0.53, 0.24 0.955, 0.33 1, 0.975 0.985, 0.99 0.7, 1 0.4
-blunt_van  0 0.32, 0.015 0.42, 0.1 0.53, 0.24 0.955, 0.33 1, 0.975 0.985, 0.99 0.7, 1 0.4
-pickup     0 0.46, 0.015 0.58, 0.23 0.655, 0.34 0.97, 0.44 1, 0.555 0.97, 0.61 0.62, 0.985 0.61, 1 0.5
-coupe      0 0.36, 0.03 0.48, 0.34 0.7, 0.5 0.975, 0.56 1, 0.66 0.965, 0.9 0.74, 0.985 0.71, 1 0.52
-sports     0 0.38, 0.03 0.48, 0.34 0.7, 0.5 0.975, 0.56 1, 0.66 0.965, 0.9 0.74, 0.985 0.71, 1 0.52
-"""
-CAR_PROFILES: dict[str, Profile] = {
-    style: tuple((float(x), float(z)) for x, z in map(str.split, points.split(",")))
-    for style, points in (row.split(maxsplit=1) for row in _PROFILES.strip().splitlines())
-}
-
-
-# Mirrors come on top of the width (m, as all lengths); the rest are parts. tumblehome: how far the roof edge leans in;
-# rake: how far the roof is shifted back; rails: on the roof. The last five are held out of training (see `fleet`).
-# name, style, length, width, height, wheelbase, wheel, clearance, belt, tumblehome, rounding, rake[, rails]
-_ROWS = """
-city_hatchback     hatchback  3.55  1.62  1.48  2.42  0.28  0.17  0.64  0.22  0.2   0
-supermini          hatchback  3.98  1.7   1.46  2.52  0.3   0.17  0.62  0.22  0.16  0.01
-compact_hatchback  hatchback  4.28  1.78  1.45  2.63  0.32  0.17  0.62  0.24  0.16  0.02
-tall_hatchback     hatchback  3.72  1.61  1.66  2.46  0.28  0.17  0.58  0.14  0.13  -0.05
-small_sedan        sedan      4.35  1.72  1.47  2.6   0.3   0.17  0.62  0.22  0.16  0
-family_sedan       sedan      4.72  1.82  1.45  2.8   0.33  0.17  0.62  0.24  0.16  0.01
-executive_sedan    sedan      5.05  1.87  1.48  2.98  0.35  0.17  0.62  0.22  0.18  0.03
-classic_sedan      sedan      4.55  1.69  1.42  2.66  0.31  0.17  0.6   0.18  0.08  0.02
-compact_estate     estate     4.45  1.76  1.5   2.66  0.31  0.17  0.62  0.22  0.16  0       rails
-long_estate        estate     4.92  1.85  1.49  2.9   0.34  0.17  0.62  0.2   0.16  0.01
-boxy_estate        estate     4.7   1.74  1.46  2.75  0.32  0.17  0.6   0.15  0.09  0.03
-compact_suv        suv        4.18  1.79  1.6   2.6   0.34  0.2   0.62  0.22  0.16  0
-family_suv         suv        4.55  1.86  1.67  2.7   0.36  0.21  0.62  0.22  0.16  0       rails
-large_suv          suv        5.02  1.91  1.8   2.98  0.39  0.23  0.62  0.19  0.16  0
-offroader          suv        4.3   1.84  1.9   2.58  0.41  0.26  0.6   0.09  0.07  -0.01
-delivery_van       blunt_van  5.1   1.92  1.98  3.1   0.34  0.2   0.55  0.12  0.1   0
-high_roof_van      blunt_van  5.55  1.91  2.28  3.3   0.35  0.21  0.52  0.1   0.09  -0.02
-people_carrier     minivan    4.75  1.84  1.74  2.88  0.33  0.17  0.56  0.17  0.16  0       rails
-double_cab_pickup  pickup     5.32  1.87  1.79  3.15  0.39  0.25  0.62  0.18  0.09  0
-coupe              sports     4.4   1.82  1.32  2.55  0.33  0.14  0.62  0.3   0.2   0
-mid_engine_sports  sports     4.52  1.91  1.17  2.65  0.34  0.12  0.66  0.34  0.18  -0.11
-roomy_hatchback    hatchback  4.12  1.75  1.54  2.58  0.31  0.17  0.6   0.19  0.14  -0.02
-fastback_sedan     sedan      4.86  1.86  1.43  2.88  0.34  0.17  0.62  0.27  0.21  0.045
-crossover          suv        4.42  1.83  1.56  2.68  0.35  0.2   0.62  0.25  0.18  0.03
-compact_van        minivan    4.4   1.8   1.84  2.75  0.31  0.18  0.56  0.13  0.11  -0.03
-single_cab_pickup  pickup     5.02  1.8   1.7   3.02  0.36  0.23  0.62  0.16  0.1   -0.035
-"""
-
-
+CAR_SHAPES = tomllib.loads((Path(__file__).parent / "cars.toml").read_text(encoding="utf-8"))
+CAR_PROFILES: dict[str, Profile] = {style: tuple(map(tuple, each)) for style, each in CAR_SHAPES["profiles"].items()}
 _CATALOGUE_SPREAD = _spread(20, 2)
 
 
-def _parse_car(row: str) -> tuple[str, tuple[Mesh, Mesh]]:
-    """Name of a car, and the meshes of it and of its wing mirrors, wheels on z = 0."""
-    name, style, *cells = row.split()
-    length, width, height, wheelbase, wheel, clearance, belt, lean, rounding, rake = map(float, cells[:10])
+def _loft_catalogue_car(row: Sequence[Any]) -> tuple[Mesh, Mesh]:
+    """Meshes of a car and of its wing mirrors, wheels on z = 0."""
+    style, length, width, height, wheelbase, wheel, clearance, belt, lean, rounding, rake, *rails = row
     pickup, profile = style == "pickup", np.array(CAR_PROFILES[style])
     profile[2:-2, 0] += rake
     overhang = (length - wheelbase) * (0.40 if pickup else 0.44)  # the front one is shorter, a pickup's rear is long
@@ -188,19 +137,19 @@ def _parse_car(row: str) -> tuple[str, tuple[Mesh, Mesh]]:
     glass = length * (0.5 - CAR_PROFILES[style][2][0] - max(rake, 0.0) - 0.035)
     mirror = ellipsoid((glass, width / 2 + 0.005, belt * height + 0.04), (0.09, 0.10, 0.075), 3, 6)
     parts = [loft_parts(shape)]
-    if cells[10:] == ["rails"]:
+    if rails:
         z, y, x = height - 0.08, width * (0.5 - 0.48 * lean), length
         rail = tube([(0.08 * x, y, z), (0.02 * x, y, z + 0.05), (-0.3 * x, y, z + 0.05), (-0.36 * x, y, z)], 0.02, 4)
         parts += [rail, flip_sides(rail)]
-    return name, (merge(parts), merge([mirror, flip_sides(mirror)]))
+    return merge(parts), merge([mirror, flip_sides(mirror)])
 
 
-CAR_NAMES = tuple(row.split()[0] for row in _ROWS.strip().splitlines())
+CAR_NAMES = tuple(CAR_SHAPES["catalogue"])
 
 
 def cars() -> dict[str, tuple[Mesh, Mesh]]:
     """Cars, each with its wing mirrors beside it, x forward, wheels on z = 0."""
-    return dict(map(_parse_car, _ROWS.strip().splitlines()))
+    return {name: _loft_catalogue_car(row) for name, row in CAR_SHAPES["catalogue"].items()}
 
 
 def trucks() -> dict[str, tuple[Mesh, Mesh]]:

@@ -16,7 +16,7 @@ one at that distance, the densest stretch of the cluster takes its place. The mo
 parked car that is away a tenth of the time is not in the scene; one that never leaves is.
 
 `Scenes` learns those of a recording on demand; clouds of a sensor become images of one grid first
-(`toolkit.calibration.empty_scene`). Sensors must stand still. `SceneAdaptation` lets a scene follow slow changes.
+(`toolkit.calibration.empty_scene`). Sensors must stand still.
 
 Rows and columns of a lidar, found in its clouds.
 
@@ -76,8 +76,7 @@ class LidarGrid:
 
 
 def find_grid(clouds: Sequence[SensorCloud]) -> LidarGrid:
-    """Find the grid of one sensor in some of its clouds. Raises ValueError for fewer than 100 points, and for an image
-    of more than 4 million pixels."""
+    """Find the grid of a sensor in its clouds. Raises ValueError below 100 points and above 4 million pixels."""
     clouds = [cloud for cloud in clouds if len(cloud.points)]
     name = clouds[0].name if clouds else "the sensor"
     kept, rings = [], []
@@ -228,8 +227,7 @@ class CloudImage:
 
 
 def rasterize_cloud(cloud: SensorCloud, grid: LidarGrid) -> CloudImage:
-    """Return the cloud of a sensor in its grid: each point in the row of its laser, else in the nearest row, if that is
-    no farther than the next row."""
+    """Return a cloud in its sensor's grid: points in the row of their laser, else in the nearest one if near enough."""
     model = grid.model
     elevation, azimuth, distance = compute_angles(cloud.in_sensor())
     rows = np.array(model.elevations)
@@ -276,9 +274,8 @@ _AT_ONCE = 256  # pixels whose measurements are compared in pairs at once
 
 @dataclass(frozen=True, eq=False)
 class EmptyScene:
-    """Empty scene of one sensor, by its name and model.
-
-    Raises ValueError for an image that does not fit the model's shape, or is negative or infinite."""
+    """Empty scene of one sensor, by its name and model. Raises ValueError for an image that does not fit the model's
+    shape, or is negative or infinite."""
 
     name: str
     model: SensorModel
@@ -380,10 +377,8 @@ class SceneLearner:
 
 
 def learn_empty_scenes(recording: Frames, sample: int = SAMPLE, *, frames: int | None = None) -> tuple[EmptyScene, ...]:
-    """Learn the empty scene of every sensor of a recording, in their order.
-
-    sample: images that are looked at, spread over the first `frames` frames, all if None. Raises ValueError without
-    frames, and for frames of clouds."""
+    """Learn the empty scene of every sensor of a recording, in their order. sample: images that are looked at, spread
+    over the first `frames` frames, all if None. Raises ValueError without frames, and for frames of clouds."""
     count = min(len(recording), len(recording) if frames is None else frames)
     if count < 1:
         raise ValueError(f"there must be a frame to learn the empty scene from, got {frames} of {len(recording)}")
@@ -489,9 +484,7 @@ class Scenes:
 
 
 def learn_sample_scenes(samples: Iterable[Frame], *, sample: int = SAMPLE) -> dict[str, LearntScene]:
-    """Learn the grid and empty scene of every sensor by name, from frames one after another.
-
-    sample: images kept of each at most. Raises ValueError as `Scenes`."""
+    """Learn grid and empty scene of every sensor by name, of `sample` images at most. Raises ValueError as `Scenes`."""
     coming = iter(samples)
     first = list(islice(coming, GRID_SAMPLES))
     clouds: dict[str, list[SensorCloud]] = {}
@@ -530,92 +523,6 @@ class _Learner:
         self.left_out.update(image.left_out)
         self.points += len(cloud.points)
         self.learner.add(image.measurement)
-
-
-SECONDS = 600.0  # time constant (s) of pixels that show the scene
-SETTLE = 86_400.0  # s until a nearer surface is the scene: longer than a visitor parks
-REVEAL = 60.0  # s until a farther surface is the scene
-
-
-class SceneAdaptation:
-    """Empty scene that follows slow changes, but not parked vehicles.
-
-    Times are in s. Each image moves the scene, pixel by pixel:
-
-        shows the scene    the median and the spread of that mode move towards it, by 1 - exp(-dt / `seconds`)
-        stands nearer      the scene is frozen; an object that stands there unchanged for `settle` becomes the scene
-        lies farther       the surface before it has gone; after `reveal` unchanged, the farther one becomes the scene
-
-    Unchanged means within the tolerance of `EmptyScene.shows`, by the spread of the scene. Road users that pass before
-    a waiting surface hide it without interrupting the wait; anything farther starts it anew. No return counts as
-    farthest.
-
-    A message names its scene by digest, so a new scene is sent before it is used: read `scene` only as often as that is
-    worth it. Raises ValueError for times that are not above 0."""
-
-    def __init__(
-        self, scene: EmptyScene, *, seconds: float = SECONDS, settle: float = SETTLE, reveal: float = REVEAL
-    ) -> None:
-        for name, value in (("seconds", seconds), ("settle", settle), ("reveal", reveal)):
-            if not value > 0:
-                raise ValueError(f"{name} must be above 0 s, got {value}")
-        self._began, self._seconds, self._settle, self._reveal = scene, seconds, settle, reveal
-        self._medians = [np.array(scene.first), np.array(scene.second)]
-        self._spreads = [np.array(scene.spread), np.array(scene.second_spread)]
-        self._candidate = np.full(scene.first.shape, np.nan, np.float32)  # infinite for nothing returned
-        self._since = np.full(scene.first.shape, np.inf)
-        self._time: float | None = None
-        self._frames = 0
-
-    @property
-    def scene(self) -> EmptyScene:
-        """The empty scene as it is now."""
-        images = dict(zip(_IMAGES, (self._medians[0], self._spreads[0], self._began.share), strict=False))
-        images |= {"second": self._medians[1], "second_spread": self._spreads[1]}
-        images["second_share"] = np.where(np.isnan(self._medians[1]), 0, self._began.second_share).astype(np.float32)
-        copies = {name: image.copy() for name, image in images.items()}
-        began = self._began
-        return EmptyScene(began.name, began.model, frames=began.frames + self._frames, **copies)
-
-    def update(self, measurement: Float[np.ndarray, "rows columns"], time: float) -> None:
-        """Add an image to the scene. Raises ValueError for another shape, or a time before the last one."""
-        self._began.check_shape(measurement)
-        if self._time is not None and time < self._time:
-            raise ValueError(f"images must be in order of time, got {time} s after {self._time} s")
-        share = 0.0 if self._time is None else 1 - np.exp(-(time - self._time) / self._seconds)
-        self._time, self._frames = time, self._frames + 1
-        there = is_return(measurement, self._began.model.max_range)
-        seen = np.where(there, measurement, np.inf).astype(np.float32)
-        shown = np.zeros(seen.shape, bool)
-        for median, spread in zip(self._medians, self._spreads, strict=True):  # each mode follows pixels that show it
-            off = seen - median
-            shows = (median > 0) & (np.abs(off) <= SIGMAS * spread)
-            median[shows] += share * off[shows]
-            least = np.broadcast_to(self._began.model.deviation(np.nan_to_num(median)), median.shape)
-            squared = (1 - share) * spread[shows] ** 2 + share * off[shows] ** 2
-            spread[shows] = np.maximum(np.sqrt(squared), least[shows])
-            shown |= shows | (~there & (median == 0))
-        # Start, continue or end the wait of foreground surfaces, which then become the scene.
-        first, spread = self._medians[0], self._spreads[0]
-        surface = np.where(first > 0, first, np.inf)
-        known = np.where(np.isfinite(self._candidate), self._candidate, 0)
-        within = SIGMAS * np.maximum(spread, self._began.model.deviation(known))
-        with np.errstate(invalid="ignore"):
-            same = (np.abs(seen - self._candidate) <= within) | (np.isinf(seen) & np.isinf(self._candidate))
-            hidden = seen < self._candidate - within
-        goes_on = same | (hidden & ~shown)
-        begins = ~shown & ~goes_on
-        self._candidate = np.where(goes_on, self._candidate, np.where(begins, seen, np.nan)).astype(np.float32)
-        self._since = np.where(goes_on, self._since, np.where(begins, time, np.inf))
-        farther = self._candidate > surface
-        waited: Float64[np.ndarray, "rows columns"] = time - self._since
-        ripe = goes_on & same & (waited >= np.where(farther, self._reveal, self._settle))
-        if ripe.any():
-            gone = np.isinf(self._candidate) & ripe
-            first[ripe] = np.where(gone, 0, self._candidate)[ripe]
-            spread[ripe] = np.where(gone, 0, np.broadcast_to(self._began.model.deviation(known), first.shape))[ripe]
-            self._medians[1][ripe], self._spreads[1][ripe] = np.nan, 0
-            self._candidate[ripe], self._since[ripe] = np.nan, np.inf
 
 
 class _Mode(NamedTuple):

@@ -39,10 +39,8 @@ _SLOPE_PRIOR = 1e-3  # weight of "level" in the fit, per cell: matters only wher
 
 
 def fit_plane(points: Points, *, max_tilt: float = MAX_TILT, seed: int = 0) -> _Plane:
-    """Fit the ground plane a, b, c to points.
-
-    max_tilt: limit (rad) on the lean of its normal. Raises ValueError if no three cells of the grid make such a plane.
-    """
+    """Fit the ground plane a, b, c to points. max_tilt: limit (rad) on the lean of its normal. Raises ValueError if no
+    three cells of the grid make such a plane."""
     cells = low_points(points, GROUND_CELL)
     cells = cells[support_mask(cells, _STEP, 0.3, others=3)]
     slope = np.tan(max_tilt)
@@ -83,11 +81,7 @@ def fit_plane(points: Points, *, max_tilt: float = MAX_TILT, seed: int = 0) -> _
 
 
 def heights_above_plane(plane: _Plane, points: Points) -> Float64[np.ndarray, " n"]:
-    """Height (m, along z) of each point above a plane.
-
-    >>> heights_above_plane(np.array([0.1, 0.0, 1.0]), np.array([[10.0, 0.0, 5.0]]))
-    array([3.])
-    """
+    """Height (m, along z) of each point above a plane."""
     return points[:, 2] - points[:, :2].astype(np.float64) @ plane[:2] - plane[2]
 
 
@@ -123,9 +117,8 @@ def support_mask(cells: _Cells, step: float, slope: float, *, others: int) -> Bo
 
 
 def lowest_mask(cells: _Cells, slope: float, step: float, *, window: float = STEP_WINDOW) -> Bool[np.ndarray, " m"]:
-    """Mark cells than which none within the window (m) lies lower by more than slope and step.
-
-    Raises ValueError if the cells reach too far for an image of them."""
+    """Mark cells than which none within the window (m) lies lower by more than slope and step. Raises ValueError if the
+    cells reach too far for an image of them."""
     from scipy.ndimage import grey_erosion
 
     if not len(cells):
@@ -176,9 +169,8 @@ class HeightMap:
 
 
 def fit_map(points: Points, *, reach: float = MAP_REACH) -> HeightMap:
-    """Fit a map of heights to points with ground near z = 0.
-
-    reach: distance (m) from the middle of the points that the map covers. Raises ValueError unless it is above 0."""
+    """Fit a map of heights to points with ground near z = 0. reach: distance (m) from the middle of the points that the
+    map covers. Raises ValueError unless it is above 0."""
     if not 0 < reach < np.inf:
         raise ValueError(f"reach must be above 0 m, got {reach}")
     near = points[np.abs(points[:, 2]) < _BAND]
@@ -314,10 +306,8 @@ def level(cloud: "PointCloud | Points", *, method: Levelling = "map", max_tilt: 
 
 
 def level_warning(cloud: "PointCloud | Points") -> str | None:
-    """Return a warning in one line if less than half of the ground lies within `TOLERANCE` of z = 0, else None.
-
-    It also warns of no ground with hardly a point between 0 and `_LOW` (m), but not of a cloud cropped to that slice.
-    """
+    """Return a warning in one line if less than half of the ground lies within `TOLERANCE` of z = 0, else None. It also
+    warns of no ground with hardly a point between 0 and `_LOW` (m), but not of a cloud cropped to that slice."""
     points = plain_points(cloud)
     points = points[np.isfinite(points).all(axis=1)]
     within = (points[:, 2] > 0) & (points[:, 2] < _LOW)
@@ -336,13 +326,7 @@ def level_warning(cloud: "PointCloud | Points") -> str | None:
 
 
 def plain_points(cloud: object) -> Points:
-    """Return the points (n, 3) of a cloud of any kind: Open3D's, tensor or legacy, or an array (n, 3) or (n, 4).
-
-    A fourth column, such as intensity, is left out.
-
-    >>> plain_points([[1.0, 2.0, 3.0, 0.5]])
-    array([[1., 2., 3.]])
-    """
+    """Return the points (n, 3) of a cloud of Open3D, tensor or legacy, or of an array (n, 3) or (n, 4)."""
     tensors, legacy = getattr(cloud, "point", None), getattr(cloud, "points", None)
     if tensors is not None:
         points = tensors.positions.cpu().numpy() if "positions" in tensors else np.empty((0, 3))

@@ -91,9 +91,7 @@ class FoundPose:
         return f"{self.sensor.name}: {turned}, {moved}{unseen and f'; not observed, so left as believed: {unseen}'}"
 
     def described(self) -> dict[str, object]:
-        """Return its figures for files, in degrees and metres about the world's axes.
-
-        Standard deviations are infinite for motions that are not observed."""
+        """Return figures for files (degrees, metres, world axes); deviations are infinite where not observed."""
         poses: dict[str, object] = {"world_SE3_sensor": self.pose.tolist()}
         poses["believed_world_SE3_sensor"] = self.sensor.pose.tolist()
         if self.registration is None:
@@ -195,9 +193,8 @@ OBJECT_FRAMES = 40  # searched for road users
 def align_clouds(
     clouds: list[np.ndarray], sensors: Sequence[Sensor], *, held: Sequence[int] = (), more: "MorePairs | None" = None
 ) -> tuple[FoundPose, ...]:
-    """Fit the poses of sensors to each other by clouds of the same standing scene, each in its sensor's frame.
-
-    held: numbers of sensors that stay; more: see `toolkit.calibration.poses.align`."""
+    """Fit the poses of sensors to each other by clouds of the same standing scene, each in its sensor's frame. held:
+    numbers of sensors that stay; more: see `toolkit.calibration.poses.align`."""
     surfaces = [face_sensor(reference_fit.cloud_surface(points)) for points in clouds]
     alignment, found = align(surfaces, [sensor.pose for sensor in sensors], held=held, more=more), []
     for k, sensor in enumerate(sensors):
@@ -265,7 +262,6 @@ def _seen_in_clouds(recording: Frames, count: int) -> tuple[tuple[Sensor, ...], 
 
 def check_drift(path: str | Path, reference: str | Path, site: Site | None = None) -> list[Finding]:
     """Warn of each sensor that disagrees with the reference (see `read_surface`), or of a recording without poses.
-
     Raises ValueError and OSError if the reference cannot be read."""
     surface = reference_fit.read_surface(reference)
     try:

@@ -123,9 +123,7 @@ def site_surface(site: Site, *, seed: int = 0) -> Surface:
 
 
 def cloud_surface(points: Points) -> Surface:
-    """Return the thinned surface of a cloud, without points off flat surfaces.
-
-    Raises ValueError if fewer than `LEAST_FLAT` are left."""
+    """Return the thinned flat surface of a cloud. Raises ValueError if fewer than `LEAST_FLAT` points are left."""
     import open3d as o3d
 
     points = np.asarray(points, np.float64)
@@ -148,9 +146,8 @@ def _check_flat(count: int) -> None:
 
 
 def scene_points(scene: EmptyScene, *, least_share: float = 0.5) -> tuple[Points, Float64[np.ndarray, " n"]]:
-    """Points of an empty scene in the sensor's frame, and their standard deviations (m).
-
-    Pixels that show something else in more than `least_share` of the frames are left out."""
+    """Points of an empty scene in the sensor's frame, and their standard deviations (m). Pixels that show something
+    else in more than `least_share` of the frames are left out."""
     model = scene.model
     seen: ImageMask = (scene.first > 0) & (scene.share >= least_share)
     rays = model.rays().astype(np.float64)[seen]
@@ -177,10 +174,8 @@ class Registration:
 
 
 def register(points: Points, surface: Surface, believed: Pose, *, deviation: _Deviations | None = None) -> Registration:
-    """Find the pose world_SE3_sensor near the believed one.
-
-    points: measured, in the sensor's own frame; deviation: of each point (m), which lowers its weight. Raises
-    ValueError if fewer than 50 points have a counterpart within 3 m."""
+    """Find the pose world_SE3_sensor near the believed one. points: measured, in the sensor's own frame; deviation: of
+    each point (m), which lowers its weight. Raises ValueError if fewer than 50 points have a counterpart within 3 m."""
     points = np.asarray(points, np.float64)
     noise = np.full(len(points), LEAST_SCALE) if deviation is None else np.maximum(deviation, LEAST_SCALE)
     believed = np.array(believed, np.float64)

@@ -59,8 +59,7 @@ def fuse_files(paths: Sequence[str | Path], poses: Sequence[Pose]) -> "PointClou
 def crop_area(
     cloud: "PointCloud", area: Sequence[float], height: float | None = None, *, floor: float = 0.0, remedy: str = ""
 ) -> "PointCloud":
-    """Crop a cloud with `toolkit.clouds.crop`. Raises ValueError, which says where the points lie and ends with
-    `remedy`, if none is left."""
+    """Crop by `toolkit.clouds.crop`. Raises ValueError with the places of the points and `remedy` if none is left."""
     from toolkit.clouds import crop, positions
 
     cropped = crop(cloud, area, height, floor=floor)
@@ -152,11 +151,7 @@ def match_poses(paths: Sequence[str | Path], poses: Mapping[str, Pose]) -> list[
 
 
 def parse_pose(numbers: object, name: str = "pose") -> Pose:
-    """Parse a pose of 16, 12 or 7 numbers, nested or flat.
-
-    >>> parse_pose([1, 0, 0, 0, 5, 6, 7])[:3, 3]
-    array([5., 6., 7.])
-    """
+    """Parse a pose of 16, 12 or 7 numbers, nested or flat."""
     try:
         flat = np.array(numbers, np.float64).ravel()
     except (TypeError, ValueError, OverflowError):
@@ -173,11 +168,7 @@ def parse_pose(numbers: object, name: str = "pose") -> Pose:
 
 
 def quaternion_pose(quaternion: Float64[np.ndarray, "4"], translation: Float64[np.ndarray, "3"]) -> Pose:
-    """Pose from a unit quaternion w x y z and a translation (m).
-
-    >>> quaternion_pose(np.array([0.0, 0, 0, 1]), np.zeros(3))[:2, :2]
-    array([[-1., 0.], [ 0., -1.]])
-    """
+    """Pose from a unit quaternion w x y z and a translation (m)."""
     norm = float(np.linalg.norm(quaternion))
     if not 0.99 < norm < 1.01:
         raise ValueError(f"a quaternion qw qx qy qz must have length 1, got {quaternion.tolist()} of length {norm:.4g}")

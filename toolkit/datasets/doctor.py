@@ -40,8 +40,7 @@ _UNITS = {0.01: "centimetres", 0.001: "millimetres", published.NO_RETURN: "parts
 
 
 def frozen_frames(view: "SensorImages", rows: "Sequence[Rows]", site: Site) -> Bool[np.ndarray, " frames"]:
-    """Mask of the frames in which a sensor repeats an image that showed objects which have left. rows: the published
-    ones of each frame."""
+    """Mask of frames in which a sensor repeats an image whose objects have left. rows: the published ones by frame."""
     frozen, first = np.zeros(len(view.depth), bool), 0
     for k in range(1, len(view.depth)):
         if not (view.depth[k].any() and np.array_equal(view.depth[k], view.depth[k - 1])):

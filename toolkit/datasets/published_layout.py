@@ -37,12 +37,7 @@ def extrinsic(site_SE3_sensor: Pose, map_SE3_site: Pose) -> Pose:
 
 
 def parse_extrinsic(published: Float[np.ndarray, "rows columns"], map_SE3_site: Pose, name: str = "extrinsic") -> Pose:
-    """Pose site_SE3_sensor behind a published extrinsic. Raises ValueError unless it is a rigid motion.
-
-    >>> pose = np.diag([1.0, -1, -1, 1])
-    >>> np.allclose(parse_extrinsic(extrinsic(pose, np.eye(4)), np.eye(4)), pose)
-    True
-    """
+    """Pose site_SE3_sensor behind a published extrinsic. Raises ValueError unless it is a rigid motion."""
     matrix = np.asarray(published, np.float64)
     if matrix.shape == (4, 4) and np.isfinite(matrix).all() and abs(np.linalg.det(matrix)) < 1e-6:
         raise ValueError(f"{name} is singular (determinant {np.linalg.det(matrix):.3g}): it belongs to no camera")
@@ -59,11 +54,7 @@ def parse_intrinsic(
     published: Float[np.ndarray, "rows columns"], height: int, width: int, name: str = "intrinsic"
 ) -> DepthCamera:
     """Camera, of every second pixel, behind a published intrinsic matrix and image size. Raises ValueError unless the
-    matrix is a forward-first one with one focal length.
-
-    >>> parse_intrinsic(intrinsic(DepthCamera()), 300, 400) == DepthCamera()
-    True
-    """
+    matrix is a forward-first one with one focal length."""
     matrix = np.asarray(published, np.float64)
     form = "[[cu, f, 0], [cv, 0, -f], [1, 0, 0]]"
     if matrix.shape != (3, 3) or not np.isfinite(matrix).all() or not matrix[0, 1] > 0:
@@ -94,11 +85,7 @@ def parse_rows(
     rows: Shaped[np.ndarray, "..."], map_SE3_site: Pose, ids: np.ndarray | None = None, name: str = "objects"
 ) -> Objects:
     """Return published rows as objects of the site frame, without pitch and roll, yaw in -pi..pi. Raises ValueError if
-    the rows have another width, and InvalidObjects for a row that is no object, see `wrong_rows`.
-
-    >>> len(parse_rows(np.zeros((0, 10)), np.eye(4)))
-    0
-    """
+    the rows have another width, and InvalidObjects for a row that is no object, see `wrong_rows`."""
     if np.asarray(rows).dtype.kind not in "fiub":
         raise ValueError(f"{name} must hold numbers, got {np.asarray(rows).dtype}")
     rows = np.asarray(rows, np.float64)
@@ -121,11 +108,7 @@ def parse_rows(
 def wrong_rows(rows: Shaped[np.ndarray, "..."]) -> Shaped[np.ndarray, " n"]:
     """Fault of each row in words, "" for none; tables of another width have no wrong rows. Faults are NaN or infinity,
     an unknown class, a size that is not positive or above `LARGEST_EXTENT`, a place beyond `FARTHEST_OBJECT`, and a yaw
-    beyond `MOST_TURNED`.
-
-    >>> [words[:16] for words in wrong_rows(np.array([[0, 0, 1, 0, 0, 0, 2, 1, 1, 0], [0, 0, 1, 0, 0, 0, 0, 1, 1, 0]]))]
-    ['', 'has half extents']
-    """
+    beyond `MOST_TURNED`."""
     words = np.full(len(rows) if np.ndim(rows) else 0, "", dtype=object)
     if np.ndim(rows) != 2 or np.shape(rows)[1] != len(OBJECT_COLUMNS):
         return words

@@ -82,12 +82,7 @@ def load_plugins() -> dict[str, Layout]:
 
 
 def find_layout(name: str) -> Layout:
-    """Return a layout by name. Raises ValueError for an unknown one.
-
-    >>> find_layout("kiti")
-    Traceback (most recent call last):
-    ValueError: there is no layout 'kiti': choose among folder, kitti, ...
-    """
+    """Return a layout by name. Raises ValueError for an unknown one."""
     layout = LAYOUTS.get(name) or load_plugins().get(name)
     if layout is None:
         raise ValueError(f"there is no layout {name!r}: choose among {', '.join([*LAYOUTS, *load_plugins()])}")
@@ -109,13 +104,8 @@ _BAGS, _HDF5 = (".bag", ".mcap", ".db3"), (".hdf5", ".h5")
 
 
 def guess_layout(path: str | Path) -> str:
-    """Guess the layout of a path by its ending or, in a folder, by files that only one layout has.
-
-    Raises ValueError for a folder that several layouts might have written, and a file that none writes.
-
-    >>> guess_layout("north.pcd"), guess_layout("night.bag"), guess_layout("monday.hdf5")
-    ('folder', 'rosbag', 'hdf5')
-    """
+    """Guess the layout of a path by its ending or, in a folder, by files that only one layout has. Raises ValueError
+    for a folder that several layouts might have written, and a file that none writes."""
     path = Path(path)
     if not path.is_dir():
         ending = path.suffix.lower()
@@ -177,10 +167,8 @@ def filter_classes(frames: Iterable[Frame], classes: Sequence[str | int] | None)
 
 
 def write_recording(frames: Iterable[Frame], path: str | Path, layout: str) -> int:
-    """Write frames in a layout; return how many.
-
-    Boxes come back within a millimetre and a hundredth of a degree; classes get the layout's names for ours. Raises
-    ValueError for a read-only layout."""
+    """Write frames in a layout; return how many. Boxes come back within a millimetre and a hundredth of a degree;
+    classes get the layout's names for ours. Raises ValueError for a read-only layout."""
     return find_layout(layout).write(frames, Path(path))
 
 

@@ -3,6 +3,7 @@ line that names a file. Numbers may be strings (DAIR-V2X, and YAML's 1e-05), and
 worse is a ValueError."""
 
 import json
+import tomllib
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -18,7 +19,7 @@ from toolkit.datasets.cloud_files import check_extent, read_recorded
 from toolkit.datasets.published_layout import FARTHEST_OBJECT
 from toolkit.frame import DisplayedRecording, Frame, Frames, OtherObjects, RecordingView, SensorCloud
 from toolkit.geometry import check_pose, transform
-from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE, Detections, Objects
+from toolkit.objects import LABELS, Detections, Objects, label_index
 from toolkit.point_files import pcd_bytes
 from toolkit.runtime.files import parse_json, read_bytes, replace_infinite, write_bytes, write_text
 from toolkit.sites.site import Site
@@ -122,11 +123,7 @@ def entry(record: Unchecked, *keys: str) -> Unchecked:
 
 
 def as_number(value: Unchecked, name: str = "entry") -> float:
-    """A number, also where it is written as a string.
-
-    >>> as_number("1e-05")
-    1e-05
-    """
+    """A number, also where it is written as a string."""
     try:
         return float(value)
     except (TypeError, ValueError, OverflowError):
@@ -157,11 +154,7 @@ def as_list(content: Unchecked, name: str = "it") -> list[Unchecked]:
 
 
 def rigid(rotation: Unchecked, translation: Unchecked, name: str = "pose") -> Pose:
-    """Pose of a 3×3 rotation, the nearest true one (SVD) if it is a little off, and a translation.
-
-    >>> rigid([[1, 0, 0], [0, 1, 0.001], [0, 0, 1]], [["1"], ["2"], ["3"]]).round(3)[:, 3].tolist()
-    [1.0, 2.0, 3.0, 1.0]
-    """
+    """Pose of a 3×3 rotation, the nearest true one (SVD) if it is a little off, and a translation."""
     matrix = numbers(rotation, 9, f"rotation of {name}").reshape(3, 3)
     pose = np.eye(4)
     pose[:3, 3] = numbers(translation, 3, f"translation of {name}")
@@ -204,18 +197,8 @@ STRAY = "names, times or tokens of labels have no cloud"
 DOUBLED = "doubled labels"
 FULL_TURNS = "yaws beyond a full turn"
 
-_NAMES = {  # datasets' names of our classes, in lower case
-    VEHICLE: """car van vehicle passengercar suv pickup taxi police emergency_vehicle regular_vehicle vehicle.car
-        vehicle.emergency.police""",
-    HEAVY: """heavy truck bus tram trailer minibus large_truck construction_truck large_vehicle box_truck truck_cab
-        school_bus articulated_bus vehicular_trailer railed_vehicle vehicle.truck vehicle.bus.rigid vehicle.bus.bendy
-        vehicle.trailer vehicle.construction vehicle.emergency.ambulance""",
-    CYCLIST: """cyclist bicycle bike bicyclist bicyclerider motorcycle motorcyclist motorcyclerider tricycle tricyclist
-        scooter scooterrider wheeled_rider vehicle.bicycle vehicle.motorcycle""",
-    PEDESTRIAN: """pedestrian person person_sitting walker official_signaler human.pedestrian.adult
-        human.pedestrian.child human.pedestrian.construction_worker human.pedestrian.police_officer""",
-}
-CATEGORIES = {name: label for label, names in _NAMES.items() for name in names.split()}
+_NAMES = tomllib.loads((Path(__file__).parent / "classes.toml").read_text(encoding="utf-8"))
+CATEGORIES = {name: label_index(label) for label, names in _NAMES.items() for name in names}
 COMMON_NAMES = {"vehicle": "Car", "cyclist": "Cyclist", "pedestrian": "Pedestrian", "heavy": "Truck"}  # when written
 
 
@@ -270,11 +253,7 @@ def labelled(
 
 
 def move_boxes(target_SE3_source: Pose, boxes: Shaped[np.ndarray, "n 7"]) -> np.ndarray:
-    """Boxes of the source frame in the target frame, whose z is up as well.
-
-    >>> move_boxes(np.diag([-1.0, -1, 1, 1]), np.array([[1.0, 2, 3, 4, 2, 1, 0.5]])).round(3).tolist()
-    [[-1.0, -2.0, 3.0, 4.0, 2.0, 1.0, -2.642]]
-    """
+    """Boxes of the source frame in the target frame, whose z is up as well."""
     with np.errstate(all="ignore"):
         centres = transform(target_SE3_source, boxes[:, :3])
         return np.column_stack([centres, boxes[:, 3:6], heading(target_SE3_source, boxes[:, 6])])
@@ -298,22 +277,12 @@ def add_problem(problems: Problems, kind: str, number: int) -> None:
 
 
 def count_full_turns(yaws: Shaped[np.ndarray, " n"], problems: Problems) -> None:
-    """Add to the problems the number of yaws that no file in radians has.
-
-    >>> problems = {}
-    >>> count_full_turns(np.array([3.0, -90.0, 7.0, np.nan]), problems)
-    >>> problems
-    {'yaws beyond a full turn': 2}
-    """
+    """Add to the problems the number of yaws that no file in radians has."""
     add_problem(problems, FULL_TURNS, int((np.abs(yaws) > FULL_TURN).sum()))
 
 
 def track_number(name: object) -> int:
-    """Track id as a number: an integer, also as text, stays itself, any other id becomes a number of its text.
-
-    >>> track_number("17"), track_number("b1d0") == track_number("b1d0")
-    (17, True)
-    """
+    """Track id as a number: an integer, also as text, stays itself, any other id becomes a number of its text."""
     text = str(name).strip()
     if text.removeprefix("-").isascii() and text.removeprefix("-").isdigit() and len(text) < 18:
         return int(text)

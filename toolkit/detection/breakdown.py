@@ -46,11 +46,7 @@ class Matched(NamedTuple):
 
 
 def kitti_ap(curve: Curve) -> float:
-    """AP at 40 recalls, NaN without a truth to find.
-
-    >>> kitti_ap(precision_recall(np.array([0.9, 0.8]), np.array([True, False]), truths=2))
-    0.5
-    """
+    """AP at 40 recalls, NaN without a truth to find."""
     if len(curve.recall) and np.isnan(curve.recall).all():
         return float("nan")
     recalls = np.arange(1, KITTI_RECALLS + 1) / KITTI_RECALLS
@@ -59,11 +55,7 @@ def kitti_ap(curve: Curve) -> float:
 
 
 def nuscenes_ap(curve: Curve) -> float:
-    """Area above the least precision and beyond the least recall, 1 for a perfect detector.
-
-    >>> round(nuscenes_ap(precision_recall(np.array([0.9]), np.array([True]), truths=1)), 9)
-    1.0
-    """
+    """Area above the least precision and beyond the least recall, 1 for a perfect detector."""
     if not len(curve.recall):
         return 0.0
     if np.isnan(curve.recall).all():
@@ -76,8 +68,7 @@ def nuscenes_ap(curve: Curve) -> float:
 def by_centre(
     detected: Iterable[Detections], truths: Iterable[Objects], counted: Iterable[np.ndarray], within: float, label: int
 ) -> Matched:
-    """Match detections of a class whose centres lie `within` some metres on the ground. A detection that hits only
-    uncounted objects does not count."""
+    """Match detections of a class by centres `within` metres on the ground; those on uncounted objects do not count."""
     scores, hits, total = [np.zeros(0)], [np.zeros(0, bool)], 0
     for found, there, mask in zip(detected, truths, counted, strict=True):
         found, rows = found[found.labels == label], there.labels == label
@@ -94,10 +85,8 @@ def by_centre(
 
 @dataclass(frozen=True)
 class GroupRow:
-    """AP of one class among some objects under one protocol.
-
-    measure: rule by which detections are true, such as BEV 0.5; among: the objects; truths: number of them; scheme: how
-    the sensors fused."""
+    """AP of one class among some objects under one protocol. measure: rule by which detections are true, such as BEV
+    0.5; among: the objects; truths: number of them; scheme: how the sensors fused."""
 
     label: str
     protocol: str

@@ -55,10 +55,8 @@ Format = Literal["boxes", "openlabel", "kitti"]
 def write_detections(
     found: Iterable[Detected], out: str | Path, form: Format = "boxes", **more: object
 ) -> Iterator[Detected]:
-    """Write detections as they arrive, and pass them on.
-
-    out: one file of boxes, or a folder with a file per frame for other formats, whole at the end; more: further entries
-    of the file of boxes."""
+    """Write detections as they arrive, and pass them on. out: one file of boxes, or a folder with a file per frame for
+    other formats, whole at the end; more: further entries of the file of boxes."""
     if form == "boxes":
         entries = []
         for each in found:

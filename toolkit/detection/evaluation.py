@@ -63,9 +63,8 @@ Scoring = Literal["exact", "published", "measured"]
 
 @dataclass(frozen=True)
 class Row:
-    """Figures of one scheme, sensor set (indices), class and IoU threshold.
-
-    recall, precision: at the last detection; kbit and milliseconds are per frame; truths: to find in all frames."""
+    """Figures of one scheme, sensor set (indices), class and IoU threshold. recall, precision: at the last detection;
+    kbit and milliseconds are per frame; truths: to find in all frames."""
 
     scheme: str
     sensors: tuple[int, ...]
@@ -377,9 +376,8 @@ class _Job:
 
 
 def format_table(rows: Iterable[Row]) -> str:
-    """Format rows like the paper's first table, class by class.
-
-    Each scheme and sensor set has a line, each IoU threshold a column of AP."""
+    """Format rows like the paper's first table, class by class. Each scheme and sensor set has a line, each IoU
+    threshold a column of AP."""
     by_class: dict[str, list[Row]] = {}
     for row in rows:
         by_class.setdefault(row.label, []).append(row)
@@ -444,7 +442,6 @@ def save_evaluation(rows: Evaluation, folder: str | Path) -> None:
 
 def draw_example(recording: CoopDataset, detector: Detector, out: str | Path, *, seed: int = 0) -> None:
     """Draw the frame with the most objects, and hits, misses and false alarms of vehicles at `EXAMPLE_IOU`, from above.
-
     Objects centred outside the area do not count. seed: of the sensors' noise."""
     site = recording.site
     frame = with_errors(max(recording, key=lambda frame: len(frame.objects)), PAPER_ERRORS, seed)

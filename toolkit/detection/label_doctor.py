@@ -80,10 +80,8 @@ def better(before: Float64[np.ndarray, " n"], after: Float64[np.ndarray, " n"], 
 
 @dataclass(frozen=True)
 class LabelMistake:
-    """Mistake that boxes may have.
-
-    Undone, columns in `order` are multiplied by `factor`, and `turn` (rad) is added to yaw. axes: True if it depends on
-    the frame's axes."""
+    """Mistake that boxes may have. Undone, columns in `order` are multiplied by `factor`, and `turn` (rad) is added to
+    yaw. axes: True if it depends on the frame's axes."""
 
     name: str
     remedy: str
@@ -157,10 +155,8 @@ class Shift(NamedTuple):
 
 
 def find_shift(some: Sequence[Seen]) -> Shift | None:
-    """Find the delay of labels, None if it cannot be told.
-
-    Moving labels are moved along their tracks. Where that shows nothing, labels are tried in other clouds; only those
-    that are not in the same place in both frames count."""
+    """Find the delay of labels, None if it cannot be told. Moving labels are moved along their tracks. Where that shows
+    nothing, labels are tried in other clouds; only those that are not in the same place in both frames count."""
     from scipy.spatial import cKDTree
 
     samples = [each.sample for each in some]
@@ -194,9 +190,7 @@ def find_shift(some: Sequence[Seen]) -> Shift | None:
     return found
 
 
-def against_their_way(
-    samples: Sequence[Frame], undo: Callable[[Frame, np.ndarray], np.ndarray]
-) -> tuple[int, int, int] | None:
+def against_their_way(samples: Sequence[Frame], undo: Callable[..., np.ndarray]) -> tuple[int, int, int] | None:
     """Count tracks and moving boxes that only a mistake turns backwards, and all moving boxes."""
     tracks: set[int] = set()
     mended = spoilt = total = 0

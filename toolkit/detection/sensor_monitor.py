@@ -44,10 +44,8 @@ class Fault(Enum):
 
 
 class Shown(NamedTuple):
-    """Newest data of a sensor, measured at `time` (s).
-
-    image: 0 where nothing returned or nothing was sent; sent: mask of the pixels of a foreground, None for a whole
-    image; missing: mask of those it says are missing."""
+    """Newest data of a sensor, measured at `time` (s). image: 0 where nothing returned or nothing was sent; sent: mask
+    of the pixels of a foreground, None for a whole image; missing: mask of those it says are missing."""
 
     time: float
     image: ImageRanges

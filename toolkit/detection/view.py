@@ -33,10 +33,8 @@ Keep = Callable[[Float32[np.ndarray, "n 3"], Sensor], Mask]
 
 @dataclass(frozen=True, eq=False)
 class Cloud:
-    """Points of one sensor of a view.
-
-    history: what was done to its cropped points since; clouds of one sensor and frame with equal histories are equal.
-    rows: which of its cropped points these are, None for all of them."""
+    """Points of one sensor of a view. history: what was done to its cropped points since; clouds of one sensor and
+    frame with equal histories are equal. rows: which of its cropped points these are, None for all of them."""
 
     sensor: int
     history: tuple[str, ...]
@@ -203,10 +201,8 @@ class View:
     def transmit(
         self, sensor: int, name: str, through: Callable[[], tuple[Float32[np.ndarray, "m 3"], int]]
     ) -> Sent[Cloud]:
-        """Send an image of a sensor to the centre.
-
-        through: gives what the centre makes of it, and the bits that took; name: says all that this depends on beside
-        the measurement."""
+        """Send an image of a sensor to the centre. through: gives what the centre makes of it, and the bits that took;
+        name: says all that this depends on beside the measurement."""
         if (sensor, name) not in self._sent_clouds:
             measured, start = self.cloud(sensor), perf_counter()
             points, bits = through()
@@ -286,8 +282,7 @@ def frame_view(
     scene: Callable[[int], EmptyScene] | None = None,
     memory: LinkMemory | None = None,
 ) -> View:
-    """Return the view of a frame, cropped to a site or area, below a height (m), else the site's own. scene, memory:
-    see `View`."""
+    """Return the view of a frame, cropped to a site or area below a height (m). scene, memory: see `View`."""
     crop = Crop.of(site, height)
     detect = detector if crop.slope == LEVEL else partial(detect_on_ground, detector, place=site)
     images = Images(lambda sensor: Captured(frame, sensor, site, height), scene, _sent_time(frame), frame.index)

@@ -92,37 +92,13 @@ def point_colours(points: Float[np.ndarray, "*n"]) -> Float64[np.ndarray, "*n 4"
 
 
 def point_names() -> list[str]:
-    """Names of the steps of the scale.
-
-    >>> point_names()[:3], point_names()[-1]
-    (['0', '1', '2–4'], '100+')
-    """
+    """Names of the steps of the scale."""
     ends = [f"{low}–{high - 1}" if high - low > 1 else f"{low}" for low, high in pairwise(POINT_STEPS)]
     return ["0", *ends, f"{POINT_STEPS[-1]}+"]
 
 
 DPI = 150
 CHART_INCHES = 7.0  # width of a chart
-_AXES = {"titlesize": 11.0, "labelsize": 9.0, "edgecolor": INK, "labelcolor": INK, "linewidth": 0.8}
-_STYLE: dict[str, dict[str, Any]] = {
-    "font": {"family": ["DejaVu Sans"], "size": 9.0},  # comes with matplotlib
-    "axes": {**_AXES, "axisbelow": True, "unicode_minus": True, "facecolor": "white"},
-    "axes.spines": {"top": False, "right": False},
-    "axes.formatter": {"use_mathtext": False, "useoffset": False},
-    "figure": {"facecolor": "white", "dpi": 100.0},
-    "savefig": {"facecolor": "auto", "bbox": None, "transparent": False},
-    "grid": {"color": "#d5d5d5", "linewidth": 0.6, "alpha": 1.0, "linestyle": "-"},
-    "hatch": {"linewidth": 0.8},
-    "image": {"composite_image": False},
-    "lines": {"linewidth": 1.6},
-    "path": {"simplify": True},
-    "legend": {"fontsize": 8.0, "frameon": False},
-    "svg": {"fonttype": "path", "hashsalt": "coview"},  # PDF makers need no font
-    "text": {"color": INK, "parse_math": False, "usetex": False},  # a name may hold dollars
-    "xtick": {"color": INK, "labelsize": 8.0},
-    "ytick": {"color": INK, "labelsize": 8.0},
-}
-STYLE: dict[Any, Any] = {f"{group}.{key}": value for group, one in _STYLE.items() for key, value in one.items()}
 
 
 def add_legend(owner: "Axes | FigureBase", handles: "Sequence[Artist]", labels: Sequence[str], **look: Any) -> None:
@@ -135,9 +111,9 @@ def add_legend(owner: "Axes | FigureBase", handles: "Sequence[Artist]", labels: 
 @contextmanager
 def house_style() -> Iterator[None]:
     """Context in which pictures have the common style."""
-    from matplotlib import rc_context
+    from matplotlib import style
 
-    with rc_context(STYLE), catch_warnings():
+    with style.context(Path(__file__).parent / "house.mplstyle"), catch_warnings():
         filterwarnings("ignore", message="Glyph .* missing from font")  # the picture shows an empty box
         yield
 
@@ -153,12 +129,7 @@ def blank_figure(width: float, height: float, *, constrained: bool = False) -> "
 
 
 def check_picture(out: Path | str) -> None:
-    """Check that a picture's name ends in .png or .svg. Raises ValueError for another ending.
-
-    >>> check_picture("frame.jpg")
-    Traceback (most recent call last):
-    ValueError: a picture's name must end in .png or .svg, got frame.jpg
-    """
+    """Check that a picture's name ends in .png or .svg. Raises ValueError for another ending."""
     if Path(out).suffix.lower() not in (".png", ".svg"):
         raise ValueError(f"a picture's name must end in .png or .svg, got {Path(out).name}")
 
@@ -208,11 +179,7 @@ def draw_heading(figure: "Figure", title: str, subtitle: str) -> None:
 
 
 def pad_limits(values: Sequence[float]) -> tuple[float, float]:
-    """Limits of an axis from 0 to a little above the greatest value.
-
-    >>> pad_limits([2.0, 4.0]), pad_limits([])
-    ((0.0, 4.4), (0.0, 1.0))
-    """
+    """Limits of an axis from 0 to a little above the greatest value."""
     most = max(0.0, *values) if len(values) else 0.0
     return 0.0, 1.1 * float(most) if most > 0 else 1.0
 
@@ -223,11 +190,7 @@ def plain(text: str) -> str:
 
 
 def shorten(text: str, most: int) -> str:
-    """Shorten a plain text, with "…" in its middle. most: number of letters.
-
-    >>> shorten("north-east pole, camera", 12)
-    'north-…amera'
-    """
+    """Shorten a plain text, with "…" in its middle. most: number of letters."""
     text = plain(text)
     if len(text) <= most:
         return text

@@ -38,10 +38,8 @@ def _draw_curves(curves: _Curves, out: Path | str, title: str, look: PlotStyle, 
 
 
 def draw_density_cdf(counts: Mapping[str, Int[np.ndarray, " _"]], out: Path | str, *, title: str = "") -> None:
-    """Draw the share of objects over their points.
-
-    There is one cumulative curve for each sensor set (paper, impact of point density). The axis is linear up to `FEW`
-    points and logarithmic beyond."""
+    """Draw the share of objects over their points. There is one cumulative curve for each sensor set (paper, impact of
+    point density). The axis is linear up to `FEW` points and logarithmic beyond."""
     with house_style():
         figure, axes = curve_axes(title or "Points on an object", len(counts))
         for number, points in enumerate(counts.values()):
@@ -62,8 +60,7 @@ def draw_density_cdf(counts: Mapping[str, Int[np.ndarray, " _"]], out: Path | st
 
 
 def draw_training(curves: Mapping[str, tuple[Sequence[float], Sequence[float]]], out: Path | str) -> None:
-    """Draw the losses and AP of a training. The files are losses.png, and ap.png if AP was measured. curves: name ->
-    (epochs, values)."""
+    """Draw a training as losses.png, and ap.png if AP was measured. curves: name -> (epochs, values)."""
     for picture, measured in (("losses.png", False), ("ap.png", True)):
         chosen = {name: curve for name, curve in curves.items() if name.startswith("AP") == measured}
         title, marker = ("AP of validation", "o") if measured else ("Losses of training", "")

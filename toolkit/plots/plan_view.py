@@ -192,11 +192,7 @@ def extent(site: Site, holds: Float[np.ndarray, "n 2"] | None = None) -> tuple[n
 
 
 def scale_length(metres: float) -> float:
-    """Largest length up to this one that is 1, 2 or 5 times a power of ten.
-
-    >>> [scale_length(m) for m in (0.3, 7.0, 19.9, 20.0, 99.0)]
-    [0.2, 5.0, 10.0, 20.0, 50.0]
-    """
+    """Largest length up to this one that is 1, 2 or 5 times a power of ten."""
     power = 10.0 ** floor(log10(metres))
     return next(round(step * power, 9) for step in (5, 2, 1) if step * power <= metres * (1 + 1e-9))
 
@@ -208,11 +204,7 @@ TALL = 2.0  # m; buildings above this height cut off fields of view
 
 
 def sensor_labels(names: Sequence[str]) -> list[str]:
-    """Labels on the discs of sensors: their names if all are short, else numbers from 1.
-
-    >>> sensor_labels(["d0", "d1"]), sensor_labels(["d0", "north-east pole"])
-    (['d0', 'd1'], ['1', '2'])
-    """
+    """Labels on the discs of sensors: their names if all are short, else numbers from 1."""
     if all(len(name) <= SHORT for name in names):
         return list(names)
     return [str(number + 1) for number in range(len(names))]
@@ -363,8 +355,7 @@ class FrameOutcome(NamedTuple):
 
 
 def draw_site(site: Site, out: Path | str) -> None:
-    """Draw the site with its poles and sensors. Streets, solids and fields of view are drawn too. The picture is PNG or
-    SVG by the suffix."""
+    """Draw the site with streets, solids, poles, sensors and their fields of view, as PNG or SVG by the suffix."""
     poles = np.array([mount.position[:2] for mount in site.mounts]).reshape(-1, 2)
     counts = ((len(site.sensors), "sensor"), (len(poles), "pole"))
     title, counted = f"Site {shorten(site.name, 60)}", ", ".join(f"{n} {word}{'s' * (n != 1)}" for n, word in counts)

@@ -38,10 +38,8 @@ class Footprints(NamedTuple):
 
 
 class Moment:
-    """Moving objects of a frame in one scene: a body and a box each.
-
-    threads: of Open3D, 0 for all cores; slope: of the ground, with which bodies are sheared (`geometry.level_motion`).
-    """
+    """Moving objects of a frame in one scene: a body and a box each. threads: of Open3D, 0 for all cores; slope: of the
+    ground, with which bodies are sheared (`geometry.level_motion`)."""
 
     def __init__(self, bodies: Sequence[Body], boxes: BoxRows, threads: int = 0, *, slope: Slope = LEVEL) -> None:
         self.bodies, self.boxes, self._threads, self._slope = tuple(bodies), boxes, threads, np.array(slope)
@@ -64,9 +62,8 @@ class Moment:
         return len(self.boxes)
 
     def met(self, lines: Float32[np.ndarray, "n 6"]) -> tuple[Int32[np.ndarray, " n"], Float32[np.ndarray, " n"]]:
-        """First object that each line (start, direction; world frame) meets, -1 for none, and the length.
-
-        The length is in directions, infinite for a line that meets none."""
+        """First object that each line (start, direction; world frame) meets, -1 for none, and the length. The length is
+        in directions, infinite for a line that meets none."""
         if self._scene is None or not len(lines):
             return np.full(len(lines), -1, np.int32), np.full(len(lines), np.inf, np.float32)
         found = self._scene.cast_rays(o3d.core.Tensor.from_numpy(lines), self._threads)

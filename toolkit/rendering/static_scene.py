@@ -26,12 +26,7 @@ LEAF, LEAVES = 0.42, 11.0  # m, size of a spray of leaves; how many there are pe
 
 
 def build_scenery(site: Site) -> Mesh:
-    """Build the mesh of everything static at a site. Raises ValueError for solids of endless size.
-
-    >>> import numpy as np
-    >>> build_scenery(Site("field", np.array([-10.0, -10, 10, 10]))).vertices.shape[1]
-    3
-    """
+    """Build the mesh of everything static at a site. Raises ValueError for solids of endless size."""
     rng = np.random.default_rng(sum(site.name.encode()))
     skin = sum(_skin(solid) for solid in site.solids)
     if not skin <= MOST_SKIN:

@@ -83,9 +83,7 @@ class _Columns(NamedTuple):
 
 
 def cast_strips(renderer: Renderer, moment: Moment, viewpoints: Eyes, counted: Counted, windows: Sectors) -> Strips:
-    """Cast the strips of some sectors of a moment's objects, one after the other.
-
-    renderer: of the site, for its static scene; windows: see `find_sectors`."""
+    """Cast the strips of some sectors of a moment. renderer: of the static scene; windows: see `find_sectors`."""
     columns = _columns(moment.ground, viewpoints, windows)
     item, start = windows.item.astype(np.int32), viewpoints[windows.viewpoint].astype(np.float32)
 

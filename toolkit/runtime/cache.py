@@ -44,11 +44,7 @@ CACHE_SCHEMA = "CREATE TABLE IF NOT EXISTS entries (key BLOB PRIMARY KEY, value 
 
 
 def make_key(*parts: object) -> bytes:
-    """SHA-256 of texts, numbers, lists and dictionaries, as JSON.
-
-    >>> make_key("early", [0, 1]) == make_key("early", (0, 1)), make_key("early", [0, 1]) == make_key("early", [0, 2])
-    (True, False)
-    """
+    """SHA-256 of texts, numbers, lists and dictionaries, as JSON."""
     return hashlib.sha256(json.dumps(parts, sort_keys=True, separators=(",", ":")).encode()).digest()
 
 
@@ -205,8 +201,7 @@ def read_secret(path: Path) -> bytes:
 
 
 def encode_arrays(key: bytes, arrays: Iterable[np.ndarray]) -> bytes:
-    """Encode arrays: checksum, a line of JSON with types and shapes, content. Raises ValueError for arrays of objects
-    or records."""
+    """Encode arrays: checksum, types and shapes in a line of JSON, content. Raises ValueError for arrays of objects."""
     columns = [np.ascontiguousarray(column) for column in arrays]
     for column in columns:
         if column.dtype.kind not in ARRAY_KINDS:
@@ -266,7 +261,7 @@ _Import = tuple[str, str]  # a module, and a name asked of it or ""
 
 @cache
 def code_digest(*modules: str) -> str:
-    """SHA-256 over the source that `modules` run."""
+    """SHA-256 over the source that `modules` run, and the tables (TOML) beside it."""
     return digest_of_source(modules)
 
 
@@ -276,6 +271,9 @@ def digest_of_source(modules: tuple[str, ...], top: Path = TOP) -> str:
     digest = sha256()
     for module in sorted(files):
         digest.update(module.encode() + b"\0" + sha256(files[module].read_bytes()).digest())
+    folders = {path.parent for module, path in files.items() if _is_ours(module)}
+    for data in sorted(each for folder in folders for each in folder.glob("*.toml")):
+        digest.update(data.name.encode() + b"\0" + sha256(data.read_bytes()).digest())
     for library in sorted(libraries):
         digest.update(f"{library} {_version(library)}\n".encode())
     return digest.hexdigest()

@@ -167,11 +167,7 @@ def make_shards(
 
 
 def describe_differences(found: Plan, asked: Plan) -> str:
-    """Describe how `found` differs from `asked`; empty if equal.
-
-    >>> describe_differences({"seed": 1, "frames": 9}, {"seed": 2, "frames": 9})
-    'seed 1 instead of 2'
-    """
+    """Describe how `found` differs from `asked`; empty if equal."""
     keys = [key for key in {**found, **asked} if found.get(key) != asked.get(key)]
     return ", ".join(f"{key} {found.get(key)} instead of {asked.get(key)}" for key in keys)
 

@@ -88,11 +88,7 @@ class Simulation(Processes):
             check_whole("frames", self.frames, least=1, remedy="leave it out for the usual number")
 
     def frames_or(self, usual: int) -> int:
-        """Number of frames, the usual one where none is given.
-
-        >>> Run(frames=24).frames_or(200), Run().frames_or(200)
-        (24, 200)
-        """
+        """Number of frames, the usual one where none is given."""
         return usual if self.frames is None else self.frames
 
     def part(self, number: int, frames: int | None = None) -> Self:

@@ -152,9 +152,8 @@ class TrueImage:
 
     @cached_property
     def cosines(self) -> ImageRanges:
-        """Cosine of the angle between each ray and the surface's normal; 1 where it is unknown.
-
-        From the differences to the nearer of the neighbours across and along."""
+        """Cosine of the angle between each ray and the surface's normal; 1 where it is unknown. From the differences to
+        the nearer of the neighbours across and along."""
         rays = self.sensor.model.rays().astype(np.float64)
         points = rays * np.where(self.valid, self.measurement, np.float32(0))[..., None]
         normal = np.cross(_tangent(points, self.valid, 0), _tangent(points, self.valid, 1))
@@ -166,10 +165,8 @@ class TrueImage:
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """Measurement of a sensor as it reports it.
-
-    measurement: 0 for no return; pose: believed world_SE3_sensor; shift: displacement of each pixel's point off its ray
-    (m, world frame), None for none."""
+    """Measurement of a sensor as it reports it. measurement: 0 for no return; pose: believed world_SE3_sensor; shift:
+    displacement of each pixel's point off its ray (m, world frame), None for none."""
 
     truth: TrueImage
     measurement: ImageRanges
@@ -351,11 +348,7 @@ def chance_of_return(
     steepness: float,
     reflectivity: float | Float[np.ndarray, "*n"] = 1.0,
 ) -> Float64[np.ndarray, "*n"]:
-    """p(return) of surfaces at some ranges (m), cosines of incidence, and reflectivities relative to others.
-
-    >>> chance_of_return(np.array([0.0, 100.0]), np.array([1.0, 1.0]), 100.0, 2.0).tolist()
-    [1.0, 0.5]
-    """
+    """p(return) of surfaces at some ranges (m), cosines of incidence, and reflectivities relative to others."""
     power = np.asarray(reflectivity) * cosines * half_range**2
     lacking = np.asarray(ranges, np.float64) ** 2 / np.maximum(power, 1e-12)
     return 1 / (1 + lacking**steepness)
@@ -366,9 +359,8 @@ _NEIGHBOURS = ((0, 1), (0, -1), (1, 0), (-1, 0))
 
 @dataclass(frozen=True)
 class MixedPixels(_Term):
-    """Pixels beside an edge that measure something between two surfaces, with even probability.
-
-    One of the four neighbours of each pixel is drawn. A neighbour without return mixes nothing."""
+    """Pixels beside an edge that measure something between two surfaces, with even probability. One of the four
+    neighbours of each pixel is drawn. A neighbour without return mixes nothing."""
 
     share: float = 0.0  # of the pixels beside an edge
     gap: float = 0.3  # least difference to a neighbour at an edge (m)
@@ -426,11 +418,7 @@ class PoleSway(_Term):
 
 
 def make_rotation(vector: Float64[np.ndarray, "3"]) -> Float64[np.ndarray, "3 3"]:
-    """Rotation about a vector by its length (rad).
-
-    >>> make_rotation(np.array([0, 0, np.pi / 2])).round(6).tolist()
-    [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
-    """
+    """Rotation about a vector by its length (rad)."""
     from scipy.spatial.transform import Rotation
 
     return Rotation.from_rotvec(vector).as_matrix()

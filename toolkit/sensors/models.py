@@ -314,9 +314,8 @@ Model = TypeVar("Model", bound=type)
 
 
 def register_sensor_model(model: Model) -> Model:
-    """Register a model for files and `--model`; returns the class.
-
-    Raises ValueError where the class is no `SensorModel` of fields with defaults, or its name is taken."""
+    """Register a model for files and `--model`; returns the class. Raises ValueError where the class is no
+    `SensorModel` of fields with defaults, or its name is taken."""
     name = model.__name__
     parameters = getattr(model, "__dataclass_params__", None)
     if not is_dataclass(model) or parameters is None or not (parameters.frozen and parameters.eq):
@@ -353,9 +352,8 @@ def class_names() -> list[str]:
 
 
 def make_model(name: str, values: Mapping[str, Any]) -> SensorModel:
-    """Make a model of a name and some of its fields, as files hold them: angles in rad, lists for tuples.
-
-    Raises ValueError for an unknown name or field, and for a value that the model refuses."""
+    """Make a model of a name and some of its fields, as files hold them: angles in rad, lists for tuples. Raises
+    ValueError for an unknown name or field, and for a value that the model refuses."""
     model = find_model_class(name)
     known = [entry.name for entry in fields(model)]
     if unknown := [key for key in values if key not in known]:

@@ -176,7 +176,6 @@ def check_noise(sigma: float, max_range: float) -> None:
 @dataclass(frozen=True, eq=False)
 class Sensor:
     """Sensor model at a pose, world_SE3_sensor, in a site's own frame: float32 points are good to 1 mm within 10 km.
-
     Raises ValueError if the pose is no rigid motion."""
 
     name: str

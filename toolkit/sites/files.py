@@ -26,10 +26,8 @@ from toolkit.sites.site import HYBRID_RADIUS, ORIGINS, Mount, Relief, Site, Soli
 
 
 def load_site(name_or_path: str | Path) -> Site:
-    """Load a site; built-in ones go by name, saved ones by path.
-
-    Raises ValueError, in one line with file, field, rule and value, for a damaged file; FileNotFoundError if neither a
-    file nor a built-in site has that name."""
+    """Load a site; built-in ones go by name, saved ones by path. Raises ValueError, in one line with file, field, rule
+    and value, for a damaged file; FileNotFoundError if neither a file nor a built-in site has that name."""
     path = Path(name_or_path)
     if str(name_or_path) in BUILT_IN:
         path = Path(__file__).parent / f"{name_or_path}.json"

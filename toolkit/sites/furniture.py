@@ -115,9 +115,8 @@ def set_kerbs(edge: shapely.Geometry, road: shapely.Geometry, size: Point, *, br
 
 
 def settle(solids: Iterable[Solid], relief: Relief) -> tuple[Solid, ...]:
-    """Lift solids made for level ground by the height of uneven ground under their middle.
-
-    Solids on the ground (base 0) reach 0.3 m into it, so that no gap shows."""
+    """Lift solids made for level ground by the height of uneven ground under their middle. Solids on the ground (base
+    0) reach 0.3 m into it, so that no gap shows."""
     solids = list(solids)
     middles = np.array([solid.footprint.mean(axis=0) for solid in solids]).reshape(-1, 2)
     lifts = Site("", np.array([0.0, 0, 1, 1]), relief=relief).ground(middles).round(3).tolist()

@@ -43,9 +43,8 @@ def longitude_latitude(site: Site, xy: Float[np.ndarray, "n 2"]) -> Float64[np.n
 
 
 def site_metres(site: Site, lon_lat: Float[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n 2"]:
-    """Convert degrees of longitude and latitude (WGS84) to site metres.
-
-    Raises ValueError for a site without a known place on earth, and the errors of `longitude_latitude`."""
+    """Convert degrees of longitude and latitude (WGS84) to site metres. Raises ValueError for a site without a known
+    place on earth, and the errors of `longitude_latitude`."""
     if site.geo_reference is None:
         raise ValueError(f"site {site.name!r} does not say where on earth it is (geo_reference): give site metres")
     on_map = _convert(site, site.geo_reference, np.asarray(lon_lat, np.float64), inverse=False)
@@ -69,9 +68,8 @@ def projection(longitude: float, latitude: float) -> str:
 
 
 def project(lon_lat: Float[np.ndarray, "n 2"], centre: tuple[float, float]) -> Float64[np.ndarray, "n 2"]:
-    """Convert degrees to metres of `projection(*centre)`.
-
-    Good to 1 mm within 2 km (Snyder, Map Projections, equations 8-9 to 8-15, cut after the terms of third order)."""
+    """Convert degrees to metres of `projection(*centre)`. Good to 1 mm within 2 km (Snyder, Map Projections, equations
+    8-9 to 8-15, cut after the terms of third order)."""
     longitude, latitude = np.deg2rad(lon_lat).T
     longitude_0, latitude_0 = np.deg2rad(centre)
     sine, cosine = np.sin(latitude), np.cos(latitude)
@@ -144,9 +142,7 @@ _Json = dict[str, Any]
 
 
 def site_geojson(site: Site) -> str:
-    """GeoJSON text of a site in longitude and latitude.
-
-    Raises ValueError for a site without a known place on earth; ImportError if its map needs pyproj."""
+    """GeoJSON of a site in longitude and latitude. Raises ValueError without a place, ImportError without pyproj."""
     if site.geo_reference is None:
         silent = f"site {site.name!r} does not say where on earth it is (geo_reference is null)"
         remedy = "import it from a map that has, or use the site file, which is GeoJSON in metres"

@@ -74,10 +74,8 @@ def whole_road(
     *,
     fillings: tuple[shapely.Geometry, shapely.Geometry] = (shapely.Polygon(), shapely.Polygon()),
 ) -> tuple[nets.Polygons, nets.Polygons]:
-    """Lanes and footways within `window` without cracks, stubs and slivers.
-
-    Driven ground is carriageway, and a footway begins where the carriageway ends. fillings: carriageway and footway
-    where the map is silent of both."""
+    """Lanes and footways within `window` without cracks, stubs and slivers. Driven ground is carriageway, and a footway
+    begins where the carriageway ends. fillings: carriageway and footway where the map is silent of both."""
     around = window.buffer(2 * STUB)
     paved = shapely.union_all([*lanes, tracks]).intersection(around)
     walk = shapely.union_all(list(footways)).intersection(around)
@@ -134,10 +132,8 @@ def legs(network: str) -> tuple[list[Float64[np.ndarray, "_ 2"]], list[tuple[flo
 def furnish_site(
     site: Site, mounts: Sequence[Mount], solids: Sequence[Solid], seed: int, density: Furnishing = "dense"
 ) -> tuple[Site, str]:
-    """Furnish a site around the map's own `solids`; return a note of what was drawn too.
-
-    Mounts stand on posts of their own, except for those on the map's lamp posts. Raises ValueError for a negative seed.
-    """
+    """Furnish a site around the map's own `solids`; return a note of what was drawn too. Mounts stand on posts of their
+    own, except for those on the map's lamp posts. Raises ValueError for a negative seed."""
     if seed < 0:
         raise ValueError(f"seed must be a whole number from 0 up, got {seed}")
     rng = np.random.default_rng(seed)
@@ -150,9 +146,8 @@ def furnish_site(
 
 
 def redraw(site: Site, seed: int) -> Site:
-    """Draw again, from another seed, what an import drew; the map's things, the ground and all mounts stay.
-
-    Raises ValueError for a site that no import furnished."""
+    """Draw again, from another seed, what an import drew; the map's things, the ground and all mounts stay. Raises
+    ValueError for a site that no import furnished."""
     if site.furnished == "none":
         raise ValueError(f"site {site.name!r} has no furnishing to draw again: coview site import draws one")
     kept = tuple(solid for solid in site.solids if solid.origin != "drawn")
@@ -448,9 +443,8 @@ def _convert(options: Sequence[str], piece: MapPiece) -> str:
 
 
 def _elsewhere(network: str, window: shapely.Polygon) -> tuple[float, list[str], bool]:
-    """Height of the nearest road, edges to remove, and True if any edge is left.
-
-    Edges to remove lie outside `window`, or on another storey than the road nearest to its middle."""
+    """Height of the nearest road, edges to remove, and True if any edge is left. Edges to remove lie outside `window`,
+    or on another storey than the road nearest to its middle."""
     heights, near = {}, set()
     nearest, level = np.inf, 0.0
     for edge, lane in nets.list_lanes(network):

@@ -124,9 +124,8 @@ def netconvert() -> Path:
 def road_polygons(
     network: str, area: Float[np.ndarray, "4"] | Sequence[float], margin: float = 30.0
 ) -> tuple[Polygons, Polygons]:
-    """Road polygons of a net.xml text within `margin` (m) around `area`: for wheels, and for feet.
-
-    Wheels: lanes, shoulders, junctions, crossings; feet: sidewalks, walking areas."""
+    """Road polygons of a net.xml text within `margin` (m) around `area`: for wheels, and for feet. Wheels: lanes,
+    shoulders, junctions, crossings; feet: sidewalks, walking areas."""
     xmin, ymin, xmax, ymax = area
     window = shapely.box(xmin - margin, ymin - margin, xmax + margin, ymax + margin)
     lanes: list[shapely.Geometry] = []

@@ -245,9 +245,7 @@ NAMES_PROJECTION = r"\+proj=(?!lat|lon)|EPSG:|PROJ(CS|CRS|ECTEDCRS)\b"  # in deg
 
 
 def read_opendrive(path: Path, centre: tuple[float, float]) -> ElementTree.Element:
-    """Read the elements of an OpenDRIVE file, without namespaces.
-
-    Raises ValueError if the file is not a map, is damaged, or `centre` is outside it."""
+    """Read the elements of an OpenDRIVE file. Raises ValueError for damage, no map, and a `centre` outside it."""
     try:
         root = ElementTree.parse(path).getroot()
     except (ElementTree.ParseError, LookupError, ValueError) as error:

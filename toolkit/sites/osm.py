@@ -225,9 +225,8 @@ _RULES |= dict.fromkeys(("lanes", "lanes:forward", "lanes:backward"), "[1-8]")  
 
 
 def roads(extract: Extract, window: shapely.Geometry, *, lefthand: bool = False) -> tuple[list[Way], list[str]]:
-    """Roads for vehicles within `window`, cut at its edge, and notes.
-
-    They have the tags meant for netconvert. Tunnels and bridges over another road are left out and noted."""
+    """Roads for vehicles within `window`, cut at its edge, and notes. They have the tags meant for netconvert. Tunnels
+    and bridges over another road are left out and noted."""
     drivable = [way for way in extract.ways if way.tags.get("highway") in ROADS and way.tags.get("area") != "yes"]
     drivable = [w for w in drivable if w.tags.get("service") not in ("driveway", "parking_aisle", "drive-through")]
     near = [way for way in drivable if shapely.LineString(way.line).intersects(window)]
@@ -352,9 +351,8 @@ _BARRIERS |= {"guard_rail": (f.railing, 0.8), "handrail": (f.railing, 1.0)}
 
 
 def buildings(extract: Extract, window: shapely.Geometry, road: shapely.Geometry) -> tuple[list[Solid], list[str]]:
-    """Buildings that reach into `window`, cut off at `road`, and notes.
-
-    A building with parts (building:part) is made of them; its own outline stands where there are none."""
+    """Buildings that reach into `window`, cut off at `road`, and notes. A building with parts (building:part) is made
+    of them; its own outline stands where there are none."""
     near = [(shape, tags) for shape, tags in extract.areas if shape.intersects(window)]
     parts = [(shape, tags) for shape, tags in near if tags.get("building:part", "") not in _NO_BUILDING]
     covered = shapely.union_all([shape for shape, _ in parts])

@@ -101,10 +101,8 @@ class Relief:
 
 @dataclass(frozen=True, eq=False)
 class Site(Displayed):
-    """A junction: detection area, roads, solids, mounts, sensors and network.
-
-    Two sites are equal if all fields are, numbers to `EQUAL`, networks line by line. Raises ValueError that names the
-    field that does not fit."""
+    """A junction: detection area, roads, solids, mounts, sensors and network. Two sites are equal if all fields are,
+    numbers to `EQUAL`, networks line by line. Raises ValueError that names the field that does not fit."""
 
     name: str
     area: Float64[np.ndarray, "4"]  # xmin ymin xmax ymax of the detection area

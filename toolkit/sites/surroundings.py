@@ -71,10 +71,8 @@ class Road:
 
 
 class Plot:
-    """Ground around a road, where solids are placed one by one.
-
-    open: ground beside the road; lanes: kept clear, with LANE_CLEARANCE; driven: the part kept clear even of solids on
-    shoulders; mounts: (n, 2) places of sensors."""
+    """Ground around a road, where solids are placed one by one. open: ground beside the road; lanes: kept clear, with
+    LANE_CLEARANCE; driven: the part kept clear even of solids on shoulders; mounts: (n, 2) places of sensors."""
 
     def __init__(self, road: Road, window: shapely.Geometry, mounts: Iterable[Mount]) -> None:
         self.road, self.window = road, window
@@ -87,9 +85,8 @@ class Plot:
         shapely.prepare([self.lanes, self.open, self.driven])
 
     def claim(self, ground: shapely.Geometry, *, footway: bool = False, shoulder: bool = False) -> bool:
-        """Take `ground` off the lanes and, unless `footway`, off the footways, if it is free; return success.
-
-        shoulder: it may lie on any ground that is not driven."""
+        """Take `ground` off the lanes and, unless `footway`, off the footways, if it is free; return success. shoulder:
+        it may lie on any ground that is not driven."""
         if shoulder:
             allowed = not self.driven.intersects(ground)
         else:
@@ -110,10 +107,8 @@ class Plot:
 def place_mounts(
     road: Road, area: Extent, rng: Rng, *, spacing: float = 5.0, avoid: shapely.Geometry | None = None
 ) -> tuple[Mount, ...]:
-    """Choose sensor places at the kerb and behind the footway, their feet at z = 0.
-
-    `FEWEST_MOUNTS` to twice as many mounts in and just around `area`, out of `avoid`, `spacing` m apart where there is
-    room."""
+    """Choose sensor places at the kerb and behind the footway, their feet at z = 0. `FEWEST_MOUNTS` to twice as many
+    mounts in and just around `area`, out of `avoid`, `spacing` m apart where there is room."""
     window = shapely.box(*area).buffer(5.0)
     kerb = along(road.carriageway.buffer(0.7).boundary.intersection(window), 1.0)
     behind = along(road.surface.buffer(0.6).boundary.intersection(window), 1.0)
@@ -161,9 +156,8 @@ _UNSEEN = 15.0  # m from the edge of the furnished ground; no bays lie on the ro
 
 
 def kerb_bays(plot: Plot, strips: Mapping[str, Strip], angles: Mapping[str, int], rng: Rng) -> Bays:
-    """Draw bays x, y, yaw on the strips that have an angle (degrees, 0 in line with the kerb).
-
-    The junction is at the end of a strip of an edge `in...`, and at the start of the others."""
+    """Draw bays x, y, yaw on the strips that have an angle (degrees, 0 in line with the kerb). The junction is at the
+    end of a strip of an edge `in...`, and at the start of the others."""
     rows, seen = [np.zeros((0, 3))], plot.window.buffer(-_UNSEEN, join_style="mitre")
     size = BAY[0] - 0.2, BAY[1] - 0.2
     for edge, angle in angles.items():
@@ -244,9 +238,8 @@ def avenues(plot: Plot, kerb: Points, rng: Rng) -> None:
 
 
 def plant(plot: Plot, foot: np.ndarray, radius: float, levels: f.Span, rng: Rng, *, footway: bool = True) -> bool:
-    """Plant a tree at `foot`; return False if there is no room.
-
-    radius: of the crown, less near walls and mounts, and off the road if it hangs too low; levels: its ends (m)."""
+    """Plant a tree at `foot`; return False if there is no room. radius: of the crown, less near walls and mounts, and
+    off the road if it hangs too low; levels: its ends (m)."""
     x, y = (round(float(c), 3) for c in foot)
     spot = shapely.Point(x, y)
     houses = [shapely.Polygon(solid.footprint) for solid in plot.solids if solid.kind == "building"]
@@ -424,10 +417,8 @@ Draw = Callable[[float, float, float], list[Solid]]  # x, y and the direction al
 def furnish(
     road: Road, area: Extent, mounts: Sequence[Mount], rng: Rng, *, light: bool = False
 ) -> tuple[list[Solid], Bays]:
-    """Draw solids on level ground, and parking bays x, y, yaw, in and around `area`.
-
-    Strips of the road without bays have road works. light: draw islands, trees along kerbs and street furniture only.
-    """
+    """Draw solids on level ground, and parking bays x, y, yaw, in and around `area`. Strips of the road without bays
+    have road works. light: draw islands, trees along kerbs and street furniture only."""
     plot = Plot(road, shapely.box(*area).buffer(25.0, join_style="mitre"), mounts)
     for mount in mounts:
         x, y, _ = mount.position.tolist()
@@ -575,11 +566,7 @@ def count_things(site: Site) -> dict[str, dict[str, int]]:
 
 
 def describe_things(counts: Mapping[str, int]) -> str:
-    """List counted things in words.
-
-    >>> describe_things({"bay": 1, "bench": 2, "tree": 30})
-    '1 bay, 2 benches, 30 trees'
-    """
+    """List counted things in words."""
     ends = {kind: "es" if kind.endswith(("sh", "ch")) else "s" for kind in counts}
     return ", ".join(f"{n} {kind}{'' if n == 1 else ends[kind]}" for kind, n in counts.items())
 

@@ -34,9 +34,8 @@ _WALKABLE = 0.3  # m above the ground; lower solids can be stepped on
 
 
 class Obstacles:
-    """Static solids high enough to be in the way, indexed by place.
-
-    Heights count from the plane of the ground, as those of boxes do until a snapshot puts them on the ground."""
+    """Static solids high enough to be in the way, indexed by place. Heights count from the plane of the ground, as
+    those of boxes do until a snapshot puts them on the ground."""
 
     def __init__(self, site: Site) -> None:
         middles = np.array([solid.footprint.mean(axis=0) for solid in site.solids]).reshape(-1, 2)
@@ -55,9 +54,8 @@ class Obstacles:
 
 
 def separate(boxes: _Boxes, obstacles: Obstacles) -> tuple[_Boxes, Mask, int]:
-    """Separate boxes; return them, a mask of kept rows and the number of changes.
-
-    Earlier rows have precedence. A row in the way steps aside by up to 1 m across its heading, or is dropped."""
+    """Separate boxes; return them, a mask of kept rows and the number of changes. Earlier rows have precedence. A row
+    in the way steps aside by up to 1 m across its heading, or is dropped."""
     kept = np.ones(len(boxes), bool)
     in_the_way = np.flatnonzero(overlaps(boxes).any(axis=0) | obstacles.hit(boxes))
     if not len(in_the_way):
@@ -121,12 +119,7 @@ class StrayGround:
 
 
 def outward_edges(polygons: np.ndarray) -> Float64[np.ndarray, "n 4"]:
-    """Points every half metre along the outlines of polygons, and the outward normal at each: x y nx ny.
-
-    >>> edges = outward_edges(shapely.polygons([[[0, 0], [0.5, 0], [0.5, 0.5], [0, 0.5]]]))
-    >>> sorted((edges[:, 2:].round() + 0.0).tolist())
-    [[-1.0, 0.0], [0.0, -1.0], [0.0, 1.0], [1.0, 0.0]]
-    """
+    """Points every half metre along the outlines of polygons, and the outward normal at each: x y nx ny."""
     rings = shapely.segmentize(shapely.get_exterior_ring(shapely.normalize(polygons)), _EVERY)
     xy, ring = shapely.get_coordinates(rings, return_index=True)
     ahead = np.diff(xy, axis=0)[ring[1:] == ring[:-1]]

@@ -197,9 +197,8 @@ class Roads:
         return Roads(lanes)
 
     def places(self, area: Float64[np.ndarray, "4"], reach: float, vehicle_class: str) -> Places:
-        """Places within `reach` (m) of the area to start a vehicle or pedestrian of a SUMO class.
-
-        Outside the area they are headed for it. Pedestrians start on lanes of their own and walk either way."""
+        """Places within `reach` (m) of the area to start a vehicle or pedestrian of a SUMO class. Outside the area they
+        are headed for it. Pedestrians start on lanes of their own and walk either way."""
         walks = vehicle_class == "pedestrian"
         names, offsets, points = [], [np.zeros(0)], [np.zeros((0, 2))]
         for lane in self.lanes.values():
@@ -240,11 +239,7 @@ class Roads:
 
 
 def distance_to_area(points: Float[np.ndarray, "*n 2"], area: Float64[np.ndarray, "4"]) -> Float64[np.ndarray, "*n"]:
-    """Distance (m) from points to a rectangle, 0 inside.
-
-    >>> distance_to_area(np.array([[0.0, 0.0], [5.0, 5.0]]), np.array([-1.0, -1.0, 1.0, 2.0]))
-    array([0., 5.])
-    """
+    """Distance (m) from points to a rectangle, 0 inside."""
     beyond = points - np.clip(points, area[:2], area[2:])
     return np.hypot(beyond[..., 0], beyond[..., 1])
 
@@ -276,9 +271,8 @@ class Spawned:
 
 
 class Spawner:
-    """Spawn and remove everything that SUMO moves, at most `most` objects at a time.
-
-    Object n is vehicle or person "n" in SUMO. Raises ValueError where no lane near the area is open to cars."""
+    """Spawn and remove everything that SUMO moves, at most `most` objects at a time. Object n is vehicle or person "n"
+    in SUMO. Raises ValueError where no lane near the area is open to cars."""
 
     def __init__(self, sumo: ModuleType, site: Site, supply: Supply, *, most: int, step: float = STEP) -> None:
         self.sumo, self.area, self.most, self.step = sumo, site.area, most, step

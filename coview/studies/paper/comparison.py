@@ -5,18 +5,13 @@ which no detector can exceed, the share of these that is found, how well the box
 detections by the published code's counting. The letters stand for the causes listed on the page; each is measured in
 `docs/figures.md` or `docs/model-card.md`, or stated by the paper.
 
-Figures that the paper reports in its evaluation, each with its table, figure or section.
-
-Arnold, Dianati, de Temple and Fallah: Cooperative Perception for 3D Object Detection in Driving Scenarios Using
-Infrastructure Sensors, IEEE T-ITS 2020, arXiv 1912.12147. Sensors go by the paper's numbers, which are those of the
-built-in sites. AP at IoU 0.7 unless stated otherwise; shares of vehicles between 0 and 1.
-
-Page of the paper's experiments, and its charts.
+Figures that the paper reports, and the causes, are in `paper.toml`.
 
 The page is one file that opens from disk, requests nothing and prints. In charts ours is filled and the paper's hatched
 or hollow, so that the two are told apart in grey print too."""
 
 import csv
+import tomllib
 from base64 import b64encode
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -28,7 +23,7 @@ from itertools import groupby
 from math import isnan
 from operator import itemgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -43,6 +38,8 @@ if TYPE_CHECKING:
 PAPER_SITES = ("tjunction", "roundabout")
 TEST_FRAMES = 1000  # of each test collection, section III
 DEPTH_NOISE = 0.015  # m, section III
+IOU_BINS = 200  # uniform bins of point density, section IV-E
+POOR_BELOW, GOOD_ABOVE = 70, 100  # points: "accuracy below 70 is poor, but increases significantly above 100"
 PLACE_NAMES = {"tjunction": "T-junction", "roundabout": "roundabout"}
 
 SensorSet = tuple[int, ...]
@@ -87,89 +84,24 @@ class BenchmarkRow(NamedTuple):
 
     method: str
     single: tuple[float, ...]
-    two: float | None
+    two: float | None = None
 
 
-SCHEME_TABLE: dict[str, dict[str, SchemeRow]] = {
-    "tjunction": {
-        "late": SchemeRow((0.8181, 0.6259, 0.07072), 0.51, 298.0),
-        "hybrid": SchemeRow((0.8903, 0.7056, 0.07277), 64.0, 380.0),
-        "early": SchemeRow((0.9870, 0.9447, 0.3861), 516.0, 380.0),
-    },
-    "roundabout": {
-        "late": SchemeRow((0.8143, 0.5986, 0.01762), 0.26, 214.0),
-        "hybrid": SchemeRow((0.8398, 0.6289, 0.02013), 372.0, 299.0),
-        "early": SchemeRow((0.9670, 0.8816, 0.04638), 674.0, 299.0),
-    },
+def _tuples(value: Any) -> Any:
+    return tuple(map(_tuples, value)) if isinstance(value, list) else value
+
+
+_PAPER = tomllib.loads((Path(__file__).parent / "paper.toml").read_text(encoding="utf-8"))
+_SITES = {site: {name: _tuples(table) for name, table in _PAPER[site].items()} for site in PAPER_SITES}
+CAUSES: dict[str, str] = _PAPER["causes"]
+BENCHMARK_TABLE = tuple(BenchmarkRow(*row) for row in _tuples(_PAPER["benchmarks"]))
+BENCHMARK_PAIR: dict[str, SensorSet] = {site: own["pair"] for site, own in _SITES.items()}  # single: the first
+SCHEME_TABLE = {
+    site: {scheme: SchemeRow(*_tuples(row)) for scheme, row in own["schemes"].items()} for site, own in _SITES.items()
 }
-
-_SETS = {  # sensors, AP early, AP late
-    "tjunction": """
-        012345 0.9870 0.8181
-        01345 0.9441 0.7611   01235 0.9348 0.6672   12345 0.9327 0.7914
-        1345 0.8653 0.7336    0125 0.8596 0.4765    0134 0.8394 0.6827
-        025 0.7123 0.4039     235 0.6938 0.5834     345 0.6837 0.6656
-        34 0.5365 0.5361      23 0.4591 0.4530      25 0.4453 0.3309
-        4 0.2862 0.2862       3 0.2512 0.2512       2 0.2013 0.2013
-    """,
-    "roundabout": """
-        01234567 0.9670 0.8143
-        0123567 0.9385 0.7904   1234567 0.9340 0.7868   0134567 0.9307 0.7834
-        123567 0.9050 0.7627    123457 0.9017 0.7627    012357 0.8973 0.7664
-        12357 0.8678 0.7385     13567 0.8610 0.7314     13457 0.8576 0.7313
-        1357 0.8231 0.7069      1237 0.7356 0.6557      1347 0.7263 0.6482
-        137 0.6892 0.6230       357 0.6713 0.5831       135 0.6382 0.5861
-        37 0.5016 0.4594        13 0.4995 0.4998        57 0.4664 0.4638
-        3 0.2811 0.2811         5 0.2596 0.2596         1 0.2151 0.2151
-    """,
-}
-
-_REGIONS = {  # pair of sensors: AP of the first, of the second, of both
-    "tjunction": {(1, 5): (0.4717, 0.3222, 0.8722), (2, 4): (0.5621, 0.7942, 0.9560)},
-    "roundabout": {(1, 7): (0.1474, 0.8874, 0.8925), (3, 5): (0.3944, 0.8819, 0.8996)},
-}
-REGION_TABLE: dict[str, tuple[RegionRow, ...]] = {
-    site: tuple(
-        RegionRow(pair, sensors, ap)
-        for pair, aps in pairs.items()
-        for sensors, ap in zip((pair[:1], pair[1:], pair), aps, strict=True)
-    )
-    for site, pairs in _REGIONS.items()
-}
-
-CURVE_STATEMENTS: dict[str, tuple[Statement, ...]] = {  # section IV-C, on the PR curves
-    "tjunction": (
-        Statement("greatest recall", (4,), "is", 0.30),
-        Statement("greatest recall", (0, 1, 2, 3, 4, 5), "more than", 0.95),
-        Statement("precision at recall 0.95", (0, 1, 2, 3, 4, 5), "more than", 0.95),
-    ),
-    "roundabout": (
-        Statement("greatest recall", (3,), "more than", 0.30),
-        Statement("greatest recall", (0, 1, 2, 3, 4, 5, 6, 7), "more than", 0.95),
-        Statement("precision at recall 0.95", (0, 1, 2, 3, 4, 5, 6, 7), "more than", 0.95),
-    ),
-}
-
-DENSITY_STATEMENTS: dict[str, tuple[Statement, ...]] = {  # section IV-E; the roundabout has none
-    "tjunction": (
-        Statement("no points", (4,), "more than", 0.60),
-        Statement("no points", (3, 4), "more than", 0.30),
-        Statement("no points", (0, 2, 5), "is", 0.0),
-        Statement("below 300 points", (0, 2, 5), "is", 0.90),
-    ),
-    "roundabout": (),
-}
-
-IOU_BINS = 200  # uniform bins of point density, section IV-E
-POOR_BELOW, GOOD_ABOVE = 70, 100  # points: "accuracy below 70 is poor, but increases significantly above 100"
-
-BENCHMARK_TABLE = (
-    BenchmarkRow("VoxelNet, KITTI easy, moderate, hard", (0.8197, 0.6546, 0.6285), None),
-    BenchmarkRow("Cooper", (0.1960,), 0.7237),
-    BenchmarkRow("F-Cooper, road intersection, far", (0.1960,), 0.7237),
-    BenchmarkRow("the paper, early fusion, T-junction", (0.4717,), 0.8722),
-)
-BENCHMARK_PAIR: dict[str, SensorSet] = {"tjunction": (1, 5), "roundabout": (1, 7)}  # single: the first of the pair
+REGION_TABLE = {site: tuple(RegionRow(*row) for row in own["regions"]) for site, own in _SITES.items()}
+CURVE_STATEMENTS = {site: tuple(Statement(*row) for row in own["curves"]) for site, own in _SITES.items()}
+DENSITY_STATEMENTS = {site: tuple(Statement(*row) for row in own["densities"]) for site, own in _SITES.items()}
 
 
 @dataclass(frozen=True)
@@ -180,9 +112,8 @@ class Listed:
 
     @cached_property
     def best(self) -> dict[str, tuple[SensorSet, ...]]:
-        """Best set of each size with early and with late fusion, most sensors first.
-
-        With early fusion these are the rows in bold; the paper draws PR curves and density curves of them."""
+        """Best set of each size with early and with late fusion, most sensors first. With early fusion these are the
+        rows in bold; the paper draws PR curves and density curves of them."""
         sizes = [list(rows) for _, rows in groupby(self.rows, key=lambda row: len(row.sensors))]
         early, late = (tuple(max(rows, key=itemgetter(at)).sensors for rows in sizes) for at in (1, 2))
         return {"early": early, "late": late}
@@ -194,17 +125,11 @@ def sensor_sets(site: str) -> Listed:
     >>> sensor_sets("tjunction").best["early"][-2:]
     ((3, 4), (4,))
     """
-    words = _SETS[site].split()
-    sets = [tuple(map(int, word)) for word in words[::3]]
-    return Listed(tuple(map(SetRow, sets, map(float, words[1::3]), map(float, words[2::3]))))
+    return Listed(tuple(SetRow(*row) for row in _SITES[site]["sets"]))
 
 
 def set_name(sensors: SensorSet) -> str:
-    """Name of a sensor set, as the paper writes it.
-
-    >>> set_name((0, 2, 5))
-    '0,2,5'
-    """
+    """Name of a sensor set, as the paper writes it."""
     return ",".join(map(str, sensors))
 
 
@@ -300,21 +225,15 @@ class Experiment:
 
 
 def to_csv(rows: Sequence[TableRow]) -> str:
-    """Format rows of cells as CSV.
-
-    >>> to_csv([("sensors", "AP"), ("0,2,5", 0.5)]).splitlines()
-    ['sensors,AP', '"0,2,5",0.5']
-    """
+    """Format rows of cells as CSV."""
     text = StringIO()
     csv.writer(text, lineterminator="\n").writerows(rows)
     return text.getvalue()
 
 
 class RowEvidence(NamedTuple):
-    """Measurements with the row's sensors; NaN if not measured.
-
-    visible: share of the vehicles with a point; hit_iou: mean IoU of the hits; published: AP by the published protocol.
-    """
+    """Measurements with the row's sensors; NaN if not measured. visible: share of the vehicles with a point; hit_iou:
+    mean IoU of the hits; published: AP by the published protocol."""
 
     visible: float
     recall: float
@@ -322,44 +241,11 @@ class RowEvidence(NamedTuple):
     published: float = float("nan")
 
 
-CAUSES = {
-    "A": (
-        "Detector with few points. Half of the training of the shipped network used random subsets of the sensors "
-        "(model card, training). The paper's network was trained on fused clouds of several sensors (section III), yet "
-        "it must detect in the clouds of single sensors under late fusion and in small sets. A detector alone can move "
-        "AP this far: the classical detector, on the same recordings, has 0.79, 0.84 and 0.94 with late, hybrid and "
-        "early fusion at the T-junction and 0.69, 0.81 and 0.85 at the roundabout (figures, first table)."
-    ),
-    "B": (
-        "Fit of the boxes. The shipped network predicts the IoU of its boxes and averages overlapping candidates "
-        "(model card), with voxels of 0.2 m at both sites; the paper's network does neither and has voxels of 0.4 m at "
-        "the roundabout (section III). On car bodies that it was not trained on, its AP at IoU 0.9 is 0.12 lower at "
-        "the T-junction and 0.13 lower at the roundabout (model card); the paper tests on the same twenty CARLA cars "
-        "that it trains on."
-    ),
-    "C": (
-        "Place and traffic. The sensors' poses were read off the paper's overview picture (0.5 m, 5°), their tilt is "
-        "not published, the heights of houses are plausible guesses, and the traffic is SUMO's with traffic lights, so "
-        "that queues stand where sensors 3 and 4 of the T-junction do not look (figures, tables); the paper's is "
-        "CARLA's."
-    ),
-    "D": (
-        "Counting. The code published with the paper skips frames without vehicles, lets a stray box invalidate a good "
-        "one, and multiplies the IoU of footprints by an overlap of heights; ours is exact. The rows say how the "
-        "published code would count our own detections; at IoU 0.9 its counting removes most of the AP."
-    ),
-}
 GIVEN = "The detector is not the shipped one: what the causes say about the shipped network does not apply to it."
 
 
 def explain_difference(ours: float, paper: float, evidence: RowEvidence, *, iou: float = 0.7) -> str:
-    """Explain in one line a difference from the paper's AP, "" if it is no more than `LARGE`.
-
-    >>> explain_difference(0.24, 0.29, RowEvidence(0.25, 0.25))
-    ''
-    >>> explain_difference(0.24, 0.30, RowEvidence(0.25, 0.245))
-    "only 25.0 % of the vehicles have a point here: no detector can reach the paper's figure (C)"
-    """
+    """Explain in one line a difference from the paper's AP, "" if it is no more than `LARGE`."""
     if isnan(ours) or abs(ours - paper) <= LARGE:
         return ""
     seen = evidence.visible
@@ -383,11 +269,7 @@ def explain_difference(ours: float, paper: float, evidence: RowEvidence, *, iou:
 
 
 def percent(share: float | None) -> str:
-    """Format a share in percent; a dash for None.
-
-    >>> percent(0.254), percent(None)
-    ('25.4 %', '–')
-    """
+    """Format a share in percent; a dash for None."""
     return "–" if share is None else f"{100 * share:.1f} %"
 
 
@@ -402,9 +284,7 @@ def paper_page(
     conditions: Mapping[str, str],
     causes: Mapping[str, str],
 ) -> str:
-    """Build the page as HTML.
-
-    pictures: SVG by name of the experiment; conditions: how the figures were computed; causes: by letter."""
+    """Build the page as HTML, from SVG by experiment, conditions of the figures, and causes by letter."""
     rows = [row for each in experiments for row in each.rows]
     compared = sum(row.unit == "AP" and row.difference is not None for row in rows)
     about = "".join(f"<tr><th>{escape(name)}</th><td>{escape(value)}</td></tr>" for name, value in conditions.items())

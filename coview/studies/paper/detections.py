@@ -208,9 +208,7 @@ class ApScore(NamedTuple):
 
 
 def in_view_of_all(sensors: list[Sensor], boxes: Float64[np.ndarray, "n 7"]) -> Mask:
-    """Select boxes whose centre every sensor has in its field of view, occluded or not.
-
-    This is the region of the paper's table 3."""
+    """Select boxes whose centre every sensor has in its field of view, occluded or not, as in the paper's table 3."""
     views = [s.model.in_view(transform(invert(s.pose), boxes[:, :3])) for s in sensors]
     return np.logical_and.reduce([np.ones(len(boxes), bool), *views])
 

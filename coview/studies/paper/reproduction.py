@@ -129,9 +129,7 @@ def _explain_kbit(stored: StoredDetections, run: SchemeRun, paper: float) -> str
 
 
 def set_experiment(table: Table, seen: StoredDetections, site: str) -> Experiment:
-    """Compare table 2: AP of all sensor sets, the best three of each size.
-
-    seen: points in the table's frames, for reasons."""
+    """Compare table 2: all sensor sets, the best three of each size. seen: points in its frames, for reasons."""
     listed, origin = sensor_sets(site), table.origin
     names, count = [set_name(row.sensors) for row in listed.rows], len(listed.rows)
     sets = np.array([np.isin(np.arange(len(origin.sensors)), row.sensors) for row in listed.rows])
@@ -173,11 +171,7 @@ def set_experiment(table: Table, seen: StoredDetections, site: str) -> Experimen
 
 
 def rank_correlation(a: ArrayLike, b: ArrayLike) -> float:
-    """Spearman's rank correlation. Ties share their rank; NaN if one side is constant.
-
-    >>> round(rank_correlation([1, 2, 3, 4], [10, 30, 20, 40]), 3)
-    0.8
-    """
+    """Spearman's rank correlation. Ties share their rank; NaN if one side is constant."""
     if np.ptp(np.asarray(a, np.float64)) == 0 or np.ptp(np.asarray(b, np.float64)) == 0:
         return float("nan")
     return float(spearmanr(a, b).statistic)
@@ -290,11 +284,7 @@ def max_recall(curve: Curve) -> float:
 
 
 def interpolate_precision(curve: Curve, recall: float) -> float:
-    """Best precision at this recall or above, 0 if it is not reached.
-
-    >>> interpolate_precision(Curve(np.array([1.0, 0.5]), np.array([0.5, 0.9]), np.array([0.9, 0.1])), 0.8)
-    0.5
-    """
+    """Best precision at this recall or above, 0 if it is not reached."""
     return float(curve.precision[curve.recall >= recall].max(initial=0.0))
 
 
@@ -352,11 +342,7 @@ class LogFit(NamedTuple):
     slope: float
 
     def density_needed(self, iou: float) -> float:
-        """Points from which the fit reaches an IoU, infinite if it never does.
-
-        >>> round(LogFit(0.2, 0.1).density_needed(0.7), 1)
-        148.4
-        """
+        """Points from which the fit reaches an IoU, infinite if it never does."""
         if not self.slope > 0:
             return float("nan") if self.slope != self.slope else float("inf")
         return float(np.exp((iou - self.intercept) / self.slope))
@@ -415,11 +401,7 @@ def densities_and_ious(
 
 
 def bin_iou(density: Float64[np.ndarray, " n"], iou: Float64[np.ndarray, " n"], bins: int = IOU_BINS) -> BinnedIou:
-    """Average IoU over bins of equal width from 0 to the maximum density.
-
-    >>> bin_iou(np.array([0.0, 1.0, 9.0, 10.0]), np.array([0.0, 0.2, 0.8, 1.0]), bins=2).iou
-    array([0.1, 0.9])
-    """
+    """Average IoU over bins of equal width from 0 to the maximum density."""
     width = float(density.max(initial=0)) / bins
     number = np.minimum((density / width).astype(np.int64), bins - 1) if width else np.zeros(len(density), np.int64)
     count = np.bincount(number, minlength=bins)
@@ -438,11 +420,7 @@ def fit_log(bins: BinnedIou) -> LogFit:
 
 
 def density_needed(density: Float64[np.ndarray, " n"], iou: Float64[np.ndarray, " n"], wanted: float) -> float | None:
-    """Least density for a wanted mean IoU, made monotone. None if it never reaches the wanted one.
-
-    >>> density_needed(np.array([1.0, 2.0, 3.0, 4.0]), np.array([0.1, 0.6, 0.4, 0.9]), 0.5)
-    2.0
-    """
+    """Least density for a wanted mean IoU, made monotone. None if it never reaches the wanted one."""
     at, group, counts = np.unique(density, return_inverse=True, return_counts=True)
     if not len(at):
         return None

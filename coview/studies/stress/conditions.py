@@ -140,10 +140,8 @@ class System:
 
 
 def make_systems(schemes: Sequence[Scheme], kind: str) -> list[System]:
-    """Return the systems to test in a kind of condition.
-
-    Every scheme sends bytes. Under `bytes` it is counted the paper's way as well, and schemes that send points do so in
-    all steps."""
+    """Return the systems to test in a kind of condition. Every scheme sends bytes. Under `bytes` it is counted the
+    paper's way as well, and schemes that send points do so in all steps."""
     if kind != "bytes":
         return [System(scheme, RangeImages(), _step_name(STEPS[0])) for scheme in schemes]
     systems = []

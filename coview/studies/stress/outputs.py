@@ -23,7 +23,6 @@ from placement_env.report.charts import interval_bars
 from placement_env.report.content import CONFIDENCE
 from toolkit.arrays import Float64
 from toolkit.detection.schemes import PAPER_SCHEMES
-from toolkit.objects import LABELS, VEHICLE
 from toolkit.runtime.files import replace_infinite, write_text, writing_together
 from toolkit.runtime.text_tables import align_columns
 
@@ -35,9 +34,8 @@ _Schemes = dict[str, list[StressRow]]
 
 @dataclass(frozen=True)
 class Crossing:
-    """Level from which scheme `after` has a higher AP than `before`.
-
-    low, high: interval of the level, infinite beyond what was tried; share: of the draws with a crossing at all."""
+    """Level from which scheme `after` has a higher AP than `before`. low, high: interval of the level, infinite beyond
+    what was tried; share: of the draws with a crossing at all."""
 
     kind: str
     iou: float
@@ -110,13 +108,7 @@ def best_schemes(rows: Sequence[StressRow]) -> tuple[BestScheme, ...]:
 
 
 def crossing_level(levels: Float64[np.ndarray, " n"], lead: Float64[np.ndarray, " n"]) -> float:
-    """Level from which a lead, linear between levels, stays above 0 up to the last. Infinite if it never does.
-
-    >>> crossing_level(np.array([0.0, 0.2, 0.4]), np.array([-0.1, -0.1, 0.3]))
-    0.25
-    >>> crossing_level(np.arange(2.0), np.array([1.0, 0]))
-    inf
-    """
+    """Level from which a lead, linear between levels, stays above 0 up to the last. Infinite if it never does."""
     if not lead[-1] > 0:
         return math.inf
     behind = np.flatnonzero(lead <= 0)
@@ -148,9 +140,8 @@ STRESS_FILES = ("stress.json", "stress.svg")
 
 @dataclass(frozen=True)
 class ExactFailure:
-    """AP of all sensors, and its mean and minimum over every choice of `failing` sensors that fail.
-
-    without: names of the sensors whose failure leaves the least."""
+    """AP of all sensors, and its mean and minimum over every choice of `failing` sensors that fail. without: names of
+    the sensors whose failure leaves the least."""
 
     scheme: str
     iou: float
@@ -161,12 +152,8 @@ class ExactFailure:
     without: tuple[str, ...]
 
 
-def exact_failures(
-    table: Table, *, ious: Sequence[float] = (0.7,), label: str = LABELS[VEHICLE]
-) -> tuple[ExactFailure, ...]:
-    """Compute N-1 and N-2 of every scheme at those IoUs that the table holds.
-
-    Raises ValueError if it holds none of the IoUs, or not this class."""
+def exact_failures(table: Table, *, ious: Sequence[float] = (0.7,), label: str = "vehicle") -> tuple[ExactFailure, ...]:
+    """Compute N-1 and N-2 of every scheme at these IoUs. Raises ValueError if a table lacks them all, or the class."""
     names = table.origin.sensors
     at = table.origin.ious[table.origin.classes.index(label)] if label in table.origin.classes else table.origin.ious[0]
     known = [iou for iou in ious if iou in at]
@@ -190,9 +177,8 @@ def exact_failures(
 
 @dataclass(frozen=True)
 class StressResults:
-    """Results of a stress test, None where nothing was examined.
-
-    rows: of each scheme, condition and IoU; noticed, false_alarms: of the sensors' monitors; exact: from a table."""
+    """Results of a stress test, None where nothing was examined. rows: of each scheme, condition and IoU; noticed,
+    false_alarms: of the sensors' monitors; exact: from a table."""
 
     rows: tuple[StressRow, ...]
     crossings: tuple[Crossing, ...] | None = None

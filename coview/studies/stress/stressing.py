@@ -76,9 +76,8 @@ def check_kinds(kinds: Sequence[str]) -> None:
 
 
 def choose_kinds(recording: SiteRecording, kinds: Sequence[str] | None = None) -> tuple[str, ...]:
-    """Return the given kinds of stress, by default all that a recording can show.
-
-    Raises ValueError for an unknown kind, and for one that needs frames closer together."""
+    """Return the given kinds of stress, by default all that a recording can show. Raises ValueError for an unknown
+    kind, and for one that needs frames closer together."""
     close = is_sequence(recording)
     check_kinds(kinds or ())
     for kind in kinds or ():
@@ -200,9 +199,8 @@ class _ConditionJob:
     def _look(
         self, trials: "Sequence[Trial]", lagged: Lagged, condition: Condition, memory: LinkMemory, *, scored: bool
     ) -> None:
-        """Fuse one frame by every system; those that send alike share views.
-
-        Chained messages follow from frames as they were measured, whichever arrive, and restore whole images."""
+        """Fuse one frame by every system; those that send alike share views. Chained messages follow from frames as
+        they were measured, whichever arrive, and restore whole images."""
         frame, site, views = lagged.frame, self.recording.site, {}
         sending = [k for k, age in enumerate(lagged.ages) if age == age and k not in condition.silent]
         for trial in trials:

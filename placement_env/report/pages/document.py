@@ -189,9 +189,8 @@ def to_html(document: Document, scene: Scene | None) -> str:
 
 
 def to_pdf(document: Document) -> bytes:
-    """Return the PDF, set by typst. The same document gives the same bytes.
-
-    All texts are passed as data, so none of them is read as markup. Raises ValueError if a drawing is not SVG."""
+    """Return the PDF, set by typst. The same document gives the same bytes. All texts are passed as data, so none of
+    them is read as markup. Raises ValueError if a drawing is not SVG."""
     import typst
 
     content = asdict(document)
@@ -247,11 +246,7 @@ def _break_up(word: re.Match[str]) -> str:
 
 
 def percent(share: float | None) -> str:
-    """Format a share in percent, never rounded to 0 or 100 %.
-
-    >>> percent(0.934), percent(0.0004), percent(1.0)
-    ('93%', 'under 1%', '100%')
-    """
+    """Format a share in percent, never rounded to 0 or 100 %."""
     if share is None or not math.isfinite(share):
         return NONE
     if 0 < share < 0.01:
@@ -260,11 +255,7 @@ def percent(share: float | None) -> str:
 
 
 def price_text(price: float, currency: str) -> str:
-    """Format a price. Without a currency it is in units of one ordinary pole.
-
-    >>> price_text(1250.0, "EUR"), price_text(1.0, ""), price_text(2.5, "")
-    ('1,250 EUR', '1 unit', '2.5 units')
-    """
+    """Format a price. Without a currency it is in units of one ordinary pole."""
     text = f"{price:,.{0 if price == round(price) else 2}f}"
     if currency:
         return f"{text} {currency}"
@@ -272,11 +263,7 @@ def price_text(price: float, currency: str) -> str:
 
 
 def ap_text(judged: content.Judgement) -> str:
-    """AP with interval and number of vehicles.
-
-    >>> ap_text(content.Judgement(0.95, 0.91, 0.98, 0.96, 0.97, 40, 20))
-    'AP 0.950 (0.910–0.980, 40 vehicles)'
-    """
+    """AP with interval and number of vehicles."""
     return f"AP {ap_figure(judged)}"
 
 
@@ -296,9 +283,8 @@ def interval_text(judged: content.Judgement) -> str:
 
 
 def use_pole_names(plan: content.Plan, site: Site) -> tuple[content.Plan, Site]:
-    """Call the sensors of a pool by their poles, in all texts of a plan and on its site.
-
-    Sensors of the chosen set that share a pole are numbered; other aims than the chosen ones are marked."""
+    """Call the sensors of a pool by their poles, in all texts of a plan and on its site. Sensors of the chosen set that
+    share a pole are numbered; other aims than the chosen ones are marked."""
     poles = {name: pole for each in plan.considered for name, pole in zip(each.sensors, each.poles, strict=False)}
     poles |= {sensor.name: sensor.pole for sensor in plan.sensors}
     names = {}

@@ -294,16 +294,6 @@ def _flatten(provenance: Mapping[str, object], before: str = "") -> Iterator[tup
 
 
 SPARSE = 1.0  # points per m² below which a place is practically unseen
-SCHEMES_EXPLAINED = (
-    "With early fusion every sensor sends its points and one detector looks at all of them; with late fusion every "
-    "sensor detects for itself and sends only what it found; with hybrid fusion a sensor sends what it found nearby "
-    "and points from further away."
-)
-SHAPLEY = (
-    "The worth of a sensor (its Shapley value) is the AP that it adds, on average over every order in which the "
-    "sensors could be built; the values of all sensors add up to the AP of the whole set. The synergy of two sensors "
-    "is above 0 if they add more together than each alone, and below 0 if they see much the same."
-)
 
 
 def ground_section(plan: content.Plan, site: Site, ground: Ground | None) -> Content:
@@ -431,7 +421,7 @@ def schemes_section(plan: content.Plan) -> Content:
     rows = [(e.scheme, iou_value(e.iou), *judged_cells(e.judged), e.kbit_per_sensor) for e in plan.schemes]
     return say(
         _compare_schemes(plan, [each for each in plan.schemes if each.iou == plan.iou] or plan.schemes),
-        Paragraph(SCHEMES_EXPLAINED),
+        Paragraph(content.TEXTS["schemes"]),
         Drawing(charts.scheme_chart(plan.schemes), caption, f"AP with intervals of the fusion schemes: {aps}"),
         *table("The chosen sensors with each fusion scheme", columns, rows),
     )
@@ -481,7 +471,7 @@ def worth_section(plan: content.Plan) -> Content:
     values = "; ".join(f"{each.sensor} {number(each.shapley)}" for each in plan.worth)
     return say(
         conclusion,
-        Paragraph(SHAPLEY),
+        Paragraph(content.TEXTS["worth"]),
         Drawing(charts.worth_chart(plan.worth), caption, f"Worth of each sensor in AP: {values}"),
         *table("Worth, and synergy with each other sensor", columns, rows),
     )
@@ -532,26 +522,12 @@ def order_section(plan: content.Plan) -> Content:
 
 
 REPORT_FILES = ("report.html", "report.pdf")
-TITLES = {
-    "decision": "The decision",
-    "schedule": "Mounting schedule",
-    "materials": "Bill of materials",
-    "ground": "What the sensors see of the ground",
-    "detection": "How well road users are detected, and where",
-    "failures": "What is left when sensors fail",
-    "links": "What the links carry",
-    "order": "Which sensor to build first",
-    "others": "Other sets of sensors",
-    "schemes": "Sending points or sending detections",
-    "worth": "What each sensor is worth",
-    "method": "Settings, methods and origin of the figures",
-}
 NOTHING_CHOSEN = "No set of sensors may be built, so there is nothing to show here."
 
 
 def build_document(plan: content.Plan, site: Site, ground: Ground | None) -> Document:
     """Build the document. site: with the chosen sensors mounted; ground: that they see, None if unknown."""
-    contents = dict.fromkeys(TITLES, say(NOTHING_CHOSEN))
+    contents = dict.fromkeys(content.TEXTS["titles"], say(NOTHING_CHOSEN))
     contents["decision"] = decision_section(plan, site, ground)
     contents["ground"] = ground_section(plan, site, ground)
     contents["method"] = method_section(plan)
@@ -567,7 +543,7 @@ def build_document(plan: content.Plan, site: Site, ground: Ground | None) -> Doc
             "schemes": schemes_section(plan),
             "worth": worth_section(plan),
         }
-    sections = tuple(Section(key, title, *contents[key]) for key, title in TITLES.items())
+    sections = tuple(Section(key, title, *contents[key]) for key, title in content.TEXTS["titles"].items())
     judged = f"{plan.detector}; AP at IoU {iou_text(plan.iou)}; {plan.scheme} fusion"
     head = [plan.head[key] for key in ("client", "date", "author") if plan.head.get(key)]
     subtitle = "; ".join([*head, judged if plan.detector else "No set was judged"])
@@ -577,7 +553,6 @@ def build_document(plan: content.Plan, site: Site, ground: Ground | None) -> Doc
 
 def write_report(planned: content.Planned, out: Path) -> None:
     """Write `REPORT_FILES` into a folder, made if missing. Both are written or neither, with the same bytes each time.
-
     Raises ImportError without the packages of `coview[report]`, OSError if the folder cannot be written."""
     offered = planned.candidates.mounts if planned.candidates else planned.site.mounts
     plan, site = use_pole_names(planned.plan, replace(planned.site, mounts=offered))

@@ -190,9 +190,7 @@ def seen_cells(site: Site, ground: Ground, index: int) -> Mesh:
 
 
 def view_edges(sensor: Sensor, background: ImageRanges) -> scene.Segments:
-    """Outline of a sensor's view of the empty site, and rays that lead to it from the sensor.
-
-    background: measurement of each ray, 0 without a return."""
+    """Outline of a sensor's view of the empty site (`background`, 0 without a return), and rays that lead to it."""
     rows, columns = background.shape
     index = np.arange(rows * columns).reshape(rows, columns)
     ring = np.concatenate([index[0], index[1:, -1], index[-1, -2::-1], index[-2:0:-1, 0]])

@@ -20,7 +20,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from placement_env.analysis import intervals
-from placement_env.analysis.intervals import BLOCK_FRAMES, Draws, Tally
+from placement_env.analysis.intervals import BLOCK_FRAMES, Draws, Resamples, Tally
 from placement_env.analysis.shrinkage import shrink
 from placement_env.cases import USUAL_CASES, Cases
 from placement_env.classes import Classes, Combine
@@ -143,9 +143,8 @@ class Judge:
     def judge_cases(
         self, sets: Bool[np.ndarray, "n C"], stage: Callable[[str], Report | None] = lambda _: None
     ) -> tuple[list[SetJudgement], _Figures]:
-        """Judge sets intact and in all cases. stage: makes a progress callback from a name.
-
-        Also returns the AP by which sets are compared in each resample, [n, resamples]."""
+        """Judge sets intact and in all cases. stage: makes a progress callback from a name. Also returns the AP by
+        which sets are compared in each resample, [n, resamples]."""
         first = replace(self.cases, errors=self.cases.profiles[0])
         judged, draws = self.judge_drawn(sets, self.intact, stage("chosen set"))
         left: Sequence[Judgement | None] = [None] * len(sets)
@@ -330,7 +329,7 @@ class _Options:
 
     def __init__(self, objective: Objective, found: Entrants, judge: Judge) -> None:
         self.found, self.judge = found, judge
-        self.draws: dict[int, Float64[np.ndarray, " resamples"]] = {}
+        self.draws: dict[int, Resamples] = {}
         self.options: list[PlanOption] = []
         for i, score in enumerate(map(objective.score, map(np.flatnonzero, found.sets))):
             names = tuple(objective.names[c].replace("/", "-") for c in score.subset)  # as files name sensors
@@ -397,9 +396,8 @@ def choose_set(
 def _find_rivals(
     ran: Contest, ranked: Bool[np.ndarray, "n C"], evaluator: CasesEvaluator, order: Int64[np.ndarray, " frames"]
 ) -> Int64[np.ndarray, " k"]:
-    """Places of the winner of a race and its `KEPT` - 1 likeliest rivals: by mean AP over IoU, then by rank.
-
-    The mean AP is that on the frames of the first rung, which all sets share."""
+    """Places of the winner of a race and its `KEPT` - 1 likeliest rivals: by mean AP over IoU, then by rank. The mean
+    AP is that on the frames of the first rung, which all sets share."""
     tied = np.flatnonzero(ran.expected >= ran.expected[0] - LIKELY_TIE)[1:]
     means = evaluator.mean_ap(ranked[tied], order[: ran.frames.min()]) if len(tied) else np.empty(0)
     by_mean = tied[np.argsort(-means, kind="stable")]
@@ -429,12 +427,9 @@ def _thrift(option: PlanOption) -> tuple[float, int, float, float]:
     return option.price, len(option.sensors), -(option.mean_ap or 0.0), option.kbit_per_sensor
 
 
-def choose(
-    options: Sequence[PlanOption], draws: Mapping[int, Float64[np.ndarray, " resamples"]]
-) -> tuple[int, tuple[int, ...]]:
-    """Return the index of the best option, and those that cannot be told from it, itself too, cheap ones first.
-
-    draws: resampled AP of each judged option, on the same frames."""
+def choose(options: Sequence[PlanOption], draws: Mapping[int, Resamples]) -> tuple[int, tuple[int, ...]]:
+    """Return the index of the best option, and those that cannot be told from it, itself too, cheap ones first. draws:
+    resampled AP of each judged option, on the same frames."""
     judged = {i: counted for i in sorted(draws) if (counted := options[i].counted) is not None}
     highest = max(each.ap for each in judged.values())
     close = [i for i, each in judged.items() if each.ap >= highest - NEAR_TIE]

@@ -214,9 +214,7 @@ def by_draw(judge: judging.Judge, chosen: tuple[int, ...]) -> tuple[content.Draw
     return tuple(rows)
 
 
-def _judge_draw(
-    judge: judging.Judge, detected: Detected, renders: Renders, chosen: tuple[int, ...], seed: int
-) -> float:
+def _judge_draw(judge: judging.Judge, detected: Detected, renders: Renders, chosen: Sequence[int], seed: int) -> float:
     drawn = renders.draw_once(seed, chosen, min(judge.frames, DRAWN_FRAMES))
     known = {name: getattr(detected, name) for name in ("codec", "memo", "processes", "classes")}
     ious = judge.cases.ious

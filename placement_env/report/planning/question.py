@@ -45,9 +45,8 @@ class Stock:
             raise ValueError("the site's own sensors have their models: give a catalogue with a pool or poles")
 
     def __call__(self, site: Site) -> Candidates:
-        """Candidates with prices and links.
-
-        Raises `NoCandidates` if no pole or pose is left, ValueError and OSError for a damaged file."""
+        """Candidates with prices and links. Raises `NoCandidates` if no pole or pose is left, ValueError and OSError
+        for a damaged file."""
         found = choose_candidates(site, self.candidates, catalogue=self.catalogue, keep_out=self.keep_out)
         price = None if self.catalogue is None else self.catalogue.pole_price
         return with_terms(found, 1.0 if price is None else price, self.capacity_kbit)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from placement_env.analysis.intervals import describe_interval
 from placement_env.cases import iou_text
 from placement_env.classes import VEHICLES, join_names
-from placement_env.report.content import BreakdownRow, Judgement, Plan, PlanOption, Verdict
+from placement_env.report.content import TEXTS, BreakdownRow, Judgement, Plan, PlanOption, Verdict
 from placement_env.report.planning.judging import Rule
 from placement_env.report.planning.question import Question
 from placement_env.search.order import FEWEST_AT_LEVEL, describe_money
@@ -92,17 +92,6 @@ def explain_shortfall(
     return (*reasons, *excluded)
 
 
-RULES: dict[Rule, str] = {
-    "best": "It is the best of the judged sets: of those next to the highest AP it has the greatest mean AP "
-    "over IoU 0.7, 0.8 and 0.9. No cheaper set is surely within 0.01 of it.",
-    "as good": "It is the cheapest of the judged sets that cannot be told from the best: on the same frames its AP is "
-    "surely within 0.01 of it.",
-    "cheapest": "It is the cheapest set that reaches the required AP: sets were judged by price, from the lowest on, "
-    "until one did.",
-    "none": "None of the judged sets reaches the requirement; it is the best of them.",
-}
-
-
 def explain_choice(
     question: Question, plan: Plan, chosen: PlanOption, rule: Rule, *, considered: int, fidelity: str
 ) -> tuple[str, ...]:
@@ -113,7 +102,7 @@ def explain_choice(
     lines = [
         f"{considered:,} sets were scored by the {fidelity}, a quick estimate; {len(plan.considered)} of them were "
         f"compared by the detector on traffic that no search saw, the {judged} best of these on all of it.",
-        RULES[rule],
+        TEXTS["rules"][rule],
     ]
     if cases := describe_cases(question).strip(", "):
         lines.append(f"The AP by which sets are compared is {'' if question.cases.failing else 'that '}{cases}.")

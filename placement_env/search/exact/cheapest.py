@@ -70,11 +70,7 @@ class Demand:
             raise ValueError("an AP is asked for in parts of the traffic or at levels of it: leave one of them out")
 
     def describe(self, shares: int) -> str:
-        """The conditions in words. shares: their number.
-
-        >>> Demand(0.9, 1, levels=3).describe(3), Demand(0.9).describe(1)
-        (' at each of 3 levels of traffic, whichever sensor fails', '')
-        """
+        """The conditions in words. shares: their number."""
         what = f" in each of {shares} parts of the traffic" if self.parts > 1 else ""
         what += f" at each of {shares} levels of traffic" if self.levels > 1 else ""
         return what + (", whichever sensor fails" if self.failing else "")
@@ -212,10 +208,8 @@ def _by_surrogate(
 def _solve(
     progress: Progress, programme: Programme, need: int, prices: Prices, limits: SolverLimits, until: float = 1.0
 ) -> Solved:
-    """The cheapest set that meets the need, in the rest of a share of the time, in all cases that may be `lost`.
-
-    Those that bind join them. No set is cheaper than the bound, even if time runs out before a set satisfies all cases.
-    """
+    """The cheapest set that meets the need, in the rest of a share of the time, in all cases that may be `lost`. Those
+    that bind join them. No set is cheaper than the bound, even if time runs out before a set satisfies all cases."""
     mount, bound = progress.objective.candidates.mount, 0
     alone = progress.objective.candidates.places[mount] == 1  # a failing sensor takes all candidates of such a pole
     while True:

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 PARTS = 10**9  # parts into which the sum over several classes is divided
 _Seen = Bool[np.ndarray, "C O"]  # of candidates × objects, True where seen
 _Each = Int64[np.ndarray, " C"]  # of candidates, such as their mounts or prices
+_Weight = Int64[np.ndarray, " O"]
 _Worth = Int64[np.ndarray, "k O"]
 
 
@@ -102,12 +103,7 @@ def cover_most(
 
     seen: candidates × objects; may_stand: candidates that may be built, all if None; prices: with their limit; worth:
     of each object to each of k parties, the least of whose sums counts (`compute_worth`), None to count objects. The
-    solver starts from greedy's set, so the answer covers no less.
-
-    >>> poles = Poles(np.array([0, 0, 1]), np.ones(3, int), np.zeros(3, int))
-    >>> cover_most(np.array([[1, 1, 0], [0, 1, 1], [0, 0, 1]], bool), poles, 2).chosen
-    [0, 2]
-    """
+    solver starts from greedy's set, so the answer covers no less."""
     check_whole("budget", budget, least=1)
     check_whole("views", views, least=1)
     began = time.monotonic()
@@ -134,9 +130,8 @@ def cover_most(
 
 
 def compute_worth(labels: Int64[np.ndarray, " O"], classes: Classes) -> tuple[_Worth, int]:
-    """Whole worth of covering each object, and the total: their number where one class counts, else `PARTS`.
-
-    The objects of a class share its parts equally. The mean of classes is one row; the worst has one row per class."""
+    """Whole worth of covering each object, and the total: their number where one class counts, else `PARTS`. The
+    objects of a class share its parts equally. The mean of classes is one row; the worst has one row per class."""
     there = [(label, weight) for label, weight in zip(classes.labels, classes.weights, strict=True) if label in labels]
     if len(classes.names) == 1 or not there:
         return np.ones((1, len(labels)), np.int64), len(labels)
@@ -189,13 +184,9 @@ def merge_objects(
 
 
 def greedy_cover(
-    seen: _Seen, weight: Int64[np.ndarray, " O"], mount: _Each, budget: int, views: int, *, prices: Prices | None = None
+    seen: _Seen, weight: _Weight, mount: _Each, budget: int, views: int, *, prices: Prices | None = None
 ) -> list[int]:
-    """Cover objects greedily, by most views of objects with fewer than `views`, on a mount each, within the money.
-
-    >>> greedy_cover(np.array([[1, 1, 0], [0, 1, 1]], bool), np.array([1, 1, 5]), np.array([0, 1]), 1, 1)
-    [1]
-    """
+    """Cover objects greedily, by most views of objects with fewer than `views`, on a mount each, within the money."""
     missing, free = np.full(len(weight), views), np.ones(len(seen), bool)
     chosen: list[int] = []
     while len(chosen) < budget:
@@ -211,13 +202,9 @@ def greedy_cover(
     return chosen
 
 
-def prove_bound(
-    seen: _Seen, weight: Int64[np.ndarray, " O"], mount: _Each, budget: int, *, views: int, chosen: list[int]
-) -> int:
-    """Most objects that any set can cover with `views` views of each.
-
-    For one view the coverage of `chosen` plus the largest gains, one per mount, bounds too (Leskovec et al., KDD 2007).
-    """
+def prove_bound(seen: _Seen, weight: _Weight, mount: _Each, budget: int, *, views: int, chosen: list[int]) -> int:
+    """Most objects that any set can cover with `views` views of each. For one view the coverage of `chosen` plus the
+    largest gains, one per mount, bounds too (Leskovec et al., KDD 2007)."""
 
     def largest(gains: np.ndarray) -> float:
         best = np.zeros(int(mount.max(initial=-1)) + 1)

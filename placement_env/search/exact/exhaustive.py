@@ -19,10 +19,8 @@ def search(
     seconds: float | None = None,
     evaluations: int | None = None,
 ) -> Result:
-    """The best set of at most `budget` sensors, proven; the smaller one, then the first among equals.
-
-    budget: None for any number; seed: not used. Nothing is proven if a limit stops it. Raises ValueError above 16
-    candidates."""
+    """The best set of at most `budget` sensors, proven; the smaller one, then the first among equals. budget: None for
+    any number; seed: not used. Nothing is proven if a limit stops it. Raises ValueError above 16 candidates."""
     size = len(objective.candidates)
     if size > LARGEST:
         raise ValueError(f"exhaustive search takes at most {LARGEST} candidates, got {size}: select some")

@@ -1,6 +1,5 @@
-"""The most expected hits, with a proven bound: the surrogate's probabilities in steps, solved by CP-SAT.
-
-Steps cut the curve in the middle (`placement_env.search.exact.programme`). The objective decides among equal sets."""
+"""The most expected hits, with a proven bound: the surrogate's probabilities in steps, solved by CP-SAT. Steps cut the
+curve in the middle (`placement_env.search.exact.programme`). The objective decides among equal sets."""
 
 import numpy as np
 

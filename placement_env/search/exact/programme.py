@@ -178,7 +178,6 @@ def _whole(figures: np.ndarray, unit: float) -> Int64[np.ndarray, " C"]:
 
 class Levels(NamedTuple):
     """Levels of evidence and their worth: `known` is what each candidate adds to each object, in whole numbers.
-
     threshold, gain: of each level of each object; parties: rows of worth that an object counts in; the least counts."""
 
     known: Int64[np.ndarray, "C O"]
@@ -198,10 +197,8 @@ class Levels(NamedTuple):
 
 
 class Solved(NamedTuple):
-    """Solution of a programme. chosen: None where no set satisfies it; figure: worth, or price in whole units.
-
-    bound: no set has more worth, or costs less; optimal: whether the two are equal, or no set satisfies it for certain.
-    """
+    """Solution of a programme. chosen: None where no set satisfies it; figure: worth, or price in whole units. bound:
+    no set has more worth, or costs less; optimal: whether the two are equal, or no set satisfies it for certain."""
 
     chosen: list[int] | None
     figure: int
@@ -231,9 +228,8 @@ class Programme:
 
 
 def levels_of_hits(powers: Float[np.ndarray, "C O"], model: HitModel, *, above: bool) -> Levels:
-    """Steps of each object's hit probability, from n ^ norm of each candidate and object, without the floor.
-
-    above: no step lies below the curve, else each cuts it in the middle."""
+    """Steps of each object's hit probability, from n ^ norm of each candidate and object, without the floor. above: no
+    step lies below the curve, else each cuts it in the middle."""
     count = powers.shape[1]
     e = (np.log(1 / (1 / np.array(HIT_STEPS) - 1)) - model.intercept) / max(model.density, 1e-9)
     needed = np.expm1(np.clip(model.norm * e, 1e-12, 500.0))

@@ -129,9 +129,8 @@ def _groups(
 
 
 def list_amounts(objective: Objective, most: int, money: float, count: int = AMOUNTS) -> tuple[float, ...]:
-    """Amounts of money for a curve, ascending, each the price of some set of at most `most` sensors.
-
-    These are all up to `money`, or else `count` of them, evenly spread and as large as possible."""
+    """Amounts of money for a curve, ascending, each the price of some set of at most `most` sensors. These are all up
+    to `money`, or else `count` of them, evenly spread and as large as possible."""
     check_whole("budget", most, least=1)
     candidates, alone = objective.candidates, objective.allowed([])
     prices = np.unique(candidates.prices[alone])

@@ -46,7 +46,6 @@ FRONT_OF = 400  # best neighbours of an answer by reward, searched for the front
 @dataclass(frozen=True, eq=False)
 class Entrants:
     """Sets that enter a race, all feasible and different, small ones first, with the searches that answered with each.
-
     predicted: AP by the fidelity of the searches; considered: number of sets scored in all."""
 
     sets: Sets
@@ -89,9 +88,8 @@ def keep_entrants(
     seed: int = 0,
     checkpoint: Checkpoint = NOWHERE,
 ) -> Entrants:
-    """Entrants, from a cache where possible; an objective made from a site knows its own.
-
-    depends_on: digest of the objective's traffic and other inputs."""
+    """Entrants, from a cache where possible; an objective made from a site knows its own. depends_on: digest of the
+    objective's traffic and other inputs."""
     if (made := objective.preparation) is not None:
         cache, depends_on = objective.run.memo, made.traffic.digest()
     asked = (objective.provenance, objective.most_price, vars(effort), seed)
@@ -202,10 +200,8 @@ def entropy_objective(objective: Objective) -> Objective | None:
 
 
 def _neighbours(objective: Objective, answers: Sets, count: int) -> tuple[list[Bool[np.ndarray, " C"]], int]:
-    """Best feasible neighbours of some answers, at most one per change of mount, and the number of sets scored.
-
-    Where visibility is known, up to half of them are sets that no other beats in reward, entropy and coverage at once.
-    """
+    """Best feasible neighbours of some answers, at most one per change of mount, and the number of sets scored. Where
+    visibility is known, up to half of them are sets that no other beats in reward, entropy and coverage at once."""
     best: list[tuple[float, Bool[np.ndarray, " C"]]] = []
     considered = 0
     for answer in answers:

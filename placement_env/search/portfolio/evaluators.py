@@ -32,9 +32,8 @@ Report = Callable[[int], None]
 
 
 class Evaluated(NamedTuple):
-    """Figures of n sets on some frames, at each of several IoU thresholds or over them.
-
-    frames: number of requested frames used, from the first, where time ran out; None for all."""
+    """Figures of n sets on some frames, at each of several IoU thresholds or over them. frames: number of requested
+    frames used, from the first, where time ran out; None for all."""
 
     ap: Float64[np.ndarray, "*ious n"]
     kbit: Float64[np.ndarray, " n"]

@@ -2,11 +2,11 @@ import numpy as np
 import pytest
 
 from toolkit.bodies.body import Body, make_boxed_body
-from toolkit.bodies.vehicles import _ROWS, cars, trucks
+from toolkit.bodies.vehicles import CAR_SHAPES, cars, trucks
 from toolkit.objects import VEHICLE
 
 BODIES = [make_boxed_body(name, VEHICLE, *meshes) for name, meshes in cars().items()]
-WIDTHS = [float(row.split()[3]) for row in _ROWS.strip().splitlines()]
+WIDTHS = [row[2] for row in CAR_SHAPES["catalogue"].values()]
 
 
 @pytest.mark.parametrize("body", BODIES, ids=lambda body: body.name)

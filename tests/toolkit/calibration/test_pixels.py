@@ -235,83 +235,6 @@ def test_blocks_of_rows_and_pixels_are_learnt_alike(monkeypatch):
         heights.clear()
 
 
-class Pixel:
-    """One pixel of a scene that adapts, by the rules that `SceneAdaptation` states."""
-
-    def __init__(self, first, spread, second, second_spread, *, model, seconds, settle, reveal):
-        self.modes = [[first, spread], [second, second_spread]]
-        self.model, self.seconds, self.settle, self.reveal = model, seconds, settle, reveal
-        self.candidate, self.since, self.time = None, 0.0, None
-
-    def update(self, value, time):
-        share = 0.0 if self.time is None else 1 - math.exp(-(time - self.time) / self.seconds)
-        self.time, shown = time, False
-        seen = value if 0 < value < self.model.max_range else math.inf
-        for mode in self.modes:
-            median, spread = mode
-            if math.isinf(seen):
-                shown |= median == 0
-            elif median > 0 and abs(seen - median) <= 4 * spread:
-                off = seen - median
-                mode[0] = median + share * off
-                mode[1] = max(math.sqrt((1 - share) * spread**2 + share * off**2), deviation(mode[0], self.model))
-                shown = True
-        first, spread = self.modes[0]
-        if self.candidate is not None:
-            finite = self.candidate if math.isfinite(self.candidate) else 0.0
-            within = 4 * max(spread, deviation(finite, self.model))
-            same = seen == self.candidate or abs(seen - self.candidate) <= within
-            if not (same or (seen < self.candidate - within and not shown)):
-                self.candidate = None
-        else:
-            same = False
-        if self.candidate is None:
-            if not shown:
-                self.candidate, self.since = seen, time
-            return
-        farther = self.candidate > (first if first > 0 else math.inf)
-        if same and time - self.since >= (self.reveal if farther else self.settle):
-            gone = math.isinf(self.candidate)
-            depth = 0.0 if gone else self.candidate
-            self.modes = [[depth, 0.0 if gone else deviation(depth, self.model)], [math.nan, 0.0]]
-            self.candidate = None
-
-
-@pytest.mark.parametrize(("seed", "model", "unit"), [(0, MODEL, 1), (1, CAMERA, 1), (2, MODEL, 1), (3, MODEL, 0.08)])
-def test_every_pixel_adapts_as_the_rules_say(seed, model, unit):
-    """Surfaces as far as 50 m, or within 4 m, some of them less than one."""
-    rng, shape = np.random.default_rng(seed), model.shape
-    first = rng.choice(unit * np.array([0.0, 8.0, 20.0, 50.0]), shape).astype(np.float32)
-    second = np.where(rng.random(shape) < 0.5, np.nan, rng.choice([0.0, 12.0 * unit], shape)).astype(np.float32)
-    spread = np.where(first > 0, 0.05, 0).astype(np.float32)
-    second_spread = np.where(second > 0, 0.05, 0).astype(np.float32)
-    share = np.full(shape, 0.7, np.float32)
-    given = empty_scene.EmptyScene("s", model, first, spread, share, second, second_spread, 1 - share, 5)
-    times = {"seconds": 30.0, "settle": 100.0, "reveal": 40.0}
-    adapting = empty_scene.SceneAdaptation(given, **times)
-    pixels = {
-        at: Pixel(*(float(e[at]) for e in (first, spread, second, second_spread)), model=model, **times)
-        for at in np.ndindex(shape)
-    }
-    time, image = 0.0, np.zeros(shape)
-    for _ in range(60):
-        time += float(rng.choice([0.0, 5.0, 20.0]))
-        moved = rng.random(shape) < 0.15  # most surfaces stay for a while
-        image = np.where(moved, rng.choice(unit * np.array([0.0, 5.0, 8.0, 12.0, 20.0, 30.0, 50.0]), shape), image)
-        noisy = (image + rng.normal(0, 0.03, shape) * (image > 0)).astype(np.float32)
-        adapting.update(noisy, time)
-        for at, pixel in pixels.items():
-            pixel.update(float(noisy[at]), time)
-        scene = adapting.scene
-        for at, pixel in pixels.items():
-            found = [scene.first[at], scene.spread[at], scene.second[at], scene.second_spread[at]]
-            assert found == pytest.approx([*pixel.modes[0], *pixel.modes[1]], rel=1e-3, abs=1e-4, nan_ok=True), at
-    assert scene.frames == 65
-    assert (scene.first != first).mean() > 0.5
-    assert scene.second_share[np.isnan(scene.second)].tolist() == [0.0] * int(np.isnan(scene.second).sum())
-    assert scene.second_share[~np.isnan(scene.second)] == pytest.approx(0.3)
-
-
 def test_scenes_are_of_images_spread_over_the_first_frames():
     """Frame k shows a wall at 10 + k m, no two of which are one surface: the last seen of the equally rare."""
     sensors = (Sensor("a", MODEL, np.eye(4)), Sensor("b", MODEL, np.eye(4)))
@@ -433,24 +356,6 @@ def test_a_surface_is_continued_to_the_edge_of_the_image_and_of_its_noise(monkey
     assert not mask(far, near, 0.01).any()
     far[2, 3], near[2, 2] = 6.25, 6.25
     assert np.argwhere(mask(far, near, 0.01)).tolist() == [[2, 2]]
-
-
-def test_adaptation_takes_what_lies_at_the_edge_of_a_spread():
-    """A wall at 20 m with a spread of 0.25 m: up to a metre off it is shown, or unchanged."""
-    none = uniform(0.0)
-    wall = empty_scene.EmptyScene("s", MODEL, uniform(20.0), uniform(0.25), none, uniform(np.nan), none, none, 1)
-
-    def after(depths, **times):
-        adapting = empty_scene.SceneAdaptation(wall, **times)
-        for time, depth in depths:
-            adapting.update(uniform(depth), time)
-        return adapting.scene.first[0, 0]
-
-    assert after([(0.0, 21.0), (60.0, 21.0)]) == pytest.approx(20 + 1 - math.exp(-60 / 600))
-    assert after([(0.0, 21.001), (60.0, 21.001)]) == np.float32(21.001)
-    assert after([(0.0, 8.0), (86_400.0, 9.0)]) == 8.0  # as it was when it came
-    assert after([(0.0, 8.0), (86_400.0, 9.001)]) == 20.0
-    assert after([(0.0, 21.5), (0.5, 21.5)], reveal=0.5, settle=0.5, seconds=0.5) == 21.5
 
 
 def test_digests_are_of_name_model_frames_and_all_images():

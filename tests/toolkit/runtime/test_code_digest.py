@@ -15,11 +15,15 @@ JOBS = {
 }
 
 
+def _ignore(_, names):
+    return [name for name in names if "." in name and not name.endswith((".py", ".toml"))]
+
+
 @pytest.fixture(scope="module")
 def tree(tmp_path_factory):
     top = tmp_path_factory.mktemp("source")
     for package in PACKAGES:
-        shutil.copytree(TOP / package, top / package, ignore=lambda _, names: [n for n in names if "." in n[:-3]])
+        shutil.copytree(TOP / package, top / package, ignore=_ignore)
     return top
 
 
@@ -60,6 +64,7 @@ def test_a_job_runs_what_its_figures_depend_on(job, module):
     [
         ("toolkit/sites/site.py", "RADIUS = 20.0", "RADIUS = 10.0", ["rendering", "visibility", "detection"]),
         ("placement_env/fidelity/traffic.py", "(VEHICLE,)", "(0, 3)", ["rendering", "visibility", "detection"]),
+        ("toolkit/bodies/cars.toml", "[0.02, 0.44]", "[0.02, 0.45]", ["rendering", "visibility", "detection"]),
     ],
 )
 def test_changes_that_were_served_stale_figures_count(tree, module, old, new, jobs):

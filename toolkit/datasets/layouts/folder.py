@@ -98,11 +98,7 @@ def _pose(placed: Mapping[str, Pose], sensor: str, file: Path) -> Pose:
 
 
 def parse_epoch(name: str) -> float:
-    """Parse a name as seconds since 1970, NaN for a name without a time.
-
-    >>> round(parse_epoch("1646667310.044"), 6), round(parse_epoch("1646667310044000000"), 6)
-    (1646667310.044, 1646667310.044)
-    """
+    """Parse a name as seconds since 1970, NaN for a name without a time."""
     try:
         value = float(name)
     except ValueError:
@@ -111,9 +107,8 @@ def parse_epoch(name: str) -> float:
 
 
 def write_folder(samples: Iterable[Frame], path: Path) -> None:
-    """Write frames as SENSOR/000000.pcd and on, with labels.json and poses.
-
-    Poses are lines of poses.txt, or poses.json where a sensor's name would not stay one word there."""
+    """Write frames as SENSOR/000000.pcd and on, with labels.json and poses. Poses are lines of poses.txt, or poses.json
+    where a sensor's name would not stay one word there."""
     entries, poses = [], dict[str, list[float]]()
     for k, sample in enumerate(samples):
         name = f"{k:06d}"

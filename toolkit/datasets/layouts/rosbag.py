@@ -226,8 +226,7 @@ def _messages(path: Path, *kinds: str, parse: bool = True) -> Iterator[tuple[str
 
 
 def write_rosbag(samples: Iterable[Frame], folder: Path) -> None:
-    """Write the clouds of frames for ROS 2: recording.mcap, a topic per sensor with tf. A bag cannot hold labels,
-    and a warning says so."""
+    """Write clouds for ROS 2: recording.mcap, a topic per sensor with tf, without labels, as a warning says."""
     from rosbags.rosbag2 import StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
 

@@ -43,10 +43,8 @@ class MissedReference(ValueError):
 
 
 class DifferenceSender:
-    """Sender of one sensor's messages, whose empty scene is `scene`.
-
-    step: of measurements (m); refers_to: see above; key_every: most messages, 1 to 255, from one whole image to the
-    next. Raises ValueError for others."""
+    """Sender of one sensor's messages, whose empty scene is `scene`. step: of measurements (m); refers_to: see above;
+    key_every: most messages, 1 to 255, from one whole image to the next. Raises ValueError for others."""
 
     def __init__(
         self, scene: EmptyScene, *, step: float = 0.02, refers_to: RefersTo = "previous", key_every: int = KEY_EVERY
@@ -57,10 +55,8 @@ class DifferenceSender:
         self._key = 0
 
     def write(self, image: RangeImage, missing: ImageMask | None = None) -> bytes:
-        """Write the next message.
-
-        Arguments as of `toolkit.detection.link.foreground.encode_foreground`. The image is sent whole when due, when
-        that is smaller because few pixels stand still, and when numbers do not continue."""
+        """Write the next message. Arguments as of `toolkit.detection.link.foreground.encode_foreground`. The image is
+        sent whole when due, when that is smaller because few pixels stand still, and when numbers do not continue."""
         sent, missing = foreground.check_pixels(image, self.scene, missing)
         steps, reference, difference, stands = to_steps(image.measurement, sent, self.step), self._reference, b"", 0
         if reference is not None and reference.number < image.number < self._key + self.key_every:
@@ -88,10 +84,8 @@ class DifferenceReader:
         self._reference: Reference | None = None
 
     def read(self, message: bytes) -> Restored:
-        """Read the image of a message.
-
-        Raises `MissedReference` for a difference from a message that never arrived, and ValueError as
-        `decode_foreground`; the reader then stays as it was."""
+        """Read the image of a message. Raises `MissedReference` for a difference from a message that never arrived, and
+        ValueError as `decode_foreground`; the reader then stays as it was."""
         header, content = read_message(message)
         if header.kind == MessageKind.FOREGROUND:
             restored = foreground.decode_foreground(message, self.scene)
@@ -135,10 +129,8 @@ _FINE = 1 << _FINE_BITS  # parts of a step
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """Shared state of sender and reader after message `number`.
-
-    fine: mean measurement of every pixel in 16ths of a step; images: number of averaged images, 0 for pixels that the
-    last message did not send."""
+    """Shared state of sender and reader after message `number`. fine: mean measurement of every pixel in 16ths of a
+    step; images: number of averaged images, 0 for pixels that the last message did not send."""
 
     number: int
     step_mm: int
@@ -196,10 +188,7 @@ def still_squares(reference: Reference, steps: ImageSteps, sent: ImageMask) -> B
 def encode_difference(
     steps: ImageSteps, sent: ImageMask, reference: Reference, squares: Bool[np.ndarray, "down across"]
 ) -> bytes:
-    """Encode the sent pixels.
-
-    squares: those that stand still. Raises ValueError for steps below 0 or from 2^24 on, and for an image of another
-    shape."""
+    """Encode the sent pixels. squares: still ones. Raises ValueError for steps beyond 0 to 2^24 - 1, another shape."""
     if steps.shape != reference.fine.shape:
         raise ValueError(f"the reference is an image of {reference.fine.shape}, got one of {steps.shape}")
     there = _count_pixels(reference.known) > 0

@@ -66,10 +66,8 @@ class SendsForeground(DetectsOnce):
 
 @dataclass(frozen=True)
 class Foreground(SendsForeground):
-    """Early fusion with a background known to the centre.
-
-    step: of measurements (m), in whole millimetres; sigmas: spreads of the empty scene, above 0, within which a
-    measurement shows it. Raises ValueError for others."""
+    """Early fusion with a background known to the centre. step: of measurements (m), in whole millimetres; sigmas:
+    spreads of the empty scene, above 0, within which a measurement shows it. Raises ValueError for others."""
 
     step: float = 0.02
     sigmas: float = SIGMAS
@@ -107,9 +105,8 @@ def encode_foreground(
 
 
 def decode_foreground(message: bytes, scene: EmptyScene) -> Restored:
-    """Restore an image from a message and the empty scene.
-
-    Raises ValueError for a message that is damaged, of another version or sensor, or made with another empty scene."""
+    """Restore an image from a message and the empty scene. Raises ValueError for a message that is damaged, of another
+    version or sensor, or made with another empty scene."""
     header, content = wire.read_message(message)
     check_scene(header, wire.MessageKind.FOREGROUND, scene)
     return restore(header, content, scene, *read_pixels(content, 0, scene.model.shape))

@@ -31,9 +31,8 @@ def pack_integers(values: Int64[np.ndarray, " n"]) -> bytes:
 
 
 def unpack_integers(data: bytes, start: int, most: int) -> tuple[Int64[np.ndarray, " n"], int]:
-    """Unpack numbers that begin at `start`, and return their end.
-
-    Raises ValueError for more than `most` numbers, or bytes that `pack_integers` does not write."""
+    """Unpack numbers that begin at `start`, and return their end. Raises ValueError for more than `most` numbers, or
+    bytes that `pack_integers` does not write."""
     count, start = _read_variable(data, start)
     if count > most:
         raise ValueError(f"at most {most} packed numbers are possible, got {count}")
@@ -152,9 +151,7 @@ def decode_mask(content: bytes, start: int, shape: tuple[int, int]) -> tuple[Ima
 
 
 def encode_values(steps: ImageSteps, mask: ImageMask, given: ImageMask | None = None) -> bytes:
-    """Encode measurements of a mask's pixels.
-
-    given: other pixels, known to the reader. Raises ValueError for steps below 0 or from 2^24 on."""
+    """Encode a mask's pixels. given: others, known to the reader. Raises ValueError for steps beyond 0 to 2^24 - 1."""
     values = steps[mask]
     if len(values) and not (values.min() >= 0 and values.max() < MOST_STEPS):
         raise ValueError(f"measurements must be 0 to {MOST_STEPS - 1} steps, got {values.min()} to {values.max()}")

@@ -147,8 +147,7 @@ class SetLoad:
 
 
 def link_load(bits: Int64[np.ndarray, "frames sensors"], rate: float) -> LinkLoad:
-    """Load of all sensors' messages of every frame, at a rate (Hz). Raises ValueError for a rate not above 0 and
-    without messages."""
+    """Load of all sensors' messages of every frame, at a rate (Hz). Raises ValueError without a rate or messages."""
     if not 0 < rate < np.inf:
         raise ValueError(f"rate must be above 0 Hz, got {rate:g}: such as 10")
     if not bits.size:

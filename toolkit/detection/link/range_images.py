@@ -117,9 +117,7 @@ class RangeImages(Parameters):
         return Message(content, 8 * len(content))
 
     def decode_image(self, message: Message, sensor: Sensor, /) -> ImageRanges:
-        """Decode an image, 0 where nothing was sent.
-
-        Raises ValueError for a message that is damaged or of another sensor."""
+        """Decode an image, 0 where nothing was sent. Raises ValueError for damage, and messages of another sensor."""
         header, content = wire.read_message(message.content)
         rows, columns = sensor.model.shape
         expected = {"sensor": wire.sensor_number(sensor.name), "rows": rows, "columns": columns, "scene": 0}
