@@ -57,7 +57,7 @@ class LiveAnswer:
     worst_low, worst_high: AP left after the worst single failure, of `worst_sensor`; levels: of traffic; change,
     change_low, change_high: AP since the answer before, on the same frames; unseen, hidden: road users without a point
     on them, their number and which; probability: that each is found; problems: sentences on what cannot be built so;
-    coarse: a view was taken from half metres of height."""
+    coarse: a view was taken from half metres of height, or these are the first few frames."""
 
     what: str
     sensors: int

@@ -126,7 +126,7 @@ def cloud_surface(points: Points) -> Surface:
     """Return the thinned surface of a cloud, without points off flat surfaces.
 
     Raises ValueError if fewer than `LEAST_FLAT` are left."""
-    import open3d as o3d
+    from toolkit.runtime.light_open3d import o3d
 
     points = np.asarray(points, np.float64)
     points = points[np.isfinite(points).all(axis=1)]

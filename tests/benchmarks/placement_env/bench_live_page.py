@@ -19,7 +19,8 @@ from pathlib import Path
 import numpy as np
 from playwright.sync_api import Page, sync_playwright
 
-from coview.live_page import AWAY, LiveSession
+from coview.live_page import AWAY
+from coview.live_start import LiveSession
 from placement_env import LivePlanner
 from placement_env.live.project import ProjectFile
 from toolkit.viewing import scene
