@@ -53,8 +53,9 @@ if TYPE_CHECKING:
     from placement_env.setting import Setting
 FOUND = 0.5  # hit probability from which a road user is drawn as found
 REACH = 20.0  # m: a handle is where the sensor looks at the ground, but no farther
-PATIENCE = 1.0  # s that a suggestion waits for more poles to be looked at
+PATIENCE = 0.6  # s that a suggestion waits for more poles to be looked at
 QUIET, CALM = 0.4, 2.0  # s without a change after which views that are shown are refined, and all others
+LATE = 0.3  # s after which what is slow to draw no longer waits for the pointer to rest
 TIDY = 10.0  # s of use after which freed memory is handed back
 CATCH = 3.0  # m from the pointer within which a pole catches a sensor that is carried
 AWAY, WIDE = 1.25, 1.3  # times as far from the area as the report's view, in windows at least so wide for their height
@@ -81,6 +82,7 @@ class LivePage:
         self._jobs: deque[Callable[[], None]] = deque()
         self._long: deque[Callable[[], None]] = deque()
         self._wake, self._closed, self._touched = threading.Condition(), False, 0.0
+        self._behind = 0.0  # since when what is slow to draw is to be drawn
         self._drag: Callable[[], None] | None = None
         self._nodes: dict[str, list[Handle]] = {}
         self._ghosts: list[Suggestion] = []
@@ -130,9 +132,13 @@ class LivePage:
         played = time.monotonic()
         while not self._closed:
             with self._wake:
-                if not self._jobs and self._drag is None:
+                if not self._jobs and self._drag is None and not self._behind:
                     self._wake.wait(0.3)
-                job = self._jobs.popleft() if self._jobs else self._drag
+                idle = not self._jobs and self._drag is None
+                if self._behind and (idle or time.monotonic() > self._behind + LATE):
+                    job: Callable[[], None] | None = self._draw_rest
+                else:
+                    job = self._jobs.popleft() if self._jobs else self._drag
                 if job is self._drag:
                     self._drag = None
             if job is not None:
@@ -463,7 +469,7 @@ class LivePage:
         answer = self._answer
         if answer is None:
             return
-        self._figures.content, self._details.content = figures_html(answer), details_html(answer)
+        self._figures.content = figures_html(answer)
         self.server.flush()  # figures do not wait for the scene
         with self.server.atomic():
             self._draw_sensors()
@@ -471,10 +477,17 @@ class LivePage:
             self._draw_areas()
             self._draw_picture()
         self._show_note()
-        self._draw_traffic()
-        self._draw_map()
-        self._draw_variants()
-        self._fill()
+        self._behind = self._behind or time.monotonic()
+
+    def _draw_rest(self) -> None:
+        """Draw what the next answer does not wait for."""
+        self._behind = 0.0
+        if self._answer is not None:
+            self._details.content = details_html(self._answer)
+            self._draw_traffic()
+            self._draw_map()
+            self._draw_variants()
+            self._fill()
 
     def _draw_variants(self) -> None:
         yard, variants = self.planner.yard, self.planner.variants

@@ -64,7 +64,6 @@ class StartPage:
                 self._said.content = note_html("", str(error))
                 raise
             finally:
-                gc.freeze()
                 gc.enable()
 
     def _open(self, find: Callable[[], Path]) -> None:
@@ -163,6 +162,7 @@ class LiveSession:
         self._server.gui.reset()
         if project is not None:
             self._open.callback(project.close)
+        gc.freeze()  # what stays is not looked through in a drag
         self.page = LivePage(self._server, planner, project, self._folder)
         self._open.callback(self.page.close)
 

@@ -113,7 +113,8 @@ def percentiles(
         from scipy.special import ndtr, stdtrit  # takes a tenth of what a command loads
 
         outside = float(ndtr(math.sqrt(blocks / (blocks - 1)) * stdtrit(blocks - 1, outside)))
-    low, high = np.quantile(defined, [outside, 1 - outside])
+    places = (len(defined) - 1) * np.array([outside, 1 - outside])
+    low, high = np.interp(places, np.arange(len(defined)), np.sort(defined))  # as np.quantile, in a third of its time
     return Interval(float(low), float(high))
 
 

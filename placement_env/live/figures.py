@@ -119,6 +119,11 @@ class Meter:
         made = self.preparation
         return Objective.of_moved(made, candidates, visibility, made.setting.weights)
 
+    def judge(self, candidates: Candidates, seen: Visibility, standing: Bool[np.ndarray, " C"]) -> tuple[float, int]:
+        """AP and number of problems alone, which take a tenth of the time."""
+        objective = self.objective(candidates, seen)
+        return float(objective.scores(standing[None]).ap[0]), len(_list_problems(objective))
+
     def measure(self, candidates: Candidates, seen: Visibility, standing: Bool[np.ndarray, " C"]) -> LiveAnswer:
         """Figures of all sensors, of which some have failed. Its change is 0."""
         objective = self.objective(candidates, seen)

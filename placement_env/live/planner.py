@@ -44,6 +44,7 @@ LIVE_FRAMES, LIVE_SEED = 60, 3
 LIVE_BYTES = 190_000_000  # of panoramas in memory
 KEPT_STEPS = 2000  # that can be undone
 KEPT_VIEWS, KEPT_ANSWERS = 512, 128  # views of single sensors and figures of variants in memory
+USUAL_TILT = 0.3  # rad below the horizon, around which tables are made first
 Row = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]  # points, distance, sent, far of one sensor
 TRIED = ((0.2, 0.0), (-0.2, 0.0), (0.0, 0.09), (0.0, -0.09))  # rad of heading and tilt that a suggestion is turned by
 
@@ -368,7 +369,7 @@ class LivePlanner:
             return any(_look(live, every, k, sensor) for k, sensor in wanted)
 
         models = dict.fromkeys(sensor.model for sensor in every.sensors)
-        if make(enumerate(every.sensors)) or any(make_table_ahead(model, *TILT_SPAN) for model in models):
+        if make(enumerate(every.sensors)) or any(make_table_ahead(model, *TILT_SPAN, USUAL_TILT) for model in models):
             return True
         above = [
             (k, np.array([0.0, 0.0, every.mounts[every.mount[k]].position[2] + height - sensor.position[2]]))
@@ -543,17 +544,21 @@ class LivePlanner:
     def _improve(self, kind: str, base: Variant, sensor: LiveSensor) -> Suggestion:
         """Suggestion of a sensor, turned and tilted while that helps and makes no problem."""
 
-        def judged(each: LiveSensor) -> LiveAnswer:
-            return self.estimate(replace(base, sensors=(*base.sensors, each)))
+        def judge(each: LiveSensor) -> tuple[float, int]:
+            sensors = (*base.sensors, each)
+            candidates = self.yard.candidates(replace(base, sensors=sensors))
+            standing = np.array([not other.failed for other in sensors], np.bool_)
+            return self._meter.judge(candidates, self.look(candidates)[0], standing)
 
-        answer, better = judged(sensor), True
+        (ap, problems), better = judge(sensor), True
         while better:
             better = False
             for turn, down in TRIED:
                 other = replace(sensor, heading=sensor.heading + turn, tilt=sensor.tilt + down)
-                found = judged(other) if TILT_SPAN[0] <= other.tilt <= TILT_SPAN[1] else answer
-                if found.ap > answer.ap + 1e-4 and len(found.problems) <= len(answer.problems):
-                    sensor, answer, better = other, found, True
+                found, more = judge(other) if TILT_SPAN[0] <= other.tilt <= TILT_SPAN[1] else (ap, problems)
+                if found > ap + 1e-4 and more <= problems:
+                    sensor, ap, problems, better = other, found, more, True
+        answer = self.estimate(replace(base, sensors=(*base.sensors, sensor)))
         return Suggestion(kind, sensor, answer, self._stock.known)
 
 
