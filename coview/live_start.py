@@ -53,19 +53,6 @@ class StartPage:
         upload.on_upload(lambda _: self._open(lambda: self._keep(upload.value.name, upload.value.content)))
         self._said = gui.add_html("")
 
-    def open(self, site: str) -> None:
-        """Open a site that was asked for elsewhere. Raises what cannot be done, which the page shows too."""
-        with self._busy:
-            self._said.content = note_html(f"opening {site}", "")
-            gc.disable()  # what is loaded stays
-            try:
-                self._then(site)
-            except (ValueError, OSError, ImportError) as error:
-                self._said.content = note_html("", str(error))
-                raise
-            finally:
-                gc.enable()
-
     def _open(self, find: Callable[[], Path]) -> None:
         if not self._busy.acquire(blocking=False):
             return
@@ -147,13 +134,23 @@ class LiveSession:
         self._server = self._open.enter_context(viser_server(port, token))
         self.url = f"http://127.0.0.1:{self._server.get_port()}/{token}/"
         if callable(planner):
-            self._start = StartPage(self._server, folder, lambda site: self._show(*planner(site)))
+            self._begin = planner
+            StartPage(self._server, folder, lambda site: self._show(*planner(site)))
         else:
             self._show(planner, project)
 
     def open(self, site: str) -> None:
-        """Open a site in place of the first page. Raises what the function that makes the planner raises."""
-        self._start.open(site)
+        """Open a site in place of the first page. Raises what cannot be done, which the page shows too."""
+        self._server.gui.reset()
+        said = self._server.gui.add_html(note_html(f"opening {site}", ""))
+        gc.disable()  # what is loaded stays
+        try:
+            self._show(*self._begin(site))
+        except (ValueError, OSError, ImportError) as error:
+            said.content = note_html("", str(error))
+            raise
+        finally:
+            gc.enable()
 
     def _show(self, planner: "LivePlanner", project: "ProjectFile | None") -> None:
         from coview.live_page import LivePage

@@ -1,9 +1,9 @@
 """`o3d`: Open3D without its viewer for web pages, whose framework takes half a second at every start."""
 
 import sys
-from collections.abc import Callable
 from importlib import import_module
 from types import ModuleType
+from typing import Any
 
 VIEWER = "open3d.visualization.draw_plotly"
 
@@ -13,12 +13,13 @@ class _Viewer(ModuleType):
 
     __all__ = ()
 
-    def __getattr__(self, name: str) -> Callable[..., object]:
+    def __getattr__(self, name: str) -> Any:
         if name.startswith("__"):
             raise AttributeError(name)
 
-        def call(*given: object, **named: object) -> object:
-            sys.modules.pop(VIEWER, None)
+        def call(*given: Any, **named: Any) -> Any:
+            if sys.modules[VIEWER] is self:
+                del sys.modules[VIEWER]
             return getattr(import_module(VIEWER), name)(*given, **named)
 
         return call
