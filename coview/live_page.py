@@ -10,16 +10,14 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterable
-from contextlib import ExitStack, suppress
+from contextlib import suppress
 from dataclasses import replace
-from html import escape
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from coview.live_start import StartPage
 from coview.live_tables import (
     HINT,
     MAP_KEY,
@@ -46,18 +44,18 @@ from toolkit.runtime.parallel import return_freed_memory
 from toolkit.sensors.error_profiles import PROFILES
 from toolkit.sensors.sensor import Sensor
 from toolkit.viewing import scene
-from toolkit.viewing.scene import Handle, viser_server
+from toolkit.viewing.scene import Handle
 
 if TYPE_CHECKING:
     from viser import ViserServer
 
     from placement_env.live.figures import LiveAnswer
     from placement_env.setting import Setting
-LIVE_PORT = 8090  # unless it is taken
 FOUND = 0.5  # hit probability from which a road user is drawn as found
 REACH = 20.0  # m: a handle is where the sensor looks at the ground, but no farther
-PATIENCE = 1.0  # s that a suggestion waits for more poles to be looked at
+PATIENCE = 0.6  # s that a suggestion waits for more poles to be looked at
 QUIET, CALM = 0.4, 2.0  # s without a change after which views that are shown are refined, and all others
+LATE = 0.3  # s after which what is slow to draw no longer waits for the pointer to rest
 TIDY = 10.0  # s of use after which freed memory is handed back
 CATCH = 3.0  # m from the pointer within which a pole catches a sensor that is carried
 AWAY, WIDE = 1.25, 1.3  # times as far from the area as the report's view, in windows at least so wide for their height
@@ -84,6 +82,7 @@ class LivePage:
         self._jobs: deque[Callable[[], None]] = deque()
         self._long: deque[Callable[[], None]] = deque()
         self._wake, self._closed, self._touched = threading.Condition(), False, 0.0
+        self._behind = 0.0  # since when what is slow to draw is to be drawn
         self._drag: Callable[[], None] | None = None
         self._nodes: dict[str, list[Handle]] = {}
         self._ghosts: list[Suggestion] = []
@@ -133,9 +132,13 @@ class LivePage:
         played = time.monotonic()
         while not self._closed:
             with self._wake:
-                if not self._jobs and self._drag is None:
+                if not self._jobs and self._drag is None and not self._behind:
                     self._wake.wait(0.3)
-                job = self._jobs.popleft() if self._jobs else self._drag
+                idle = not self._jobs and self._drag is None
+                if self._behind and (idle or time.monotonic() > self._behind + LATE):
+                    job: Callable[[], None] | None = self._draw_rest
+                else:
+                    job = self._jobs.popleft() if self._jobs else self._drag
                 if job is self._drag:
                     self._drag = None
             if job is not None:
@@ -153,19 +156,21 @@ class LivePage:
                 tidied = time.monotonic()
                 return_freed_memory()
             wait = QUIET if answer is not None and answer.coarse else CALM
-            if time.monotonic() - self._touched < wait or not more:
+            if answer is None or time.monotonic() - self._touched < wait or not more:
                 time.sleep(0.1)
                 more = more or self._touched > time.monotonic() - 1
                 continue
             more = self.planner.refine()
             time.sleep(0.01)  # for those who wait to cast rays
-            candidates = self.planner.yard.candidates(self.planner.variant)
-            if answer is not None and answer.coarse and not self.planner.look(candidates)[1]:
+            if answer is not None and answer.coarse and not self.planner.coarse:
                 self.do(self._show_refined)
 
     def _show_refined(self) -> None:
         if self._answer is not None:
             self._answer = self.planner.answer(self._answer.what)
+            if self._frame.max < self.planner.frames - 1:  # the first frames are followed by all
+                self._maps.clear()
+                self._frame.max = self.planner.frames - 1
             self._draw()
 
     def _work_long(self) -> None:
@@ -464,7 +469,7 @@ class LivePage:
         answer = self._answer
         if answer is None:
             return
-        self._figures.content, self._details.content = figures_html(answer), details_html(answer)
+        self._figures.content = figures_html(answer)
         self.server.flush()  # figures do not wait for the scene
         with self.server.atomic():
             self._draw_sensors()
@@ -472,10 +477,17 @@ class LivePage:
             self._draw_areas()
             self._draw_picture()
         self._show_note()
-        self._draw_traffic()
-        self._draw_map()
-        self._draw_variants()
-        self._fill()
+        self._behind = self._behind or time.monotonic()
+
+    def _draw_rest(self) -> None:
+        """Draw what the next answer does not wait for."""
+        self._behind = 0.0
+        if self._answer is not None:
+            self._details.content = details_html(self._answer)
+            self._draw_traffic()
+            self._draw_map()
+            self._draw_variants()
+            self._fill()
 
     def _draw_variants(self) -> None:
         yard, variants = self.planner.yard, self.planner.variants
@@ -651,7 +663,7 @@ class LivePage:
 
     def _draw_traffic(self) -> None:
         answer, seen = self._answer, self.planner.unseen
-        if answer is None:
+        if answer is None or len(answer.probability) != len(seen.boxes):  # all frames come in a moment
             return
         here = np.flatnonzero(seen.frame == int(self._frame.value))
         found, hidden = answer.probability[here] >= FOUND, answer.hidden[here]
@@ -722,51 +734,3 @@ class LivePage:
         self._aimed[client.client_id] = way, camera.aspect, phone, middle + away
         with client.atomic():
             camera.position, camera.look_at = middle + away, middle
-
-
-class LiveSession:
-    """A live planner that is served. In Jupyter it shows itself in the cell. url: for browsers of this machine.
-
-    planner: or a function that makes one with its project of the name or file of a site, which the page asks for."""
-
-    planner: LivePlanner
-    page: LivePage
-
-    def __init__(
-        self,
-        planner: LivePlanner | Callable[[str], tuple[LivePlanner, ProjectFile]],
-        *,
-        port: int = LIVE_PORT,
-        project: ProjectFile | None = None,
-        folder: Path = Path("out/live"),
-    ) -> None:
-        if not 1 <= port < 2**16:
-            raise ValueError(f"port must lie in 1..65535, got {port}: leave it out for {LIVE_PORT}")
-        token = secrets.token_urlsafe(16)
-        self._open, self._folder = ExitStack(), folder
-        self._server = self._open.enter_context(viser_server(port, token))
-        if isinstance(planner, LivePlanner):
-            self._show(planner, project)
-        else:
-            StartPage(self._server, folder, lambda site: self._show(*planner(site)))
-        self.url = f"http://127.0.0.1:{self._server.get_port()}/{token}/"
-
-    def _show(self, planner: LivePlanner, project: ProjectFile | None) -> None:
-        self.planner = planner
-        self._server.gui.reset()
-        if project is not None:
-            self._open.callback(project.close)
-        self.page = LivePage(self._server, planner, project, self._folder)
-        self._open.callback(self.page.close)
-
-    def wait(self) -> None:
-        """Serve until the process is interrupted."""
-        with suppress(KeyboardInterrupt):
-            self._server.sleep_forever()
-
-    def close(self) -> None:
-        """End the server."""
-        self._open.close()
-
-    def _repr_html_(self) -> str:
-        return f'<iframe src="{escape(self.url)}" width="100%" height="640" style="border:1px solid #ccc"></iframe>'

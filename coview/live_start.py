@@ -1,8 +1,13 @@
-"""First page of the live planner: open a map extract or a site, from where planning starts."""
+"""`LiveSession`: a live planner that is served from before it is ready. Its first page says so, or opens a map or site.
 
+What takes long to import is imported once the page is served."""
+
+import gc
 import re
+import secrets
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import ExitStack, suppress
+from html import escape
 from pathlib import Path
 from threading import Lock
 from typing import TYPE_CHECKING
@@ -12,14 +17,20 @@ from coview.live_tables import START, note_html
 from toolkit.runtime.files import write_bytes
 from toolkit.sites.files import save_site
 from toolkit.sites.maps import MapPiece, import_opendrive, import_osm
+from toolkit.viewing.scene import viser_server
 
 if TYPE_CHECKING:
     from viser import ViserServer
+
+    from coview.live_page import LivePage
+    from placement_env.live.planner import LivePlanner
+    from placement_env.live.project import ProjectFile
 
 MAPS, SITES = (".osm", ".xodr"), (".json", ".geojson")
 MOST_BYTES = 60_000_000  # of an upload
 LONGEST = 60  # characters of a file's name that are kept
 SIZE = (80.0, 60.0)  # m
+LIVE_PORT = 8090  # unless it is taken
 
 
 class StartPage:
@@ -97,3 +108,69 @@ def find_middle(path: Path) -> tuple[float, float]:
             if part.tag in ("node", "road"):
                 break
     raise ValueError(f"{path} states no bounds: give the centre")
+
+
+class LiveSession:
+    """A live planner that is served. In Jupyter it shows itself in the cell. url: for browsers of this machine.
+
+    planner: or a function that makes one with its project of the name or file of a site, which `open` or the page asks
+    for."""
+
+    planner: "LivePlanner"
+    page: "LivePage"
+
+    def __init__(
+        self,
+        planner: "LivePlanner | Callable[[str], tuple[LivePlanner, ProjectFile]]",
+        *,
+        port: int = LIVE_PORT,
+        project: "ProjectFile | None" = None,
+        folder: Path = Path("out/live"),
+    ) -> None:
+        if not 1 <= port < 2**16:
+            raise ValueError(f"port must lie in 1..65535, got {port}: leave it out for {LIVE_PORT}")
+        token = secrets.token_urlsafe(16)
+        self._open, self._folder = ExitStack(), folder
+        self._server = self._open.enter_context(viser_server(port, token))
+        self.url = f"http://127.0.0.1:{self._server.get_port()}/{token}/"
+        if callable(planner):
+            self._begin = planner
+            StartPage(self._server, folder, lambda site: self._show(*planner(site)))
+        else:
+            self._show(planner, project)
+
+    def open(self, site: str) -> None:
+        """Open a site in place of the first page. Raises what cannot be done, which the page shows too."""
+        self._server.gui.reset()
+        said = self._server.gui.add_html(note_html(f"opening {site}", ""))
+        gc.disable()  # what is loaded stays
+        try:
+            self._show(*self._begin(site))
+        except (ValueError, OSError, ImportError) as error:
+            said.content = note_html("", str(error))
+            raise
+        finally:
+            gc.enable()
+
+    def _show(self, planner: "LivePlanner", project: "ProjectFile | None") -> None:
+        from coview.live_page import LivePage
+
+        self.planner = planner
+        self._server.gui.reset()
+        if project is not None:
+            self._open.callback(project.close)
+        gc.freeze()  # what stays is not looked through in a drag
+        self.page = LivePage(self._server, planner, project, self._folder)
+        self._open.callback(self.page.close)
+
+    def wait(self) -> None:
+        """Serve until the process is interrupted."""
+        with suppress(KeyboardInterrupt):
+            self._server.sleep_forever()
+
+    def close(self) -> None:
+        """End the server."""
+        self._open.close()
+
+    def _repr_html_(self) -> str:
+        return f'<iframe src="{escape(self.url)}" width="100%" height="640" style="border:1px solid #ccc"></iframe>'

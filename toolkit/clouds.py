@@ -14,7 +14,6 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-import open3d as o3d
 
 from toolkit.arrays import Float, Int, Int32, Int64, Mask, Points, Rng
 from toolkit.boxes import count_points
@@ -22,6 +21,7 @@ from toolkit.frame import unproject
 from toolkit.point_files import read_pcd, read_ply
 from toolkit.points import Area, Crop
 from toolkit.runtime.files import MOST_CLOUD, load_arrays, reserve, writing
+from toolkit.runtime.light_open3d import o3d
 from toolkit.sensors.sensor import Sensor
 
 PointCloud = o3d.t.geometry.PointCloud

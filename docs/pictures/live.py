@@ -12,7 +12,8 @@ import numpy as np
 from PIL import Image
 from playwright.sync_api import Page, sync_playwright
 
-from coview.live_page import AWAY, LiveSession
+from coview.live_page import AWAY
+from coview.live_start import LiveSession
 from placement_env import LivePlanner
 from toolkit.runtime.run import Run
 from toolkit.viewing import scene

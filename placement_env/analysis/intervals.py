@@ -13,11 +13,11 @@ sets on the same frames can be compared draw by draw."""
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from statistics import NormalDist
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import ndtr, ndtri, stdtrit
 
 from placement_env.checks import check_whole
 from placement_env.fidelity.detector import IGNORED, Outcome
@@ -97,8 +97,11 @@ def percentiles(
         return Interval(math.nan, math.nan)
     outside = (1 - confidence) / 2
     if math.isfinite(blocks):
+        from scipy.special import ndtr, stdtrit  # takes a tenth of what a command loads
+
         outside = float(ndtr(math.sqrt(blocks / (blocks - 1)) * stdtrit(blocks - 1, outside)))
-    low, high = np.quantile(defined, [outside, 1 - outside])
+    places = (len(defined) - 1) * np.array([outside, 1 - outside])
+    low, high = np.interp(places, np.arange(len(defined)), np.sort(defined))  # as np.quantile, in a third of its time
     return Interval(float(low), float(high))
 
 
@@ -129,7 +132,7 @@ def figure_interval(
 
 def _wilson(share: float, count: float, confidence: float) -> Interval:
     """Return Wilson's score interval of a share of independent objects."""
-    z = float(ndtri((1 + confidence) / 2))
+    z = NormalDist().inv_cdf((1 + confidence) / 2)
     middle, spread = share + z**2 / (2 * count), z * math.sqrt(share * (1 - share) / count + (z / (2 * count)) ** 2)
     return Interval((middle - spread) / (1 + z**2 / count), min(1.0, (middle + spread) / (1 + z**2 / count)))
 

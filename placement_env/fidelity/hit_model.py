@@ -163,6 +163,8 @@ class HitModel:
 
     def of_size(self, boxes: Float[np.ndarray, "O 7"]) -> Float[np.ndarray, " O"]:
         """Per-object factor on `probability`; 1 unless the object is bulky."""
+        if not self.bulk:
+            return np.ones(len(boxes))
         volume = boxes[:, 3:6].astype(np.float64).prod(axis=1)
         return np.asarray((np.maximum(volume, BULKY) / BULKY) ** -self.bulk)
 

@@ -126,13 +126,13 @@ class RayTable:
         self.first_column, self.first_row = int(column.min()), int(row.min())
         shape = int(column.max()) - self.first_column + 1, int(row.max()) - self.first_row + 1
         self.columns = shape[0]
-        place = (column - self.first_column) * shape[1] + row - self.first_row
         kind = np.uint32 if len(column) >> 16 else np.uint16
-        counts = np.bincount(place, minlength=shape[0] * shape[1]).astype(kind).reshape(shape)
-        for before, after in pairwise(counts):  # row by row, as accumulate along this axis is five times slower
-            np.add(before, after, out=after)
         self._sums = np.zeros((shape[0] + 1, shape[1] + 1), kind)
-        np.add.accumulate(counts, axis=1, out=self._sums[1:, 1:])
+        place = (column - self.first_column + 1) * (shape[1] + 1) + row - self.first_row + 1
+        np.add.at(self._sums.ravel(), place, kind(1))
+        for before, after in pairwise(self._sums):  # row by row, as accumulate along this axis is five times slower
+            np.add(before, after, out=after)
+        np.add.accumulate(self._sums, axis=1, out=self._sums)
         column, row = find_cells(azimuth, elevation)
         rays = np.bincount(column * CELL_ROWS + row)
         self.cells = np.flatnonzero(rays)
@@ -183,9 +183,11 @@ def ray_table(model: SensorModel, tilt: float, roll: float) -> RayTable:
         return table
 
 
-def make_table_ahead(model: SensorModel, lowest: float, steepest: float) -> bool:
-    """Make one of the tables that lack between two tilts (rad). False where none lacks, or memory is full."""
-    for step in range(round(lowest / TABLE_TILTS), round(steepest / TABLE_TILTS) + 1):
+def make_table_ahead(model: SensorModel, lowest: float, steepest: float, around: float) -> bool:
+    """Make one of the tables that lack between two tilts (rad), the nearest to `around` first. False where none lacks,
+    or memory is full."""
+    steps = range(round(lowest / TABLE_TILTS), round(steepest / TABLE_TILTS) + 1)
+    for step in sorted(steps, key=lambda each: abs(each - around / TABLE_TILTS)):
         if (key := (model, step * TABLE_TILTS, 0.0)) not in _TABLES and _TABLES.nbytes < 0.85 * MOST_TABLE_BYTES:
             ray_table(*key)
             return True
@@ -504,7 +506,9 @@ class LiveView:
             successive = successive_strips(self.traffic, np.array(places)[missing])
             return place_strips(successive, self.traffic, range(len(self.traffic)), len(missing))
 
-        keys = [make_key("panorama", code_digest(__name__), self.traffic.digest(), place) for place in places]
+        keys = [b"" for _ in places]  # which take long, so they are made for a cache alone
+        if self._cache is not None:
+            keys = [make_key("panorama", code_digest(__name__), self.traffic.digest(), place) for place in places]
         return [Strips(*arrays) for arrays in recall(self._cache, keys, make)]
 
 

@@ -15,7 +15,6 @@ from placement_env.classes import VEHICLES, Classes
 from placement_env.fidelity.coverage import Coverage
 from placement_env.fidelity.detector import Detected
 from placement_env.fidelity.hit_model import HitModel, chosen_model, load_models, shipped_model
-from placement_env.fidelity.renders import Renders
 from placement_env.fidelity.surrogate import Surrogate
 from placement_env.fidelity.table import Table, TableFidelity, hash_site, load_table
 from placement_env.fidelity.traffic import FRAMES, Traffic, scored, simulate_traffic
@@ -266,6 +265,8 @@ class Preparation:
 
     def detected(self, errors: ErrorProfile) -> Detected:
         """Detector's fidelity at one error profile and IoU threshold."""
+        from placement_env.fidelity.renders import Renders
+
         setting, run = self.setting, self.run
         return Detected(
             Renders(self.traffic, setting.pool, run.memo, errors=errors),

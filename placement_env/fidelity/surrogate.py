@@ -26,6 +26,7 @@ from toolkit.detection.schemes import find_scheme
 from toolkit.sites.site import HYBRID_RADIUS
 
 MOST_POINTS = 1e5  # points on an object: powers and their sums fit float32
+SMALL_PRODUCT = 1 << 18  # multiplications that BLAS does in one thread: waiting for a busy core takes far longer
 
 
 class Surrogate:
@@ -202,10 +203,14 @@ def resample_ap(
     order = np.argsort(-probability, kind="stable")
     own = (block[order] == np.arange(draws.shape[1])[:, None]).astype(np.float32)  # objects of each block
     some = own * probability[order].astype(np.float32)
-    precision = draws @ np.cumsum(some, axis=1)
-    found = draws @ np.cumsum(some + np.float32(false_alarms) * (own - some), axis=1)
-    precision /= np.maximum(found, np.finfo(np.float32).tiny, out=found)  # 0 where nothing is found yet
-    area, whole = ((precision @ some.T) * draws).sum(axis=1), draws @ own.sum(axis=1)
+    hits, found = np.cumsum(some, axis=1), np.cumsum(some + np.float32(false_alarms) * (own - some), axis=1)
+    area, at_once = np.zeros(len(draws), np.float32), max(1, SMALL_PRODUCT // max(own.size, 1))
+    for first in range(0, len(draws), at_once):
+        part = draws[first : first + at_once]
+        precision = part @ hits
+        precision /= np.maximum(part @ found, np.finfo(np.float32).tiny)  # 0 where nothing is found yet
+        area[first : first + at_once] = ((precision @ some.T) * part).sum(axis=1)
+    whole = draws @ own.sum(axis=1)
     return np.divide(area, whole, out=np.full(len(area), np.nan), where=whole > 0, dtype=np.float64)
 
 
@@ -225,13 +230,19 @@ class Evidence:
     def _pooled(self) -> Bool[np.ndarray, "C O"] | None:
         return self.scheme.mask_pooled(self.visibility.distance, self.radius)
 
+    @cached_property
+    def _place(self) -> tuple[Float32[np.ndarray, "C O"], Float64[np.ndarray, " O"]]:
+        """Distance in 20 m, and how far each object is turned from both axes."""
+        seen = self.visibility
+        return np.maximum(seen.distance, 1) / 20, np.abs(np.sin(2 * seen.boxes[:, 6]))
+
     def rows(self, model: HitModel, dtype: type = np.float32) -> Float[np.ndarray, "C w"]:
         """Evidence n ^ norm, beside it n where the centre gets the points, then both of N where there is a floor."""
-        seen = self.visibility
-        points: np.ndarray = seen.points.astype(dtype)
+        points: np.ndarray = self.visibility.points.astype(dtype)
+        away, aside = self._place
         raw = self._columns(points, model) if model.floor > 0 else []
-        points *= (np.maximum(seen.distance, 1).astype(dtype) / 20) ** model.reach
-        points *= np.exp(-model.oblique * np.abs(np.sin(2 * seen.boxes[:, 6]))).astype(dtype)
+        points *= away.astype(dtype, copy=False) ** model.reach
+        points *= np.exp(-model.oblique * aside).astype(dtype)
         columns = [*self._columns(points, model), *raw]
         return columns[0] if len(columns) == 1 else np.concatenate(columns, axis=1)
 

@@ -9,17 +9,19 @@ crop."""
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from placement_env.fidelity.traffic import Traffic, scored
 from toolkit.arrays import Bool, Float32, Float64, Int64
-from toolkit.datasets.dataset import CoopDataset
-from toolkit.datasets.recordings import with_errors
 from toolkit.objects import VEHICLE, Objects
 from toolkit.points import count_on_ground, frame_points, is_beyond
 from toolkit.runtime.files import read_arrays, write_arrays
 from toolkit.sensors.sensor import Sensor
+
+if TYPE_CHECKING:
+    from toolkit.datasets.dataset import CoopDataset
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +95,7 @@ class Visibility:
 
     @staticmethod
     def of(
-        recording: CoopDataset,
+        recording: "CoopDataset",
         frames: int | None = None,
         *,
         noise_seed: int | None = 0,
@@ -101,6 +103,8 @@ class Visibility:
     ) -> "Visibility":
         """View of a recording's sensors on its objects of some classes, counted in the clouds of the first `frames`.
         Points sent are counted with the noise that `toolkit.detection.evaluation` adds, None for none, as kbit are."""
+        from toolkit.datasets.recordings import with_errors
+
         site, count = recording.site, min(len(recording), len(recording) if frames is None else frames)
         points, sent, far, objects = [], [], [], []
         for k in range(count):

@@ -57,7 +57,7 @@ class LiveAnswer:
     worst_low, worst_high: AP left after the worst single failure, of `worst_sensor`; levels: of traffic; change,
     change_low, change_high: AP since the answer before, on the same frames; unseen, hidden: road users without a point
     on them, their number and which; probability: that each is found; problems: sentences on what cannot be built so;
-    coarse: a view was taken from half metres of height."""
+    coarse: a view was taken from half metres of height, or these are the first few frames."""
 
     what: str
     sensors: int
@@ -118,6 +118,11 @@ class Meter:
         """Objective of sensors whose view is known."""
         made = self.preparation
         return Objective.of_moved(made, candidates, visibility, made.setting.weights)
+
+    def judge(self, candidates: Candidates, seen: Visibility, standing: Bool[np.ndarray, " C"]) -> tuple[float, int]:
+        """AP and number of problems alone, which take a tenth of the time."""
+        objective = self.objective(candidates, seen)
+        return float(objective.scores(standing[None]).ap[0]), len(_list_problems(objective))
 
     def measure(self, candidates: Candidates, seen: Visibility, standing: Bool[np.ndarray, " C"]) -> LiveAnswer:
         """Figures of all sensors, of which some have failed. Its change is 0."""

@@ -8,15 +8,16 @@ of which `suggest` chooses. One thread may refine while another moves."""
 import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
-from threading import RLock
+from threading import Lock, RLock
 from typing import Any
 
 import numpy as np
 
 from placement_env.candidates.candidates import Candidates, NoCandidates, aim_sensor, paper_candidates, pool
-from placement_env.fidelity.panorama import list_heights, make_table_ahead
+from placement_env.fidelity.panorama import LiveView, list_heights, make_table_ahead
 from placement_env.fidelity.preparation import Preparation
 from placement_env.fidelity.seeing import see
+from placement_env.fidelity.traffic import FRAMES
 from placement_env.fidelity.visibility import Visibility
 from placement_env.live.figures import LiveAnswer, Meter
 from placement_env.live.picture import GroundPicture
@@ -43,6 +44,7 @@ LIVE_FRAMES, LIVE_SEED = 60, 3
 LIVE_BYTES = 190_000_000  # of panoramas in memory
 KEPT_STEPS = 2000  # that can be undone
 KEPT_VIEWS, KEPT_ANSWERS = 512, 128  # views of single sensors and figures of variants in memory
+USUAL_TILT = 0.3  # rad below the horizon, around which tables are made first
 Row = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]  # points, distance, sent, far of one sensor
 TRIED = ((0.2, 0.0), (-0.2, 0.0), (0.0, 0.09), (0.0, -0.09))  # rad of heading and tilt that a suggestion is turned by
 
@@ -63,7 +65,10 @@ class LivePlanner:
 
     site: a site, its name or file, or a setting: its fidelity must be the surrogate, its candidates are the stock (the
     site's pool without any); frames, seed: of the traffic; run: cache and more, in place of frames and seed;
+    first_frames: fewer, of traffic of their own, whose figures are shown until `refine` has made the views of all;
     most_sensors: beyond which an answer names a problem. Raises ValueError where the setting has no surrogate."""
+
+    preparation: Preparation
 
     def __init__(
         self,
@@ -72,6 +77,7 @@ class LivePlanner:
         seed: int = LIVE_SEED,
         *,
         run: Run | None = None,
+        first_frames: int | None = None,
         most_sensors: float = math.inf,
     ) -> None:
         setting = site if isinstance(site, Setting) else Setting(site)
@@ -82,7 +88,11 @@ class LivePlanner:
         self._lock = RLock()
         self.first, self.most_sensors = setting, most_sensors
         self.tell: Callable[[bool], None] = lambda dragging: None  # called after every change, before its answer
-        self._open(setting, run or Run(frames=frames, seed=seed))
+        whole = run or Run(frames=frames, seed=seed)
+        fewer = first_frames is not None and first_frames < whole.frames_or(FRAMES)
+        self._open(setting, replace(whole, frames=first_frames, cache=None) if fewer else whole)
+        self._whole = replace(self.preparation, run=whole) if fewer else None  # of all frames, where few are shown
+        self._fetching = Lock()
         start = self.yard.place(place.sensors)
         self.variants: dict[str, Variant] = {"A": start}
         self.picture: GroundPicture | None = None  # under the scene
@@ -99,11 +109,12 @@ class LivePlanner:
         setting = replace(asked, candidates=self.yard.stock).with_fidelity("surrogate")
         made = Preparation(setting, run)
         made.check()
+        known = None if before is None else self.preparation.live
         self.asked, self.setting, self.preparation = asked, setting, made.plain
         if before is not None:
             self.preparation.take_traffic(before)
         self._meter, self._answers = Meter(self.preparation, self.currency), dict[Variant, LiveAnswer]()
-        if before is None or before.setting.counted.labels != setting.counted.labels:
+        if known is None or known is not self.preparation.live:
             self._views, self._stock = dict[object, Row](), StockViews(self.preparation)
             if self.preparation.live is not None:
                 self.preparation.live.limit(LIVE_BYTES)
@@ -279,14 +290,15 @@ class LivePlanner:
     def answer(self, what: str = "") -> LiveAnswer:
         """Figures of the variant that is shown, and what changed since those before."""
         with self._lock:
-            variant, before = self.variant, self._before
-        return self.estimate(variant).since(before, what)
+            return self.estimate(self.variant).since(self._before, what)
 
     def estimate(self, variant: Variant) -> LiveAnswer:
         """Figures of any variant."""
-        found = self._answers.get(variant)
-        if found is not None and not found.coarse:
-            return found
+        with self._lock:
+            found = self._answers.get(variant)
+            return found if found is not None and not found.coarse else self._estimate(variant)
+
+    def _estimate(self, variant: Variant) -> LiveAnswer:
         candidates, yard = self.yard.candidates(variant), self.yard
         seen, coarse = self.look(candidates)
         standing = np.array([not sensor.failed for sensor in variant.sensors], np.bool_)
@@ -296,12 +308,16 @@ class LivePlanner:
         if len(variant.sensors) > self.most_sensors:
             said += (f"it has {len(variant.sensors)} sensors, more than the {self.most_sensors} of its plan",)
         found = self._meter.measure(candidates, seen, standing)
-        found = replace(found, coarse=coarse, problems=found.problems + said)
-        with self._lock:
-            if len(self._answers) > KEPT_ANSWERS:
-                self._answers.clear()
-            self._answers[variant] = found
+        found = replace(found, coarse=coarse or self._whole is not None, problems=found.problems + said)
+        if len(self._answers) > KEPT_ANSWERS:
+            self._answers.clear()
+        self._answers[variant] = found
         return found
+
+    @property
+    def coarse(self) -> bool:
+        """True where the figures shown are of few frames, or a view is not from its very height."""
+        return self._whole is not None or self.look(self.yard.candidates(self.variant))[1]
 
     def look(self, every: Candidates) -> tuple[Visibility, bool]:
         """View of the sensors of a variant; True where one is not from its very height."""
@@ -341,20 +357,19 @@ class LivePlanner:
     def refine(self) -> bool:
         """Make one of the views that are missing: of the sensors shown, then from other heights of their poles, the
         nearest first, then of the stock. True while some are. May run in a thread of its own."""
+        if self._whole is not None:
+            self._fetch()
+            return True
         live = self.preparation.live
         if live is None:
             return False
         every = self.yard.candidates(self.variant)
 
         def make(wanted: Iterable[tuple[int, Sensor]]) -> bool:
-            for k, sensor in wanted:
-                if not live.knows(sensor):
-                    live.see(replace(every.select([k]), sensors=(sensor,)), reach="own")
-                    return True
-            return False
+            return any(_look(live, every, k, sensor) for k, sensor in wanted)
 
         models = dict.fromkeys(sensor.model for sensor in every.sensors)
-        if make(enumerate(every.sensors)) or any(make_table_ahead(model, *TILT_SPAN) for model in models):
+        if make(enumerate(every.sensors)) or any(make_table_ahead(model, *TILT_SPAN, USUAL_TILT) for model in models):
             return True
         above = [
             (k, np.array([0.0, 0.0, every.mounts[every.mount[k]].position[2] + height - sensor.position[2]]))
@@ -365,6 +380,19 @@ class LivePlanner:
         others = ((k, aim_sensor(every.sensors[k], every.sensors[k].position + up, 0.0, 0.0)) for k, up in above)
         # where memory is full they would push each other out for ever
         return (not live.full and make(others)) or self._stock.look_further()
+
+    def _fetch(self) -> None:
+        """Make one of the views of all frames that are missing; where none is, show figures of all frames."""
+        with self._fetching:
+            if (whole := self._whole) is None:
+                return
+            shown = [self.yard.candidates(each) for each in (self.variant, *self.variants.values())]
+            rows = ((every, k, sensor) for every in shown for k, sensor in enumerate(every.sensors))
+            if whole.live is not None and any(_look(whole.live, *row) for row in rows):
+                return
+            with self._lock:
+                self._open(self.asked, whole.run, whole)
+                self._whole, self._before = None, None
 
     def finish(self) -> LiveAnswer:
         """Figures of the variant that is shown, without anything coarse."""
@@ -381,6 +409,8 @@ class LivePlanner:
         patience: seconds to look from poles that nobody has looked from; without limit from one height of each.
 
         Raises ValueError for an unknown kind or sensor, and where the stock has no place left."""
+        while self._whole is not None:
+            self._fetch()
         variant = self.variant
         if kind == "remove":
             free = [each for each in variant.sensors if not each.locked]
@@ -441,12 +471,12 @@ class LivePlanner:
         """Figures by the detector in place of the surrogate's, on the same frames, with the setting's errors."""
         from placement_env.report.planning.judging import Judge
 
+        own = replace(self.finish(), what="measured")
         working = replace(self.variant, sensors=tuple(each for each in self.sensors if not each.failed))
         stock = self.yard.candidates(working)
         asked = replace(self.asked, site=self.yard.site, candidates=stock, fidelity="detector")
         made = Preparation(asked, self.preparation.run)
         judged = Judge.of(made, self.preparation.run.seed).judge(np.ones((1, len(working.sensors)), np.bool_))[0]
-        own = self.answer("measured")
         return replace(own, ap=judged.ap, low=judged.low, high=judged.high, recall=judged.recall)
 
     def restore(self, variants: dict[str, Variant], current: str, past: Iterable[tuple[str, Variant]]) -> None:
@@ -514,17 +544,21 @@ class LivePlanner:
     def _improve(self, kind: str, base: Variant, sensor: LiveSensor) -> Suggestion:
         """Suggestion of a sensor, turned and tilted while that helps and makes no problem."""
 
-        def judged(each: LiveSensor) -> LiveAnswer:
-            return self.estimate(replace(base, sensors=(*base.sensors, each)))
+        def judge(each: LiveSensor) -> tuple[float, int]:
+            sensors = (*base.sensors, each)
+            candidates = self.yard.candidates(replace(base, sensors=sensors))
+            standing = np.array([not other.failed for other in sensors], np.bool_)
+            return self._meter.judge(candidates, self.look(candidates)[0], standing)
 
-        answer, better = judged(sensor), True
+        (ap, problems), better = judge(sensor), True
         while better:
             better = False
             for turn, down in TRIED:
                 other = replace(sensor, heading=sensor.heading + turn, tilt=sensor.tilt + down)
-                found = judged(other) if TILT_SPAN[0] <= other.tilt <= TILT_SPAN[1] else answer
-                if found.ap > answer.ap + 1e-4 and len(found.problems) <= len(answer.problems):
-                    sensor, answer, better = other, found, True
+                found, more = judge(other) if TILT_SPAN[0] <= other.tilt <= TILT_SPAN[1] else (ap, problems)
+                if found > ap + 1e-4 and more <= problems:
+                    sensor, ap, problems, better = other, found, more, True
+        answer = self.estimate(replace(base, sensors=(*base.sensors, sensor)))
         return Suggestion(kind, sensor, answer, self._stock.known)
 
 
@@ -552,3 +586,11 @@ def _finite(name: str, value: float) -> float:
 
 def _without(variant: Variant, name: str) -> Variant:
     return replace(variant, sensors=tuple(each for each in variant.sensors if each.name != name))
+
+
+def _look(live: LiveView, every: Candidates, k: int, sensor: Sensor) -> bool:
+    """Look from where a sensor hangs on the mount of candidate k; False where that is known."""
+    if live.knows(sensor):
+        return False
+    live.see(replace(every.select([k]), sensors=(sensor,)), reach="own")
+    return True

@@ -28,7 +28,7 @@ from toolkit.sites.files import format_site
 PROJECT_VERSION = 1
 SAVED_STEPS = 100  # that can be undone after a reload
 MOST_VARIANTS = 200
-PAUSE = 0.2  # s between two saves while a sensor is dragged
+PAUSE = 1.0  # s between two saves while a sensor is dragged
 BEFORE = ".last-good"  # ending of the state before the last save
 
 

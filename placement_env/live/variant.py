@@ -231,7 +231,8 @@ class Yard:
         sensors = [self.build_sensor(variant, each) for each in variant.sensors]
         aim = np.array([(each.height, each.heading, each.tilt) for each in variant.sensors]).reshape(-1, 3)
         rows = np.array([index[each.mount] for each in variant.sensors], np.int64)
-        return Candidates.of_poses(sensors, rows, aim, replace(self.stock, mounts=mounts))
+        stock = replace(self.stock, mounts=mounts) if variant.poles else self.stock
+        return Candidates.of_poses(sensors, rows, aim, stock)
 
     def build_sensor(self, variant: Variant, sensor: LiveSensor) -> Sensor:
         """Sensor as it hangs."""

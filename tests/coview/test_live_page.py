@@ -12,7 +12,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from coview.live_page import AWAY, LivePage, LiveSession
+from coview.live_page import AWAY, LivePage
+from coview.live_start import LiveSession
 from placement_env import LivePlanner
 from placement_env.live.project import ProjectFile
 from placement_env.live.variant import Variant
@@ -46,6 +47,7 @@ class Page:
         self.tab.set_default_timeout(90_000)
         self.tab.goto(self.url)
         self.tab.wait_for_selector(".live-ap")
+        self.tab.wait_for_function("!document.querySelector('.live-ap').parentElement.innerText.includes('refining')")
         self.tab.wait_for_timeout(1500)
         canvas = self.tab.locator("canvas").first.bounding_box()
         self.size = canvas["width"], canvas["height"]

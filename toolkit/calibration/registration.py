@@ -124,7 +124,7 @@ def site_surface(site: Site, *, seed: int = 0) -> Surface:
 
 def cloud_surface(points: Points) -> Surface:
     """Return the thinned flat surface of a cloud. Raises ValueError if fewer than `LEAST_FLAT` points are left."""
-    import open3d as o3d
+    from toolkit.runtime.light_open3d import o3d
 
     points = np.asarray(points, np.float64)
     points = points[np.isfinite(points).all(axis=1)]

@@ -9,12 +9,12 @@ import hashlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from toolkit.arrays import Bool, Float, Float32, Float64, Mask, Points
 from toolkit.boxes import count_points
-from toolkit.datasets.dataset import CoopDataset
 from toolkit.detection.provenance import detector_origin
 from toolkit.frame import empty_scene
 from toolkit.geometry import level_rows
@@ -22,6 +22,9 @@ from toolkit.objects import Detections, Detector, UnionDetector, quick_detector
 from toolkit.points import Crop, frame_points, join_clouds
 from toolkit.rendering.static_scene import build_scenery
 from toolkit.sites.site import Site
+
+if TYPE_CHECKING:
+    from toolkit.datasets.dataset import CoopDataset
 
 VOXEL = 0.15  # m
 PER_VOXEL = 2.0  # points on each square of a surface as large as a voxel's side
@@ -172,7 +175,7 @@ class KnownBackground:
         return kept if surer is None else surer(kept)
 
 
-def recording_background(recording: CoopDataset) -> Background:
+def recording_background(recording: "CoopDataset") -> Background:
     """Learn the background of a recording: the scenery of its site if known, else what lies behind all that moves.
     Objects that park throughout become background."""
     if recording.site.solids:
@@ -180,7 +183,7 @@ def recording_background(recording: CoopDataset) -> Background:
     return Background.learn(np.concatenate(list(empty_sweeps(recording))))
 
 
-def empty_sweeps(recording: CoopDataset) -> Iterator[Float32[np.ndarray, "_ 3"]]:
+def empty_sweeps(recording: "CoopDataset") -> Iterator[Float32[np.ndarray, "_ 3"]]:
     """Yield levelled points of four noisy sweeps without road users."""
     empty, rng = empty_scene(recording), np.random.default_rng(0)
     for _ in range(SWEEPS):

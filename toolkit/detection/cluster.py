@@ -19,7 +19,6 @@ from itertools import pairwise
 from typing import ClassVar, NamedTuple
 
 import numpy as np
-import open3d as o3d
 
 from toolkit.arrays import Float, Float64, Points, Rng
 from toolkit.boxes import count_points, nms
@@ -31,6 +30,7 @@ from toolkit.detection.place import Corners, Place, Stand, crop_points
 from toolkit.frame import Frame
 from toolkit.geometry import plane_rotation, transform
 from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE, Detections
+from toolkit.runtime.light_open3d import o3d
 
 CAR = np.array([4.4, 1.9])  # length and width (m) to which a car seen in part is completed
 LOWEST_ROOF = 1.3  # m, least height of a car

@@ -10,7 +10,6 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-import open3d as o3d
 import shapely
 
 from toolkit.arrays import BoxRows, Float32, Float64, Int32, Int64, Mask, Pose
@@ -19,6 +18,7 @@ from toolkit.boxes import corners
 from toolkit.geometry import LEVEL, Slope, invert, level_motion, pose, transform
 from toolkit.mesh import Mesh
 from toolkit.rendering.static_scene import build_scenery as build_scenery
+from toolkit.runtime.light_open3d import o3d
 from toolkit.sensors.sensor import NEAR, Sensor, SensorModel
 from toolkit.sites.site import Site
 from toolkit.traffic.snapshots import Snapshot

@@ -20,9 +20,11 @@ from toolkit.runtime.run import Run
 if TYPE_CHECKING:
     from placement_env.live.figures import LiveAnswer
     from placement_env.live.planner import LivePlanner
+    from placement_env.live.project import ProjectFile
 
 USUAL_STOCK = StockOptions()
 LIVE_RUN = Run(frames=60, seed=3, cache=Path("out/cache"))
+FIRST_FRAMES = 8  # of a page's first figures
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -131,8 +133,7 @@ def live(
         site: A site with or without sensors, or the folder of a plan; the page asks for a map or site when left out."""
     import webbrowser
 
-    from coview.live_page import LiveSession
-    from placement_env.live.project import ProjectFile
+    from coview.live_start import LiveSession
     from toolkit.viewing.scene import check_viser
 
     check_viser()
@@ -141,11 +142,12 @@ def live(
         return keeping.project or keeping.out / f"{Path(where).stem or 'site'}.live.json"
 
     def begin(where: str) -> "tuple[LivePlanner, ProjectFile]":
-        planner = open_planner(where, stock, classes, cases, run)
+        from placement_env.live.project import ProjectFile
+
+        planner = open_planner(where, stock, classes, cases, run, first=FIRST_FRAMES)
         return planner, ProjectFile(find_project(where), planner, last_good=keeping.last_good)
 
-    planner, kept = begin(site) if site else (begin, None)
-    session = LiveSession(planner, port=serving.port, project=kept, folder=keeping.out)
+    session = LiveSession(begin, port=serving.port, folder=keeping.out)
     try:
         project = str(find_project(site) if site else keeping.out)
         said = f"{session.url} (this machine alone; Ctrl-C ends it; kept in {project})"
@@ -153,14 +155,18 @@ def live(
         sys.stdout.flush()
         if serving.browser:
             webbrowser.open(session.url)
+        if site:
+            session.open(site)
         session.wait()
     finally:
         session.close()
     return OK
 
 
-def open_planner(where: str, stock: StockOptions, classes: ClassOptions, cases: Cases, run: Run) -> "LivePlanner":
-    """Open a planner at a site, or with the sensors of a plan's folder.
+def open_planner(
+    where: str, stock: StockOptions, classes: ClassOptions, cases: Cases, run: Run, *, first: int | None = None
+) -> "LivePlanner":
+    """Open a planner at a site, or with the sensors of a plan's folder. first: frames of its first figures.
 
     That brings a budget and number of sensors, and classes, poles and frames where the options are left out. Raises
     ValueError and OSError for what cannot be read."""
@@ -185,7 +191,7 @@ def open_planner(where: str, stock: StockOptions, classes: ClassOptions, cases: 
         if (run.frames, run.seed) == (LIVE_RUN.frames, LIVE_RUN.seed):
             run = replace(run, frames=asked["frames"][0], seed=asked["seed"])
     setting = replace(stock.setting(where, classes, cases, run), most_price=most)
-    return LivePlanner(setting, run=run, most_sensors=count)
+    return LivePlanner(setting, run=run, first_frames=first, most_sensors=count)
 
 
 def _describe(before: "LiveAnswer", after: "LiveAnswer") -> str:

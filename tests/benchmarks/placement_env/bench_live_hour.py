@@ -17,7 +17,7 @@ from bench_live import resident
 from bench_live_page import FLAGS, Bench
 from playwright.sync_api import sync_playwright
 
-from coview.live_page import LiveSession
+from coview.live_start import LiveSession
 from placement_env import LivePlanner
 from placement_env.live.project import ProjectFile
 

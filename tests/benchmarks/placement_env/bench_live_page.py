@@ -14,12 +14,14 @@ import shutil
 import sys
 import tempfile
 import time
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
 from playwright.sync_api import Page, sync_playwright
 
-from coview.live_page import AWAY, LiveSession
+from coview.live_page import AWAY
+from coview.live_start import LiveSession
 from placement_env import LivePlanner
 from placement_env.live.project import ProjectFile
 from toolkit.viewing import scene
@@ -63,6 +65,7 @@ class Bench:
         self.tab, self.session, self.planner = tab, session, session.planner
         self.served: list[list[float]] = []
         self.answered = ""  # the page's figures after the latest step
+        self.why = list[str]()  # why figures did not change
         page = session.page
         for name in ("_turn", "_carry", "_lift"):
             setattr(page, name, self._timed(getattr(page, name)))
@@ -104,6 +107,12 @@ class Bench:
         scale = height / 2 / np.tan(np.deg2rad(25.0)) / (way @ ahead)
         return np.array([width / 2 + scale * (way @ right), height / 2 - scale * (way @ np.cross(right, ahead))])
 
+    def plain(self, html: str) -> str:
+        """Text of HTML without spaces."""
+        return "".join(
+            self.tab.evaluate("h => new DOMParser().parseFromString(h, 'text/html').body.innerText", html).split()
+        )
+
     def place(self, name: str, housing: bool) -> np.ndarray:
         """Pixel of a sensor's handle, or housing."""
         sensor = self.planner.yard.build_sensor(self.planner.variant, self.planner.variant.find(name))
@@ -128,7 +137,8 @@ class Bench:
         while news != (news := (len(self.served), self.tab.evaluate("live.length"))):
             self.tab.wait_for_timeout(1000 * REST)
         found, served, heard = self.tab.evaluate("live"), list(self.served), list(self.heard)
-        answered = self.answered
+        answered, read = self.answered, self.tab.evaluate("document.querySelector('.live-ap').parentElement.outerHTML")
+        same = self.plain(read) == self.plain(self.session.page._figures.content)
         mouse.up()
         self.tab.keyboard.up("Shift")
         self.tab.wait_for_timeout(1000 * REST)
@@ -137,6 +147,8 @@ class Bench:
         figures = [row for row in found if row[0] == "figures" and messages and row[1] >= messages[0][1]]
         maps = [row[1] - pointer[-1][1] for row in found if row[0] == "map" and pointer]
         if not (pointer and figures and messages and served and heard):
+            missed = "beside the handle" if not heard else "nothing new" if same else "LOST"
+            self.why.append(missed)
             for client in self.session._server.get_clients().values():  # a drag beside the handle turns the camera
                 self.session.page._aim(client, self.session.page._slant)
             self.tab.wait_for_timeout(1000)
@@ -149,10 +161,11 @@ class Bench:
         return whole | dict(zip(parts, np.diff(times).tolist(), strict=True))
 
 
-def say(what: str, rows: list[dict[str, float] | None]) -> None:
+def say(what: str, rows: list[dict[str, float] | None], why: list[str]) -> None:
     """Print percentiles of a kind of drag."""
     kept = [row for row in rows if row is not None]
-    print(f"{what}: {len(kept)} of {len(rows)} drags changed the figures", flush=True)
+    print(f"{what}: {len(kept)} of {len(rows)} drags changed the figures; the others: {dict(Counter(why))}", flush=True)
+    why.clear()
     for name in dict.fromkeys(name for row in kept for name in row):
         p50, p95, worst = np.percentile([row[name] for row in kept if name in row], [50, 95, 100])
         print(f"  {name:>15}: p50 {p50:5.0f}, p95 {p95:5.0f}, worst {worst:5.0f} ms", flush=True)
@@ -178,23 +191,24 @@ def main(drags: int = 200, width: int = 1280, height: int = 720) -> None:
             towards = (middle - start) * rng.uniform(0.05, 0.4) + rng.normal(0, 25, 2)
             return bench.drag(names[k % len(names)], start + towards)
 
-        say("turns and tilts", [turn(k) for k in range(drags)])
+        say("turns and tilts", [turn(k) for k in range(drags)], bench.why)
         free = [m for m in planner.yard.stock.mounts if m.name not in {s.mount for s in planner.sensors}]
         level = float(planner.yard.build_sensor(planner.variant, planner.variant.find("d0")).position[2])
         ends = [bench.pixel([*mount.position[:2], level]) for mount in free]
         there = [end for end in ends if (end > 20).all() and (end < np.array(bench.size) - 20).all()]
-        say("a pole never used", [bench.drag("d0", end, housing=True) for end in there[: drags // 10]])
+        say("a pole never used", [bench.drag("d0", end, housing=True) for end in there[: drags // 10]], bench.why)
         tab.wait_for_timeout(20_000)  # views from other heights are made while nobody moves anything
         lifts = [(names[k % len(names)], rng.uniform(-40, 40)) for k in range(drags // 5)]
         say(
             "lifts",
             [bench.drag(n, bench.place(n, True) + np.array([0, by]), housing=True, shift=True) for n, by in lifts],
+            bench.why,
         )
         tab.get_by_role("tab", name="View").click()
         tab.get_by_label("Seen how often").click()
         tab.get_by_role("option", name="a child").click()
         tab.wait_for_timeout(3000)
-        say("turns with the map", [turn(k) for k in range(drags // 5)])
+        say("turns with the map", [turn(k) for k in range(drags // 5)], bench.why)
         chromium.close()
     session.close()
     shutil.rmtree(folder)

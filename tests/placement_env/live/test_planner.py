@@ -58,6 +58,27 @@ def test_an_interval_needs_five_blocks_and_holds_the_figure() -> None:
     assert np.isnan(few.low)
 
 
+def test_figures_of_few_frames_are_coarse_until_those_of_all_follow(planner) -> None:
+    """They say their number, are followed whatever is done meanwhile, and no change is counted between them."""
+    quick = LivePlanner("tjunction", frames=FRAMES, seed=3, first_frames=4)
+    first = quick.answer()
+    assert (first.frames, first.coarse, quick.frames) == (4, True, 4)
+    moved = quick.move("d0", heading=1.0)
+    assert moved.change == pytest.approx(moved.ap - first.ap)
+    quick.show("B", copy=True)
+    whole = quick.finish()
+    assert (whole.frames, whole.coarse, whole.change) == (FRAMES, False, 0.0)
+    assert whole.objects == planner.answer().objects > first.objects
+    planner.move("d0", heading=1.0)
+    assert whole.ap == planner.finish().ap
+    assert quick.undo().what == "undo"
+    assert not quick.answer().coarse
+    assert LivePlanner("tjunction", frames=4, first_frames=8).answer().frames == 4
+    asked = LivePlanner("tjunction", frames=FRAMES, seed=3, first_frames=4)
+    asked.ask(classes=("cyclist", "pedestrian"))
+    assert asked.suggest("remove", count=1)[0].answer.frames == FRAMES
+
+
 def test_the_worst_failure_is_that_of_the_sensor_whose_failure_leaves_least(planner) -> None:
     whole = planner.finish()
     left = {}

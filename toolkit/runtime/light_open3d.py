@@ -1,0 +1,31 @@
+"""`o3d`: Open3D without its viewer for web pages, whose framework takes half a second at every start."""
+
+import sys
+from importlib import import_module
+from types import ModuleType
+from typing import Any
+
+VIEWER = "open3d.visualization.draw_plotly"
+
+
+class _Viewer(ModuleType):
+    """The viewer, loaded when one of its functions is called."""
+
+    __all__ = ()
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):
+            raise AttributeError(name)
+
+        def call(*given: Any, **named: Any) -> Any:
+            if sys.modules[VIEWER] is self:
+                del sys.modules[VIEWER]
+            return getattr(import_module(VIEWER), name)(*given, **named)
+
+        return call
+
+
+sys.modules.setdefault(VIEWER, _Viewer(VIEWER))
+import open3d as o3d  # noqa: E402
+
+__all__ = ["o3d"]
