@@ -96,9 +96,8 @@ class StartPage:
 
 
 def find_middle(path: Path) -> tuple[float, float]:
-    """Middle of a map by its own bounds: longitude and latitude, or x and y (m) in OpenDRIVE.
-
-    Raises ValueError for a map that states none, OSError where it cannot be read."""
+    """Middle of a map by its own bounds: longitude and latitude, or x and y (m) in OpenDRIVE. Raises ValueError for a
+    map that states none, OSError where it cannot be read."""
     ends = {"bounds": ("minlon", "maxlon", "minlat", "maxlat"), "header": ("west", "east", "south", "north")}
     with suppress(ElementTree.ParseError, KeyError):
         for _, part in ElementTree.iterparse(path, events=("start",)):

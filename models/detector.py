@@ -94,10 +94,9 @@ class VoxelNetDetector:
         return own if self.phases == 1 else f"{own} on {self.phases} grids"
 
     def shift_grids(self, phases: int) -> "VoxelNetDetector":
-        """Same detector on several grids, shifted by parts of a cell: where one grid lies matters less.
-
-        Boxes of one class that overlap are averaged, and have the greatest of their scores. Raises ValueError for fewer
-        than one grid, or more than `MOST_PHASES`."""
+        """Same detector on several grids, shifted by parts of a cell: where one grid lies matters less. Boxes of one
+        class that overlap are averaged, and have the greatest of their scores. Raises ValueError for fewer than one
+        grid, or more than `MOST_PHASES`."""
         if not 1 <= phases <= MOST_PHASES:
             raise ValueError(f"phases must be 1 to {MOST_PHASES} grids, got {phases}: 4 is usual for real clouds")
         other = copy.copy(self)
@@ -140,10 +139,9 @@ class VoxelNetDetector:
         ]
 
     def unions(self, clouds: _Clouds, unions: Bool[np.ndarray, "U C"]) -> list[Detections]:
-        """Detect in many unions of the same clouds, such as all sets of a site's sensors.
-
-        The results are those of each union's points, to the rounding of float32, in much less time where most clouds
-        reach only a part of the area (`models.network.tiles`)."""
+        """Detect in many unions of the same clouds, such as all sets of a site's sensors. The results are those of each
+        union's points, to the rounding of float32, in much less time where most clouds reach only a part of the area
+        (`models.network.tiles`)."""
         found: dict[int, Detections] = {}
         if clouds and len(unions) and self._tiled is not None and self.phases == 1:
             plan = self._tiled.plan([torch.as_tensor(cloud).float().to(self.device) for cloud in clouds], unions)

@@ -84,9 +84,8 @@ def run(
 
 
 def second_stages(options: TrainingOptions, start: VoxelNet | None) -> tuple[tuple[str, ...], tuple[str, ...], bool]:
-    """Return classes, classes with measured faces, and whether to calibrate, by default as in `start`.
-
-    Raises ValueError for faces of other classes."""
+    """Return classes, classes with measured faces, and whether to calibrate, by default as in `start`. Raises
+    ValueError for faces of other classes."""
     classes, faces = options.classes, options.faces
     if classes is None:
         classes = ("vehicle",) if start is None else start.config.labels

@@ -35,9 +35,8 @@ class Header:
 
 
 def save_weights(path: str | Path, network: VoxelNet, header: Header) -> None:
-    """Write a network's weights, complete or not at all.
-
-    Raises ValueError for a weight that is not finite: such a network is of no use."""
+    """Write a network's weights, complete or not at all. Raises ValueError for a weight that is not finite: such a
+    network is of no use."""
     from safetensors.torch import save
 
     tensors = {name: tensor.detach().cpu().contiguous() for name, tensor in network.state_dict().items()}
@@ -133,9 +132,8 @@ _TORCH_RAISES = (
 
 
 def load_tensors(path: str | Path, device: str = "cpu") -> object:
-    """Read tensors and plain values that `torch.save` wrote.
-
-    Raises FileNotFoundError; ValueError, in one line, if the file is damaged or holds anything else."""
+    """Read tensors and plain values that `torch.save` wrote. Raises FileNotFoundError; ValueError, in one line, if the
+    file is damaged or holds anything else."""
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"no checkpoint at {path}")
@@ -153,9 +151,8 @@ def save_atomically(path: Path, state: dict[str, object]) -> None:
 
 
 def read_checkpoint(path: Path, device: str = "cpu", *, identity: Mapping[str, object] | None = None) -> dict[str, Any]:
-    """Read a checkpoint without executing anything in it.
-
-    Raises ValueError if it is damaged, or of a run with other settings than those of `identity`, by name."""
+    """Read a checkpoint without executing anything in it. Raises ValueError if it is damaged, or of a run with other
+    settings than those of `identity`, by name."""
     try:
         state = load_tensors(path, device)
     except ValueError as error:

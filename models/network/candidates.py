@@ -120,9 +120,8 @@ def suppress(
 
 
 def average_boxes(candidates: Detections, kept: Int64[np.ndarray, " k"], iou_threshold: float) -> Detections:
-    """Average each kept box with candidates of its class that overlap it.
-
-    Weights are squared scores: neighbouring anchors err independently ("box voting", Gidaris and Komodakis 2015)."""
+    """Average each kept box with candidates of its class that overlap it. Weights are squared scores: neighbouring
+    anchors err independently ("box voting", Gidaris and Komodakis 2015)."""
     boxes, best = candidates.boxes, candidates.boxes[kept]
     together = (iou_bev(best, boxes) > iou_threshold) & (candidates.labels[kept][:, None] == candidates.labels)
     weights = np.where(together, candidates.scores**2, 0.0)
@@ -153,9 +152,8 @@ def strongest_rivals(found: Detections, config: VoxelNetConfig) -> Float[np.ndar
 
 
 def apply_rivals(found: Detections, config: VoxelNetConfig) -> Detections:
-    """Lower scores where other classes claim the place, by `config.rivalry`.
-
-    score = sigmoid(slope · logit(score) + intercept - Σ weight of a label · score of its strongest rival)."""
+    """Lower scores where other classes claim the place, by `config.rivalry`. score = sigmoid(slope · logit(score) +
+    intercept - Σ weight of a label · score of its strongest rival)."""
     if not config.rivalry or not len(found):
         return found
     own = {label_index(name): row for row, name in enumerate(config.labels)}

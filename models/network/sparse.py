@@ -168,10 +168,9 @@ class LinearHead(nn.Module):
 
 
 def cell_by_cell(conv: nn.Module, x: Float[Tensor, "B C H W"]) -> Float[Tensor, "B K H W"]:
-    """Compute a 1x1 convolution by the convolution library.
-
-    On one CPU thread torch would choose a plain matrix product, which takes about twice as long. Compilers and
-    exporters do not know the library's convolution, and it refuses bfloat16 on processors without AVX-512."""
+    """Compute a 1x1 convolution by the convolution library. On one CPU thread torch would choose a plain matrix
+    product, which takes about twice as long. Compilers and exporters do not know the library's convolution, and it
+    refuses bfloat16 on processors without AVX-512."""
     plain = torch.compiler.is_compiling() or not torch.backends.mkldnn.is_available()  # type: ignore[no-untyped-call]
     plain = plain or (x.dtype == torch.bfloat16 and not torch.ops.mkldnn._is_mkldnn_bf16_supported())
     if plain or x.device.type != "cpu":
@@ -252,10 +251,8 @@ SMALL = 2 * BORDER + 1  # cells along x and y of the small empty grid
 
 
 class Plane(NamedTuple):
-    """Cells of B maps (H x W cells) in one plane.
-
-    A margin of one cell around each map makes every neighbour a fixed step away; beyond the border is no reached cell.
-    """
+    """Cells of B maps (H x W cells) in one plane. A margin of one cell around each map makes every neighbour a fixed
+    step away; beyond the border is no reached cell."""
 
     items: int
     nx: int

@@ -56,10 +56,9 @@ class PlacedClouds(NamedTuple):
     def find_crowded(
         self, unions: Bool[np.ndarray, "U C"], most: int
     ) -> tuple[Int64[np.ndarray, " U"], Int64[Tensor, " k"]]:
-        """Find the points that `voxelise` leaves out of unions, in voxels with more than `most`.
-
-        Returns the number of the way each union is thinned, 0 for none, and the points left out, ascending, as that
-        number · points + row of the point."""
+        """Find the points that `voxelise` leaves out of unions, in voxels with more than `most`. Returns the number of
+        the way each union is thinned, 0 for none, and the points left out, ascending, as that number · points + row of
+        the point."""
         rows = torch.nonzero(self.crowd > most)[:, 0]
         concerned = torch.bincount(self.cloud[rows], minlength=self.clouds).cpu().numpy() > 0
         alike, number = np.unique(unions & concerned, axis=0, return_inverse=True)
@@ -239,9 +238,8 @@ class TiledVoxelNet:
         return len(plan.entries(-1).tile) <= MOST_OWN * len(plan.seen[-1]) * (len(plan.unions) - START_COST)
 
     def __call__(self, plan: UnionPlan) -> Iterator[tuple[slice, Entries, Iterator[TilePredictions]]]:
-        """Yield groups of unions, as large as memory allows.
-
-        Each is a slice of the unions, the entries of the head's tiles, and the head's maps for all of them."""
+        """Yield groups of unions, as large as memory allows. Each is a slice of the unions, the entries of the head's
+        tiles, and the head's maps for all of them."""
         count = len(plan.unions)
         while count > 1 and len(plan.part(slice(count)).entries(-1).tile) > MOST_ENTRIES:
             count = (count + 1) // 2

@@ -131,9 +131,8 @@ class MiddleLayers(nn.Module):
 
 
 class HeightFold(nn.Module):
-    """Light middle: a sum over a column's voxels, with a linear map per height.
-
-    It equals a 1x1 convolution of the grid with its height folded into channels, at the cost of the occupied voxels."""
+    """Light middle: a sum over a column's voxels, with a linear map per height. It equals a 1x1 convolution of the grid
+    with its height folded into channels, at the cost of the occupied voxels."""
 
     def __init__(self, config: VoxelNetConfig) -> None:
         super().__init__()

@@ -60,10 +60,9 @@ PRESETS = {
 
 
 def make_config(area: Area, preset: str, size: str = "light", classes: Sequence[str] = ("vehicle",)) -> VoxelNetConfig:
-    """Return the network that a preset trains for an area, light or published in size, with the head of its loss.
-
-    The light one knows no absolute coordinates, so it learns on a `window` of the area; `models.detector.relocate` puts
-    the result on all of it."""
+    """Return the network that a preset trains for an area, light or published in size, with the head of its loss. The
+    light one knows no absolute coordinates, so it learns on a `window` of the area; `models.detector.relocate` puts the
+    result on all of it."""
     head: dict[str, Any] = {"head": "quality", "anchor_z": 0.8, "quality_power": 1.0, "averaging": 0.75}
     if PRESETS[preset].loss == "published":
         head = {"head": "published", "anchor_z": 1.6, "quality_power": 0.0, "averaging": 0.0}

@@ -134,10 +134,9 @@ def paper_loss(prediction: Prediction, labels: _Labels, boxes: _Targets, anchors
 def quality_loss(
     prediction: Prediction, labels: _Labels, boxes: _Targets, anchors: Tensor, classes: Sequence[int] | None = None
 ) -> dict[str, Tensor]:
-    """Loss of class, box, direction and predicted IoU.
-
-    Focal loss (Lin et al. 2017) for the class; smooth L1 of residuals and 1 - IoU for the box. A class's sums are
-    divided by the number of its positive anchors. classes: class of each anchor of a cell (None: one class)."""
+    """Loss of class, box, direction and predicted IoU. Focal loss (Lin et al. 2017) for the class; smooth L1 of
+    residuals and 1 - IoU for the box. A class's sums are divided by the number of its positive anchors. classes: class
+    of each anchor of a cell (None: one class)."""
     if prediction.direction_logits is None or prediction.quality_logits is None:
         raise ValueError('the quality loss needs a network with head="quality"')
     count = anchors.shape[2]

@@ -43,9 +43,8 @@ Area = tuple[float, float, float, float]  # xmin ymin xmax ymax, m
 
 
 class PackedFrames:
-    """Packed file in memory. Points and objects of frame k are in its site's frame.
-
-    Raises FileNotFoundError; ValueError if the file is damaged or not a packed file."""
+    """Packed file in memory. Points and objects of frame k are in its site's frame. Raises FileNotFoundError;
+    ValueError if the file is damaged or not a packed file."""
 
     def __init__(self, path: Path | str) -> None:
         if not Path(path).is_file():
@@ -170,9 +169,8 @@ class Rig:
     def measure(
         self, s: int, changed: np.ndarray, measured: np.ndarray, rng: Rng | None
     ) -> tuple[_Points, Shaped[np.ndarray, " n"], Float32[np.ndarray, " n"]]:
-        """Noisy points in the crop, their pixels and measurements.
-
-        Pixels `changed` have measured this (0: nothing), the others the empty site."""
+        """Noisy points in the crop, their pixels and measurements. Pixels `changed` have measured this (0: nothing),
+        the others the empty site."""
         rows, columns = self.sensors[s].model.shape
         still = np.ones(rows * columns, bool)
         still[changed] = False

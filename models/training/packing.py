@@ -121,9 +121,8 @@ def change(rig: Rig, frame: Frame) -> Change:
 
 
 def pack(recordings: Iterable[PackedRecording], out: Path, *, progress: _Progress | None = None) -> int:
-    """Write a packed file, complete or not at all, and return its number of frames.
-
-    Raises ValueError without any frame, OSError if the disk is full."""
+    """Write a packed file, complete or not at all, and return its number of frames. Raises ValueError without any
+    frame, OSError if the disk is full."""
     with writing(out) as unfinished, hdf5_file(unfinished) as (file, check):
         return _write(file, recordings, check, progress)
 

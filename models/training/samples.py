@@ -61,10 +61,8 @@ def random_errors(rng: Rng) -> ErrorProfile:
 def with_errors(
     frames: PackedFrames, k: int, errors: ErrorProfile, seed: int, sensors: Iterable[int] | None = None
 ) -> list[_Points]:
-    """Points of frame k with sensor errors, in the crop of each chosen sensor (None: all), on level ground.
-
-    Sensors stand where they are believed to. Surfaces outside the crop can mix with those inside, but give no points.
-    """
+    """Points of frame k with sensor errors, in the crop of each chosen sensor (None: all), on level ground. Sensors
+    stand where they are believed to. Surfaces outside the crop can mix with those inside, but give no points."""
     rig, objects, clouds = frames.rig(k), frames.objects(k), []
     velocities = _draw_velocities(objects, seed) if errors.needs_velocities else None
     pixels, steps = frames.changes(k)
@@ -229,9 +227,8 @@ MOST_TURN = np.deg2rad(18.0)
 
 
 def jitter_objects(points: _Points, boxes: _Boxes, rng: Rng) -> tuple[np.ndarray, np.ndarray]:
-    """Turn each object with its points by up to ±18°, and shift it by N(0, 0.5) (m) in the plane.
-
-    An object that would then touch another stays put (paper, training process)."""
+    """Turn each object with its points by up to ±18°, and shift it by N(0, 0.5) (m) in the plane. An object that would
+    then touch another stays put (paper, training process)."""
     points, boxes = points.copy(), boxes.copy()
     reach = np.linalg.norm(boxes[:, 3:5], axis=1) / 2
     owned = points_in_boxes(points, boxes)

@@ -59,10 +59,8 @@ def detect_frames(
     errors: float = 0.0,
     known: bool = False,
 ) -> list[tuple[Detections, Objects, Mask]]:
-    """Detect in the first `count` frames (None: all) by early fusion.
-
-    Returns detections, truth and a mask of objects centred in the frame's area. subsets, errors: see `read_points`;
-    known: leave out what belongs to the empty site."""
+    """Detect in the first `count` frames (None: all) by early fusion. Returns detections, truth and a mask of objects
+    centred in the frame's area. subsets, errors: see `read_points`; known: leave out what belongs to the empty site."""
     training = network.training
     detector_in, results = detector_by_area(network, device, LOWEST), []
     background = lru_cache(maxsize=AREAS_KEPT)(_background)
@@ -106,10 +104,9 @@ _MAPS = tuple(f"head.{name}." for name in ("classes", "residuals", "direction", 
 
 
 def widen(network: VoxelNet, config: VoxelNetConfig) -> VoxelNet:
-    """Return a network widened to the classes of `config`.
-
-    Weights of shared classes are taken over, with their anchors; anchors of new classes start at random, always the
-    same. A network of the same classes without a second stage is returned unchanged."""
+    """Return a network widened to the classes of `config`. Weights of shared classes are taken over, with their
+    anchors; anchors of new classes start at random, always the same. A network of the same classes without a second
+    stage is returned unchanged."""
     known = network.config
     if known.labels == config.labels and not known.faces:
         return network
@@ -158,9 +155,8 @@ _LEAST_SLOPE = 0.05
 
 
 def platt(scores: _Scores, hits: Mask, rivals: Float[np.ndarray, "n L"] | None = None) -> tuple[float, ...]:
-    """Fit slope, intercept and the weights (at least 0) of rivals' scores to hits (Platt 1999).
-
-    They make sigmoid(slope · logit(score) + intercept - Σ weight · rival) the likeliest share of true detections."""
+    """Fit slope, intercept and the weights (at least 0) of rivals' scores to hits (Platt 1999). They make sigmoid(slope
+    · logit(score) + intercept - Σ weight · rival) the likeliest share of true detections."""
     rivals = np.zeros((len(scores), 0)) if rivals is None else rivals
     rows = np.column_stack([logit(scores), np.ones(len(scores)), -rivals])
     wanted = np.eye(1, rows.shape[1])[0]
@@ -194,11 +190,9 @@ def lowest_threshold(scores: _Scores, hits: Mask, precision: float) -> float:
 
 
 def fit_calibration(network: VoxelNet, frames: PackedFrames, *, count: int | None = None, seed: int = 0) -> VoxelNet:
-    """Return the network with calibration, rivalry and a threshold per class.
-
-    Each threshold is the lowest above which `PRECISION` of the detections are true, over the first `count` frames
-    (None: all) of a file that training did not use, some of them seen by some of the sensors or by sensors with errors.
-    """
+    """Return the network with calibration, rivalry and a threshold per class. Each threshold is the lowest above which
+    `PRECISION` of the detections are true, over the first `count` frames (None: all) of a file that training did not
+    use, some of them seen by some of the sensors or by sensors with errors."""
     bare = rebuild(network, score_threshold=LOWEST, **dict.fromkeys(FITTED, ()))
     labels = bare.config.labels
     judged = _judge(bare, frames, count, seed)
@@ -272,10 +266,9 @@ class FaceExamples(NamedTuple):
 def face_examples(
     frames: PackedFrames, network: VoxelNet | None, labels: Sequence[str], *, count: int | None = None, seed: int = 0
 ) -> FaceExamples:
-    """Collect examples of the first `count` frames (None: all).
-
-    Half of them are seen by a random subset of the sensors, some by sensors with errors. network: detects them, without
-    a second stage; None for randomly displaced boxes alone."""
+    """Collect examples of the first `count` frames (None: all). Half of them are seen by a random subset of the
+    sensors, some by sensors with errors. network: detects them, without a second stage; None for randomly displaced
+    boxes alone."""
     detector_in = None if network is None else detector_by_area(network, score_threshold=LOWEST_SCORE)
     rows, offsets = ({sort: list[np.ndarray]() for sort in SORTS} for _ in range(2))
     wanted = [label_index(label) for label in labels]
@@ -328,10 +321,8 @@ def off_at_random(boxes: BoxRows, rng: Rng) -> BoxRows:
 def fit_faces(
     networks: FaceNetworks, examples: FaceExamples, *, steps: int | None = None, seed: int = 0
 ) -> dict[str, float]:
-    """Train the three networks, `STEPS` steps each, on the offsets' Laplace likelihood.
-
-    Returns the mean error (m) of each sort of face before and after, over the examples. Raises ValueError for a sort
-    without examples."""
+    """Train the three networks, `STEPS` steps each, on the offsets' Laplace likelihood. Returns the mean error (m) of
+    each sort of face before and after, over the examples. Raises ValueError for a sort without examples."""
     figures: dict[str, float] = {}
     steps = STEPS if steps is None else steps
     for number, sort in enumerate(SORTS):

@@ -62,9 +62,8 @@ class GroundPicture:
 
 
 def keep_picture(name: str, content: bytes, folder: Path, area: Float64[np.ndarray, "4"]) -> GroundPicture:
-    """Keep a PNG or JPEG picture in a folder, as wide as an area (m) at first.
-
-    Raises ValueError for a long name, a damaged picture and one of more than `MOST_PICTURE_BYTES` or `MOST_PIXELS`."""
+    """Keep a PNG or JPEG picture in a folder, as wide as an area (m) at first. Raises ValueError for a long name, a
+    damaged picture and one of more than `MOST_PICTURE_BYTES` or `MOST_PIXELS`."""
     check_name(name)
     if len(content) > MOST_PICTURE_BYTES:
         most = f"{MOST_PICTURE_BYTES // 10**6} MB"

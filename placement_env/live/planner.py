@@ -168,7 +168,6 @@ class LivePlanner:
         dragging: bool = False,
     ) -> LiveAnswer:
         """Turn (rad), tilt (rad below the horizon), raise (m above the foot) or carry a sensor to a pole or place.
-
         Heights and tilts stay within those of the pole and `TILT_SPAN`. dragging: moves of one sensor in a row are
         undone as one. Raises ValueError for an unknown or locked sensor, and for a place where no pole can stand."""
         with self._lock:
@@ -345,7 +344,6 @@ class LivePlanner:
 
     def score(self) -> Score:
         """The objective's own score of the sensors that work, on the same frames, in panoramas from where they hang.
-
         With the setting's rendering "full" every ray is cast."""
         working = replace(self.variant, sensors=tuple(each for each in self.sensors if not each.failed))
         candidates = self.yard.candidates(working)

@@ -33,10 +33,9 @@ BEFORE = ".last-good"  # ending of the state before the last save
 
 
 class ProjectFile:
-    """Keep a planner's work in a file, from where it goes on. last_good: from the state before the last save.
-
-    Raises ValueError for a damaged file, one of another site, and while another process writes it; OSError where it
-    cannot be written."""
+    """Keep a planner's work in a file, from where it goes on. last_good: from the state before the last save. Raises
+    ValueError for a damaged file, one of another site, and while another process writes it; OSError where it cannot be
+    written."""
 
     def __init__(self, path: Path, planner: LivePlanner, *, last_good: bool = False) -> None:
         self.path, self.planner = path, planner
@@ -143,9 +142,8 @@ def _format(variant: Variant) -> str:
 
 
 def export_variant(planner: LivePlanner, folder: Path) -> list[Path]:
-    """Write site.json, a map and a schedule of the variant that is shown; return their paths.
-
-    Raises ValueError without a sensor, OSError where the folder cannot be written."""
+    """Write site.json, a map and a schedule of the variant that is shown; return their paths. Raises ValueError without
+    a sensor, OSError where the folder cannot be written."""
     variant, site = planner.variant, planner.yard.site
     if not variant.sensors:
         raise ValueError("there is no sensor to export: add one")
@@ -161,9 +159,8 @@ def export_variant(planner: LivePlanner, folder: Path) -> list[Path]:
 
 
 def report_variant(planner: LivePlanner, folder: Path) -> list[Path]:
-    """Judge the sensors of the variant that is shown on fresh traffic, and write the full report; return its paths.
-
-    It takes minutes. Raises ValueError without a sensor, OSError where the folder cannot be written."""
+    """Judge the sensors of the variant that is shown on fresh traffic, and write the full report; return its paths. It
+    takes minutes. Raises ValueError without a sensor, OSError where the folder cannot be written."""
     from placement_env.report.planning.planning import plan, write_plan
     from placement_env.report.planning.question import Question, Stock
 
