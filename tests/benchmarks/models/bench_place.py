@@ -87,8 +87,8 @@ def main() -> None:
             where, group = ("lane", "footway")[rng.integers(2)], list(GROUPS)[rng.integers(len(GROUPS))]
             kinds, gap = GROUPS[group]
             x, y = rng.uniform(site.area[:2], site.area[2:])
-            near = any(np.hypot(x - a, y - b) < APART for a, b in taken)
-            if near or len(taken) == MOST or not grounds[where].contains(shapely.Point(x, y)):
+            close = any(np.hypot(x - a, y - b) < APART for a, b in taken)
+            if close or len(taken) == MOST or not grounds[where].contains(shapely.Point(x, y)):
                 continue
             drawn = [draw(kind) for kind in kinds]
             placed = place(drawn, gap, x, y)
