@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 # isort: off
 if TYPE_CHECKING:
     import gymnasium
-    from coview.live_start import LiveSession
+    import coview.live_start
 
     from coview.detectors import load_detector as load_detector
     from placement_env import (
@@ -109,7 +109,9 @@ def make(name: str = "SensorSelect", **settings: Any) -> "gymnasium.Env[Any, Any
     return gymnasium.make(f"placement_env:coview/{name}-v0", **settings)
 
 
-def live(site: "Setting | str", *, frames: int = 60, seed: int = 3, port: int = 8090) -> "LiveSession":
+def live(
+    site: "Setting | str", *, frames: int = 60, seed: int = 3, port: int = 8090
+) -> "coview.live_start.LiveSession":
     """Serve a page where sensors of a site or setting are moved by hand; in Jupyter it shows in the cell. Raises
     ValueError where no surrogate scores the setting, ImportError without viser."""
     from coview.live_start import LiveSession
