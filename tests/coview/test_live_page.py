@@ -224,6 +224,7 @@ def test_an_export_is_read_back(page, engine):
     page.press("Files", "Export site, map and schedule")
     page.tab.wait_for_function("document.querySelector('.live-note')?.innerText.includes('site.json')")
     again = LivePlanner(Setting(load_site(page.folder / "site.json"), candidates="pool"), frames=FRAMES, seed=3)
+    page.until(lambda _: True)
     assert page.ap == pytest.approx(again.finish().ap, abs=0.005)
     assert len(again.sensors) == len(page.variant.sensors)
 
