@@ -53,7 +53,7 @@ if TYPE_CHECKING:
     from placement_env.setting import Setting
 FOUND = 0.5  # hit probability from which a road user is drawn as found
 REACH = 20.0  # m: a handle is where the sensor looks at the ground, but no farther
-PATIENCE, MOST_PATIENCE = 0.6, 6.0  # s that a suggestion waits for more poles to be looked at, and while none helps
+PATIENCE = 0.6  # s that a suggestion waits for more poles to be looked at
 QUIET, CALM = 0.4, 2.0  # s without a change after which views that are shown are refined, and all others
 LATE = 0.3  # s after which what is slow to draw no longer waits for the pointer to rest
 TIDY = 10.0  # s of use after which freed memory is handed back
@@ -418,9 +418,7 @@ class LivePage:
         name = self._name if kind == "move" else None
 
         def job() -> None:
-            end, found = time.monotonic() + MOST_PATIENCE, list[Suggestion]()
-            while not found and time.monotonic() < end:
-                found = self._ghosts = list(self.planner.suggest(kind, name, patience=PATIENCE))
+            found = self._ghosts = list(self.planner.suggest(kind, name, patience=PATIENCE))
             said = "; ".join(f"{s.sensor.name} on {s.sensor.mount}: {describe_ap(s.answer)}" for s in found)
             title = {"add": "next sensor", "move": "best place", "remove": "missed least"}[kind]
             known = f" (of {found[0].considered} poses so far)" if found and kind != "remove" else ""

@@ -36,6 +36,7 @@ from placement_env.live.variant import (
 from placement_env.objective import Score
 from placement_env.report.planning.question import Stock
 from placement_env.setting import Rendering, Setting
+from toolkit.arrays import Mask
 from toolkit.runtime.run import Run
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
@@ -298,9 +299,7 @@ class LivePlanner:
             return found if found is not None and not found.coarse else self._estimate(variant)
 
     def _estimate(self, variant: Variant) -> LiveAnswer:
-        candidates, yard = self.yard.candidates(variant), self.yard
-        seen, coarse = self.look(candidates)
-        standing = np.array([not sensor.failed for sensor in variant.sensors], np.bool_)
+        yard, (candidates, seen, standing, coarse) = self.yard, self._see(variant)
         poles = [yard.find_mount(variant, each.mount) for each in variant.sensors]
         barred = [each.name for each, pole in zip(variant.sensors, poles, strict=True) if yard.bars(variant, pole)]
         said = tuple(f"{name} hangs in a keep-out area" for name in barred)
@@ -317,6 +316,12 @@ class LivePlanner:
     def coarse(self) -> bool:
         """True where the figures shown are of few frames, or a view is not from its very height."""
         return self._whole is not None or self.look(self.yard.candidates(self.variant))[1]
+
+    def _see(self, variant: Variant) -> tuple[Candidates, Visibility, Mask, bool]:
+        """Candidates of a variant, their view, which of them have not failed, and whether the view is coarse."""
+        candidates = self.yard.candidates(variant)
+        seen, coarse = self.look(candidates)
+        return candidates, seen, np.array([not each.failed for each in variant.sensors], np.bool_), coarse
 
     def look(self, every: Candidates) -> tuple[Visibility, bool]:
         """View of the sensors of a variant; True where one is not from its very height."""
@@ -404,7 +409,7 @@ class LivePlanner:
         """Changes that raise the AP most: kind add for the best next sensor, move for the best place of sensor `name`,
         remove for the sensors that are missed least. Fewer where nothing helps.
 
-        patience: seconds to look from poles that nobody has looked from; without limit from one height of each.
+        patience: s to look from poles that nobody has looked from, again while none fits; inf: from a height of each.
 
         Raises ValueError for an unknown kind or sensor, and where the stock has no place left."""
         while self._whole is not None:
@@ -420,10 +425,11 @@ class LivePlanner:
         taken = None if name is None or kind == "add" else self._free(name)
         rest = tuple(each for each in variant.sensors if each is not taken)
         base = replace(variant, sensors=rest)
-        standing = np.array([not each.failed for each in rest], np.bool_)
-        self._stock.at_least_coarse(patience)
-        candidates = self.yard.candidates(base)
-        ranked = self._stock.rank(candidates, self.look(candidates)[0], standing, self._meter.objective)
+        candidates, seen, standing, _ = self._see(base)
+        ranked, more = list[int](), True
+        while more and not ranked:
+            more = self._stock.at_least_coarse(patience)
+            ranked = self._stock.rank(candidates, seen, standing, self._meter.objective)
         found, poles = [], set[int]()
         for candidate in ranked:
             mount = int(self.yard.stock.mount[candidate])
@@ -543,10 +549,7 @@ class LivePlanner:
         """Suggestion of a sensor, turned and tilted while that helps and makes no problem."""
 
         def judge(each: LiveSensor) -> tuple[float, int]:
-            sensors = (*base.sensors, each)
-            candidates = self.yard.candidates(replace(base, sensors=sensors))
-            standing = np.array([not other.failed for other in sensors], np.bool_)
-            return self._meter.judge(candidates, self.look(candidates)[0], standing)
+            return self._meter.judge(*self._see(replace(base, sensors=(*base.sensors, each)))[:3])
 
         (ap, problems), better = judge(sensor), True
         while better:

@@ -52,11 +52,14 @@ class StockViews:
             self.known += len(group)
         return True
 
-    def at_least_coarse(self, patience: float) -> None:
-        """View of the poses at one height of every pole, as far as that takes no more than `patience` seconds."""
+    def at_least_coarse(self, patience: float) -> bool:
+        """View of the poses at one height of every pole; True where `patience` (s) ended before all were looked at."""
         end = time.monotonic() + patience
-        while len(self._waiting) > self._coarse and time.monotonic() < end and self.look_further():
+        while len(self._waiting) > self._coarse and self.look_further():
+            if time.monotonic() > end:
+                return True
             time.sleep(0.001)  # for those who wait to cast rays
+        return False
 
     def rank(
         self,
