@@ -12,7 +12,6 @@ Coordinates are longitude and latitude (RFC 7946, WGS84); altitude is ignored, a
 A collection with the member `coview_site`, such as a saved site, is in the site's metres, z that of the foot."""
 
 import re
-import tomllib
 import warnings
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
@@ -27,7 +26,7 @@ from shapely.geometry import shape
 
 from placement_env.candidates.sensor_catalogue import SensorCatalogue
 from toolkit.arrays import Float64
-from toolkit.runtime.files import read_json
+from toolkit.runtime.files import read_json, read_own_table
 from toolkit.sites.georeference import site_metres
 from toolkit.sites.site import Mount, Site
 
@@ -36,7 +35,7 @@ SURROUNDINGS = 300.0  # m from the detection area within which a pole may stand
 SAME_PLACE = 0.1  # m between two poles that are one
 ABOVE_GROUND = 20.0  # m from the ground beyond which a foot must be an altitude above the sea
 Json = dict[str, Any]
-_TABLES = tomllib.loads((Path(__file__).parent / "poles.toml").read_text(encoding="utf-8"))
+_TABLES = read_own_table(__file__, "poles.toml")
 UNDERSTOOD: dict[str, str] = _TABLES["understood"]
 SILENT = {"capacity", "kind", "origin", "layer", "used"}  # understood, or written by coview itself
 

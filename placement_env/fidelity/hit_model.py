@@ -188,7 +188,9 @@ def save_models(models: tuple[HitModel, ...], path: str | Path) -> None:
     write_text(path, json.dumps([asdict(model) for model in models], indent=1, allow_nan=False) + "\n")
 
 
-def shipped_model(scheme: str, iou: float = 0.7, detector: str = "general", *, label: str = "vehicle") -> HitModel:
+def shipped_model(
+    scheme: str, iou: float = 0.7, detector: str = "general", *, label: str = LABELS[VEHICLE]
+) -> HitModel:
     """Shipped model of a shipped detector, or of the general one. Raises ValueError for an unknown choice."""
     own = FOLDER / f"{detector}.json"
     models = load_models(own if own.is_file() else FOLDER / "general.json")

@@ -4,9 +4,7 @@ Nothing in it depends on the clock, so the same question has the same plan, byte
 1000 bit; prices are in the plan's currency. AP and recall are at the plan's IoU unless a field says otherwise, always
 by the detector on traffic that no search saw. An undefined figure is None."""
 
-import tomllib
 from dataclasses import asdict, dataclass, field, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,10 +16,11 @@ from placement_env.handover.mounted import LinkLoad, MaterialItem, PlannedSensor
 from toolkit.arrays import Bool, Float32, Mask
 from toolkit.display import Card, Displayed, Table
 from toolkit.objects import Detections, Objects
+from toolkit.runtime.files import read_own_table
 from toolkit.sites.site import Site
 
 CONFIDENCE = 0.95  # of every interval
-TEXTS: dict[str, Any] = tomllib.loads((Path(__file__).parent / "texts.toml").read_text(encoding="utf-8"))
+TEXTS: dict[str, Any] = read_own_table(__file__, "texts.toml")
 
 
 @dataclass(frozen=True)

@@ -4,16 +4,15 @@ A car is a row of cross-sections along x, all worked out at once. The side profi
 its width; above the belt line the sides lean in (tumblehome), windscreen and tail bow in plan, and the wheel arches cut
 into the flanks."""
 
-import tomllib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from toolkit.arrays import Float64
 from toolkit.mesh import Mesh, box, ellipsoid, flip_sides, loft, merge, place, stand, tube
+from toolkit.runtime.files import read_own_table
 
 Profile = tuple[tuple[float, float], ...]  # distance from the front and height of the top, as parts of both
 
@@ -119,7 +118,7 @@ def make_wheel(x: float, y: float, radius: float, breadth: float, sides: int = 1
     return stand(tube(line, np.array([0.86, 1, 1, 0.86]) * radius, sides))
 
 
-CAR_SHAPES = tomllib.loads((Path(__file__).parent / "cars.toml").read_text(encoding="utf-8"))
+CAR_SHAPES = read_own_table(__file__, "cars.toml")
 CAR_PROFILES: dict[str, Profile] = {style: tuple(map(tuple, each)) for style, each in CAR_SHAPES["profiles"].items()}
 _CATALOGUE_SPREAD = _spread(20, 2)
 

@@ -3,7 +3,6 @@ line that names a file. Numbers may be strings (DAIR-V2X, and YAML's 1e-05), and
 worse is a ValueError."""
 
 import json
-import tomllib
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -21,7 +20,7 @@ from toolkit.frame import DisplayedRecording, Frame, Frames, OtherObjects, Recor
 from toolkit.geometry import check_pose, transform
 from toolkit.objects import LABELS, Detections, Objects, label_index
 from toolkit.point_files import pcd_bytes
-from toolkit.runtime.files import parse_json, read_bytes, replace_infinite, write_bytes, write_text
+from toolkit.runtime.files import parse_json, read_bytes, read_own_table, replace_infinite, write_bytes, write_text
 from toolkit.sites.site import Site
 
 Unchecked = Any  # a value of a file
@@ -197,7 +196,7 @@ STRAY = "names, times or tokens of labels have no cloud"
 DOUBLED = "doubled labels"
 FULL_TURNS = "yaws beyond a full turn"
 
-_NAMES = tomllib.loads((Path(__file__).parent / "classes.toml").read_text(encoding="utf-8"))
+_NAMES = read_own_table(__file__, "classes.toml")
 CATEGORIES = {name: label_index(label) for label, names in _NAMES.items() for name in names}
 COMMON_NAMES = {"vehicle": "Car", "cyclist": "Cyclist", "pedestrian": "Pedestrian", "heavy": "Truck"}  # when written
 

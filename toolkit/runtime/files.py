@@ -320,6 +320,11 @@ def _refuse_doubled(keys: list[Any]) -> None:
         raise ValueError(f"it has the key {str(key)[:60]!r} twice")
 
 
+def read_own_table(module: str, name: str) -> dict[str, Any]:
+    """Read a TOML file of ours that lies beside a module, given by its `__file__`."""
+    return tomllib.loads(Path(module).with_name(name).read_text(encoding="utf-8"))
+
+
 def parse_toml(content: bytes) -> dict[str, object]:
     """Parse a TOML file's content. Raises ValueError, in one line, for damaged, too large or too deeply nested text."""
     try:

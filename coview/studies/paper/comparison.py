@@ -11,7 +11,6 @@ The page is one file that opens from disk, requests nothing and prints. In chart
 or hollow, so that the two are told apart in grey print too."""
 
 import csv
-import tomllib
 from base64 import b64encode
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -30,7 +29,7 @@ import numpy as np
 from placement_env.analysis.intervals import Interval
 from toolkit.arrays import Float64
 from toolkit.plots.canvas import blank_figure
-from toolkit.runtime.files import writing
+from toolkit.runtime.files import read_own_table, writing
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -91,7 +90,7 @@ def _tuples(value: Any) -> Any:
     return tuple(map(_tuples, value)) if isinstance(value, list) else value
 
 
-_PAPER = tomllib.loads((Path(__file__).parent / "paper.toml").read_text(encoding="utf-8"))
+_PAPER = read_own_table(__file__, "paper.toml")
 _SITES = {site: {name: _tuples(table) for name, table in _PAPER[site].items()} for site in PAPER_SITES}
 CAUSES: dict[str, str] = _PAPER["causes"]
 BENCHMARK_TABLE = tuple(BenchmarkRow(*row) for row in _tuples(_PAPER["benchmarks"]))
