@@ -97,7 +97,6 @@ class LivePage:
         self._await_spot: Callable[[Spot], None] | None = None
         self._filling = False
         site = planner.yard.site
-        add_site(server.scene, site, set())
         eye, self._middle = (np.array(each) for each in scene.overview(tuple(site.area.tolist())))
         self._slant = AWAY * (eye - self._middle)
         scene.set_view(server, tuple(self._middle + self._slant), tuple(self._middle))
@@ -109,6 +108,7 @@ class LivePage:
         for thread in self._threads:
             thread.start()
         self.do(lambda: self._show(planner.answer()))
+        self.do(lambda: add_site(server.scene, site, set()))  # figures do not wait for it
 
     def do(self, job: Callable[[], None]) -> None:
         """Do something in the page's thread, after what was asked before."""

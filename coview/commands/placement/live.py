@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 USUAL_STOCK = StockOptions()
 LIVE_RUN = Run(frames=60, seed=3, cache=Path("out/cache"))
-FIRST_FRAMES = 8  # of a page's first figures
+FIRST_FRAMES = 4  # of the first figures of a page
 
 
 @dataclass(frozen=True, kw_only=True)
