@@ -52,10 +52,15 @@ class StockViews:
             self.known += len(group)
         return True
 
-    def at_least_coarse(self, patience: float) -> bool:
-        """View of the poses at one height of every pole; True where `patience` (s) ended before all were looked at."""
-        end = time.monotonic() + patience
-        while len(self._waiting) > self._coarse and self.look_further():
+    def at_least_coarse(self, patience: float, free: Bool[np.ndarray, " M"]) -> bool:
+        """View of the poses at one height of every free pole; True where `patience` (s) ended before all were seen."""
+
+        def barred(group: Int64[np.ndarray, " k"]) -> bool:
+            return not free[self._stock.mount[group[0]]]
+
+        end, coarse = time.monotonic() + patience, max(len(self._waiting) - self._coarse, 0)
+        self._waiting[:coarse] = sorted(self._waiting[:coarse], key=barred)
+        while len(self._waiting) > self._coarse and not barred(self._waiting[0]) and self.look_further():
             if time.monotonic() > end:
                 return True
             time.sleep(0.001)  # for those who wait to cast rays

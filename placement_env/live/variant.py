@@ -147,13 +147,17 @@ class Yard:
 
     @staticmethod
     def of(site: Site, stock: Candidates, sensors: Iterable[Sensor], keep_out: Iterable[shapely.Geometry]) -> "Yard":
-        """Yard of a stock, with the poles and models of sensors that hang already; these models are paid."""
+        """Yard of a stock, with the poles and models of sensors that hang already; these models are paid, and a pole may
+        carry as many as hang there."""
         sensors, axes = list(sensors), stock.axes
         mounts = list(stock.mounts)
         for mount in site.mounts:
             carries = any(np.hypot(*(s.position[:2] - mount.position[:2])) <= SNAP for s in sensors)
             if carries and mount.name not in {each.name for each in mounts}:
                 mounts.append(mount)
+        away = [[np.hypot(*(s.position[:2] - mount.position[:2])) for mount in mounts] for s in sensors]
+        here = [int(np.argmin(row)) for row in away if min(row) <= SNAP]
+        mounts = [replace(m, max_sensors=max(m.max_sensors, here.count(k))) for k, m in enumerate(mounts)]
         more = tuple(dict.fromkeys(s.model for s in sensors if s.model not in axes.models))
         prices = (*axes.prices, *[0.0] * len(more)) if axes.prices else ()
         axes = Axes(axes.heights, axes.headings, axes.tilts, (*axes.models, *more), prices)

@@ -58,6 +58,17 @@ def test_an_interval_needs_five_blocks_and_holds_the_figure() -> None:
     assert np.isnan(few.low)
 
 
+def test_poles_carry_what_hangs_there_and_a_first_suggestion_looks_where_there_is_room() -> None:
+    """The roundabout's own posts carry two sensors each, more than one of its pool may."""
+    planner = LivePlanner("roundabout", frames=4)
+    assert not planner.finish().problems
+    (found,) = planner.suggest("add", count=1, patience=0.0)
+    assert found.sensor.mount not in {sensor.mount for sensor in planner.sensors}
+    assert found.considered <= 2 * 24  # of two poles at most
+    most = planner.yard.find_mount(planner.variant, planner.sensors[0].mount).max_sensors
+    assert most == sum(each.mount == planner.sensors[0].mount for each in planner.sensors) == 2
+
+
 def test_figures_of_few_frames_are_coarse_until_those_of_all_follow(planner) -> None:
     """They say their number, are followed whatever is done meanwhile, and no change is counted between them."""
     quick = LivePlanner("tjunction", frames=FRAMES, seed=3, first_frames=4)
