@@ -65,11 +65,12 @@ def figures_html(answer: "LiveAnswer") -> str:
         f'<div style="color:{OUTCOME["missed"].colour}">&#9888; {escape(each)}</div>' for each in answer.problems
     )
     several = _bars("Found, by class (95 %), N", answer.classes) if len(answer.classes) > 1 else ""
+    error = f"{answer.spread:.3f}" if np.isfinite(answer.spread) else "unknown"
     return (
         f'<div style="{_BOX}"><span class="live-ap" style="font-size:28px;font-weight:700">{answer.ap:.3f}</span> '
         f"AP, predicted{' (refining)' if answer.coarse else ''}"
         f'<div style="{_SMALL}">95 %: {_ends(answer.low, answer.high)}; {_number(answer)}; '
-        f"surrogate &#177; {answer.spread:.3f}. AP, average precision, is 1 where every road "
+        f"standard error of the prediction: {error}. AP, average precision, is 1 where every road "
         f"user is found and nothing else is.</div>{change}{problems}"
         f'<table style="width:100%">{rows}</table>{several}'
         f"{_bars('Found, by approach (95 %), N', answer.approaches)}</div>"

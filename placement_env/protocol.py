@@ -77,7 +77,7 @@ class Doubting(Fidelity, Protocol):
     """Fidelity that was fitted to data, and tells its uncertainty."""
 
     def spread(self, subsets: Sets) -> Float64[np.ndarray, " n"]:
-        """Standard deviation of each set's AP over resamples of the fitted data; NaN if unknown."""
+        """Standard error of each set's AP; NaN if unknown."""
 
     def doubts(self, sensors: Iterable[str] = ()) -> tuple[str, ...]:
         """Sentences on how a question differs from the fitted data. sensors: kinds of their models."""

@@ -31,6 +31,7 @@ NORM_OF_POINTS, NORM_OF_BOXES = 0.8, 4.0  # to start from
 CEILING_LOGIT = (-4.0, 7.0)
 FLOOR, FLOOR_LOG = 10.0, (-1.0, 5.0)  # to start from, and the range of its logarithm
 FIT_FRAMES = 100  # of each site
+FOLDS = 5  # in which the error of a fit is found
 
 
 class Observed(NamedTuple):
@@ -60,7 +61,8 @@ def fit(
     """Model that best explains the hits at some sites, and then has the least mean squared error of the AP.
 
     resamples: repeated fits to sites (unless single), blocks of frames and sets drawn with replacement, from which the
-    model states its uncertainty. Raises ValueError where the data are empty."""
+    model states its uncertainty; with any, fits to parts of the data state its error at the rest, too. Raises
+    ValueError where the data are empty."""
     for each in observed:
         _check(each)
     hits = sum(int(each.hits.sum()) for each in observed)
@@ -78,7 +80,32 @@ def fit(
     kinds = [kind for each in observed for kind in each.sensors]
     domain = build_domain(points, distance, kinds, sum(len(each.ap) for each in observed))
     rows = tuple(tuple(float(f"{getattr(each, name):.6g}") for name in NUMBERS) for each in again)
-    return replace(model, domain=domain, resampled=rows)
+    error = _error_left_out(observed, scheme, iou, label) if resamples else 0.0
+    return replace(model, domain=domain, resampled=rows, error=round(error, 4))
+
+
+def _error_left_out(observed: Sequence[Observed], scheme: Scheme, iou: float, label: str) -> float:
+    """Error of the AP at sites, of a single site at sets, that a fit is made without; 0 where there are too few."""
+
+    def cut(each: Observed, rows: Bool[np.ndarray, " n"]) -> Observed:
+        return each._replace(subsets=each.subsets[rows], hits=each.hits[rows], ap=each.ap[rows])
+
+    squares, scale = 0.0, 1e-12
+    folds = min(FOLDS, len(observed)) if len(observed) > 1 else FOLDS
+    for fold in range(folds):
+        there, rest = [each for k, each in enumerate(observed) if k % folds != fold], list(observed[fold::folds])
+        if len(observed) == 1:
+            out = np.arange(len(observed[0].ap)) % folds == fold
+            there, rest = [cut(observed[0], ~out)], [cut(observed[0], out)]
+        try:
+            model = fit(there, scheme=scheme, iou=iou, label=label)
+        except ValueError:
+            return 0.0
+        for each in rest:
+            surrogate = Surrogate(each.visibility, scheme, model, radius=each.radius, classes=Classes((label,)))
+            ap = surrogate(each.subsets).ap
+            squares, scale = squares + np.square(ap - each.ap).sum(), scale + (ap * (1 - ap)).sum()
+    return min(float(np.sqrt(squares / scale)), RANGES["error"][1])
 
 
 class _Fitting:

@@ -49,12 +49,13 @@ RANGES = {
     "false_alarms": (0.0, 5.0),
     "floor": (0.0, 200.0),
     "bulk": (0.0, 5.0),
+    "error": (0.0, 2.0),
 }
 NUMBERS = ("intercept", "density", "ceiling", "norm", "false_alarms", "reach", "oblique", "floor", "bulk")
 BULKY = 16.0  # m³
 LITTLE = 0.05  # share of the view that may lie outside the domain without a warning
 BEYOND = 1.1  # factor on a range before it counts as exceeded
-OPTIONAL = {"label", "floor", "bulk", "domain", "resampled"}  # older files lack these
+OPTIONAL = {"label", "floor", "bulk", "domain", "resampled", "error"}  # older files lack these
 
 
 @dataclass(frozen=True)
@@ -110,7 +111,9 @@ class HitModel:
 
     false_alarms: number of false alarms that outrank a hit, for each object that is less surely found and not hit;
     source: the fitted data in words; domain: in figures, None where unknown; resampled: `NUMBERS` of fits to resamples
-    of the same data, which show the uncertainty of the fit. Raises ValueError where one is out of range."""
+    of the same data, which show the uncertainty of the fit; error: root mean square of the error of predicted APs at
+    sites that a fit was made without, per √(AP (1 - AP)); 0 where unknown. Raises ValueError where one is out of
+    range."""
 
     scheme: str
     iou: float
@@ -127,6 +130,7 @@ class HitModel:
     bulk: float = 0.0
     domain: HitDomain | None = None
     resampled: tuple[tuple[float, ...], ...] = ()
+    error: float = 0.0
 
     def __post_init__(self) -> None:
         for name, (lowest, highest) in RANGES.items():

@@ -102,13 +102,17 @@ class Surrogate:
         return other
 
     def spread(self, subsets: Sets) -> Float64[np.ndarray, " n"]:
-        """Standard deviation of each set's AP over resamples of the fit alone; NaN where a model has none."""
-        count = min(len(model.resampled) for model in self.models)
-        if count < 2:
+        """Standard error of each set's AP: of the fit, from its resamples, and against the detector, the greatest of a
+        class; NaN where a model knows neither."""
+        if any(len(model.resampled) < 2 and not model.error for model in self.models):
             return np.full(len(subsets), np.nan)
+        count = min(len(model.resampled) for model in self.models)
         figures = np.stack([part.resampled(subsets, count) for part in self._parts], axis=2)
         drawn = [self.classes.combined(each) for each in figures]
-        return np.nan_to_num(np.std(drawn, axis=0, ddof=1))
+        fit = np.nan_to_num(np.std(drawn, axis=0, ddof=1)) if count > 1 else 0.0
+        ap = self.by_class(subsets).ap
+        errors = np.sqrt(ap * (1 - ap)) * [model.error for model in self.models]
+        return np.hypot(fit, np.nan_to_num(errors).max(axis=1))
 
     def doubts(self, sensors: Iterable[str] = ()) -> tuple[str, ...]:
         """Sentences on differences from the fitted data. sensors: kinds of their models."""

@@ -52,8 +52,8 @@ class FoundShare:
 class LiveAnswer:
     """Figures of a variant.
 
-    ap, low, high: predicted AP and its 95 % interval over frames; spread: standard deviation of the prediction by the
-    surrogate's fit; kbit: of all sensors per frame; price, budget: in `currency`, "" for ordinary poles; worst,
+    ap, low, high: predicted AP and its 95 % interval over frames; spread: standard error of the prediction, NaN
+    where unknown; kbit: of all sensors per frame; price, budget: in `currency`, "" for ordinary poles; worst,
     worst_low, worst_high: AP left after the worst single failure, of `worst_sensor`; levels: of traffic; change,
     change_low, change_high: AP since the answer before, on the same frames; unseen, hidden: road users without a point
     on them, their number and which; probability: that each is found; problems: sentences on what cannot be built so;

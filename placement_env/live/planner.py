@@ -426,10 +426,10 @@ class LivePlanner:
         rest = tuple(each for each in variant.sensors if each is not taken)
         base = replace(variant, sensors=rest)
         candidates, seen, standing, _ = self._see(base)
-        free = np.array([self._room(base, m.name) and not self.yard.bars(base, m) for m in self.yard.stock.mounts])
+        room = np.array([self._room(base, m.name) and not self.yard.bars(base, m) for m in self.yard.stock.mounts])
         ranked, more = list[int](), True
         while more and not ranked:
-            more = self._stock.at_least_coarse(patience, free)
+            more = self._stock.at_least_coarse(patience, room)
             ranked = self._stock.rank(candidates, seen, standing, self._meter.objective)
         found, poles = [], set[int]()
         for candidate in ranked:

