@@ -31,7 +31,6 @@ NORM_OF_POINTS, NORM_OF_BOXES = 0.8, 4.0  # to start from
 CEILING_LOGIT = (-4.0, 7.0)
 FLOOR, FLOOR_LOG = 10.0, (-1.0, 5.0)  # to start from, and the range of its logarithm
 FIT_FRAMES = 100  # of each site
-FOLDS = 5  # in which the error of a fit is found
 
 
 class Observed(NamedTuple):
@@ -61,8 +60,8 @@ def fit(
     """Model that best explains the hits at some sites, and then has the least mean squared error of the AP.
 
     resamples: repeated fits to sites (unless single), blocks of frames and sets drawn with replacement, from which the
-    model states its uncertainty; with any, fits to parts of the data state its error at the rest, too. Raises
-    ValueError where the data are empty."""
+    model states its uncertainty and its error at the sites (of a single one, sets) left out. Raises ValueError where
+    the data are empty."""
     for each in observed:
         _check(each)
     hits = sum(int(each.hits.sum()) for each in observed)
@@ -75,37 +74,13 @@ def fit(
     everything = [(np.ones(each.hits.shape[1]), np.ones(len(each.ap))) for each in observed]
     best, model = min((fitting.fit(np.array(start), everything) for start in starts), key=lambda end: end[2])[:2]
     rng = np.random.default_rng(seed)
-    again = [fitting.fit(best, _draw(observed, rng))[1] for _ in range(resamples)]
+    draws = [_draw(observed, rng) for _ in range(resamples)]
+    again = [fitting.fit(best, drawn)[1] for drawn in draws]
     points, distance = ([getattr(each.visibility, name) for each in observed] for name in ("points", "distance"))
     kinds = [kind for each in observed for kind in each.sensors]
     domain = build_domain(points, distance, kinds, sum(len(each.ap) for each in observed))
     rows = tuple(tuple(float(f"{getattr(each, name):.6g}") for name in NUMBERS) for each in again)
-    error = _error_left_out(observed, scheme, iou, label) if resamples else 0.0
-    return replace(model, domain=domain, resampled=rows, error=round(error, 4))
-
-
-def _error_left_out(observed: Sequence[Observed], scheme: Scheme, iou: float, label: str) -> float:
-    """Error of the AP at sites, of a single site at sets, that a fit is made without; 0 where there are too few."""
-
-    def cut(each: Observed, rows: Bool[np.ndarray, " n"]) -> Observed:
-        return each._replace(subsets=each.subsets[rows], hits=each.hits[rows], ap=each.ap[rows])
-
-    squares, scale = 0.0, 1e-12
-    folds = min(FOLDS, len(observed)) if len(observed) > 1 else FOLDS
-    for fold in range(folds):
-        there, rest = [each for k, each in enumerate(observed) if k % folds != fold], list(observed[fold::folds])
-        if len(observed) == 1:
-            out = np.arange(len(observed[0].ap)) % folds == fold
-            there, rest = [cut(observed[0], ~out)], [cut(observed[0], out)]
-        try:
-            model = fit(there, scheme=scheme, iou=iou, label=label)
-        except ValueError:
-            return 0.0
-        for each in rest:
-            surrogate = Surrogate(each.visibility, scheme, model, radius=each.radius, classes=Classes((label,)))
-            ap = surrogate(each.subsets).ap
-            squares, scale = squares + np.square(ap - each.ap).sum(), scale + (ap * (1 - ap)).sum()
-    return min(float(np.sqrt(squares / scale)), RANGES["error"][1])
+    return replace(model, domain=domain, resampled=rows, error=round(fitting.find_error(again, draws), 4))
 
 
 class _Fitting:
@@ -133,6 +108,17 @@ class _Fitting:
 
         rate = minimize_scalar(misfit, bounds=RANGES["false_alarms"], method="bounded").x
         return end.x, self._model(end.x, float(rate)), float(end.fun)
+
+    def find_error(self, models: Sequence[HitModel], draws: Sequence[Sequence[_Weights]]) -> float:
+        """Error of models, as `HitModel` has it, at what each was not drawn from; 0 where that is nothing."""
+        squares, scale = 0.0, 1e-9
+        for model, drawn in zip(models, draws, strict=True):
+            for p, each, (objects, sets) in zip(self._probabilities(model), self._observed, drawn, strict=True):
+                out = (sets == 0) & (len(drawn) == 1 or not objects.any())
+                ap = compute_expected_ap(-np.sort(-p[out], axis=1), model.false_alarms)[0]
+                squares += float(np.square(ap - each.ap[out]).sum())
+                scale += float((ap * (1 - ap)).sum())
+        return min(float(np.sqrt(squares / scale)), RANGES["error"][1])
 
     def _model(self, numbers: Float64[np.ndarray, " p"], false_alarms: float = 0.0) -> HitModel:
         named: dict[str, Any] = dict(zip(FITTED, map(float, numbers[:-2]), strict=True))

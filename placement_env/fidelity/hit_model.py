@@ -81,14 +81,7 @@ class HitDomain:
     def outside(
         self, points: Float32[np.ndarray, "C O"], distance: Float32[np.ndarray, "C O"], sensors: Iterable[str] = ()
     ) -> tuple[str, ...]:
-        """Sentences on how a question differs; empty if not. sensors: kinds of models.
-
-        >>> domain = HitDomain(50.0, 900.0, ("DepthCamera",), 1, 10, 5)
-        >>> domain.outside(np.float32([[30]]), np.float32([[20]]), ["DepthCamera"])
-        ()
-        >>> domain.outside(np.float32([[30]]), np.float32([[80]]))
-        ('100% of what the candidates see is beyond 50 m, farther than what the surrogate was fitted to',)
-        """
+        """Sentences on how a question differs; empty if not. sensors: kinds of models."""
         said = []
         seen = points > 0
         for figure, most, words in (
@@ -111,9 +104,9 @@ class HitModel:
 
     false_alarms: number of false alarms that outrank a hit, for each object that is less surely found and not hit;
     source: the fitted data in words; domain: in figures, None where unknown; resampled: `NUMBERS` of fits to resamples
-    of the same data, which show the uncertainty of the fit; error: root mean square of the error of predicted APs at
-    sites that a fit was made without, per √(AP (1 - AP)); 0 where unknown. Raises ValueError where one is out of
-    range."""
+    of the same data, which show the uncertainty of the fit; error: root mean square of the error of APs predicted by
+    these fits at sites that they were made without, per √(AP (1 - AP)); 0 where unknown. Raises ValueError where one
+    is out of range."""
 
     scheme: str
     iou: float

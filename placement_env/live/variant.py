@@ -147,7 +147,7 @@ class Yard:
 
     @staticmethod
     def of(site: Site, stock: Candidates, sensors: Iterable[Sensor], keep_out: Iterable[shapely.Geometry]) -> "Yard":
-        """Yard of a stock, with the poles and models of sensors that hang already; these models are paid, and a pole may
+        """Yard of a stock, with the poles and models of sensors that hang already; these models are paid; a pole may
         carry as many as hang there."""
         sensors, axes = list(sensors), stock.axes
         mounts = list(stock.mounts)

@@ -177,11 +177,7 @@ def box_edges(boxes: BoxRows) -> Segments:
 
 
 def headings(boxes: BoxRows) -> Segments:
-    """Line on each box's roof, from middle to front.
-
-    >>> headings(np.array([[1.0, 2.0, 0.5, 4.0, 2.0, 1.0, 0.0]])).tolist()
-    [[[1.0, 2.0, 1.0], [3.0, 2.0, 1.0]]]
-    """
+    """Line on each box's roof, from middle to front."""
     middle = boxes[:, :3] + np.array([0.0, 0, 0.5]) * boxes[:, 5:6]
     ahead = np.column_stack([np.cos(boxes[:, 6]), np.sin(boxes[:, 6]), np.zeros(len(boxes))])
     return np.stack([middle, middle + ahead * boxes[:, 3:4] / 2], axis=1).astype(np.float64)
@@ -209,12 +205,7 @@ def arrows(boxes: BoxRows) -> Segments:
 
 
 def dashes(segments: Segments, *, dash: float, gap: float) -> Segments:
-    """Split segments into dashes. dash, gap: lengths in metres.
-
-    >>> dashes(np.array([[[0.0, 0, 0], [5, 0, 0]]]), dash=2.0, gap=1.0)[:, :, 0]
-    array([[0., 2.],
-           [3., 5.]])
-    """
+    """Split segments into dashes. dash, gap: lengths in metres."""
     parts = [np.zeros((0, 2, 3))]
     for start, end in segments:
         length = float(np.linalg.norm(end - start))
@@ -225,11 +216,7 @@ def dashes(segments: Segments, *, dash: float, gap: float) -> Segments:
 
 
 def thin_evenly(points: Float32[np.ndarray, "n 3"], most: int) -> Float32[np.ndarray, "m 3"]:
-    """Take at most this many of the points, evenly.
-
-    >>> len(thin_evenly(np.zeros((10, 3), np.float32), 4))
-    4
-    """
+    """Take at most this many of the points, evenly."""
     if len(points) <= most:
         return points
     return points[np.linspace(0, len(points), most, endpoint=False).astype(np.int64)]
@@ -257,9 +244,5 @@ def render_page(template: Path, data: object, script: str = "", **values: object
 
 
 def script_data(value: object) -> str:
-    r"""JSON that may stand inside a script element. Its texts may hold anything.
-
-    >>> script_data("</script>")
-    '"\\u003c/script>"'
-    """
+    r"""JSON that may stand inside a script element. Its texts may hold anything."""
     return json.dumps(value).replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")

@@ -62,11 +62,7 @@ class Column:
 
 
 def number(value: float | None, digits: int = 3) -> str:
-    """Format a figure with this many decimals.
-
-    >>> number(0.9), number(None), number(float("nan"))
-    ('0.900', '–', '–')
-    """
+    """Format a figure with this many decimals."""
     return f"{value:,.{digits}f}" if value is not None and math.isfinite(value) else NONE
 
 
@@ -165,11 +161,7 @@ def say(conclusion: str, *blocks: ReportBlock) -> Content:
 def table(
     caption: str, columns: Sequence[Column], rows: Sequence[Sequence[Cell | str | float | None]]
 ) -> tuple[TableBlock, ...]:
-    """Return a table of formatted values, or nothing without rows. Raises ValueError for a row of another length.
-
-    >>> table("Links", [Column("Pole")], [])
-    ()
-    """
+    """Return a table of formatted values, or nothing without rows. Raises ValueError for a row of another length."""
     cells = tuple(tuple(c.cell(value) for c, value in zip(columns, row, strict=True)) for row in rows)
     return (TableBlock(caption, tuple(columns), cells),) if rows else ()
 

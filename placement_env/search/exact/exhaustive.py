@@ -48,11 +48,7 @@ def search(
 
 
 def every_set(size: int, budget: int) -> Sets:
-    """All sets of 1 to `budget` of `size` candidates, small ones first.
-
-    >>> every_set(2, 2).astype(int).tolist()
-    [[1, 0], [0, 1], [1, 1]]
-    """
+    """All sets of 1 to `budget` of `size` candidates, small ones first."""
     sets = all_subsets(size)[1:]
     count = sets.sum(axis=1)
     order = np.argsort(count, kind="stable")
@@ -60,11 +56,7 @@ def every_set(size: int, budget: int) -> Sets:
 
 
 def find_front(points: Float[np.ndarray, "n m"]) -> np.ndarray:
-    """Rows that no other row beats: no higher in any column and lower in one. Of equal rows the first is kept.
-
-    >>> find_front(np.array([[1.0, 2.0], [2.0, 1.0], [2.0, 2.0], [1.0, 2.0]]))
-    array([0, 1])
-    """
+    """Rows that no other row beats: no higher in any column and lower in one. Of equal rows the first is kept."""
     order = np.lexsort((np.arange(len(points)), *points.T[::-1]))  # what comes first is never beaten by what follows
     kept = []
     while order.size:
