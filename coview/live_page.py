@@ -54,7 +54,7 @@ if TYPE_CHECKING:
 FOUND = 0.5  # hit probability from which a road user is drawn as found
 REACH = 20.0  # m: a handle is where the sensor looks at the ground, but no farther
 PATIENCE = 0.6  # s that a suggestion waits for more poles to be looked at
-QUIET, CALM = 0.4, 2.0  # s without a change after which views that are shown are refined, and all others
+MOVING, QUIET, CALM = 0.1, 0.4, 2.0  # s after a change until work goes on; views that are shown are refined; others
 LATE = 0.3  # s after which what is slow to draw no longer waits for the pointer to rest
 TIDY = 10.0  # s of use after which freed memory is handed back
 CATCH = 3.0  # m from the pointer within which a pole catches a sensor that is carried
@@ -160,10 +160,14 @@ class LivePage:
                 time.sleep(0.1)
                 more = more or self._touched > time.monotonic() - 1
                 continue
-            more = self.planner.refine()
+            more = self.planner.refine(self._in_use)
             time.sleep(0.01)  # for those who wait to cast rays
             if answer is not None and answer.coarse and not self.planner.coarse:
                 self.do(self._show_refined)
+
+    def _in_use(self) -> bool:
+        """True for the thread that refines while others move something."""
+        return threading.current_thread() is self._threads[1] and time.monotonic() - self._touched < MOVING
 
     def _show_refined(self) -> None:
         if self._answer is not None:

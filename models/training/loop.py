@@ -75,11 +75,7 @@ def make_config(area: Area, preset: str, size: str = "light", classes: Sequence[
 
 
 def window(area: Area) -> Area:
-    """Middle of an area (xmin ymin xmax ymax, m), at most `WINDOW` wide.
-
-    >>> window((-40.0, -20.0, 40.0, 10.0))
-    (-20.0, -20.0, 20.0, 10.0)
-    """
+    """Middle of an area (xmin ymin xmax ymax, m), at most `WINDOW` wide."""
     xmin, ymin, xmax, ymax = area
     x, y = max(0.0, xmax - xmin - WINDOW) / 2, max(0.0, ymax - ymin - WINDOW) / 2
     return xmin + x, ymin + y, xmax - x, ymax - y

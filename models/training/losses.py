@@ -42,12 +42,7 @@ def assign(
 
     An anchor is positive above `positive`, and so is the best anchor of each object if it reaches `best`. Up to
     `negative` it is negative; in between it is ignored. A negative anchor inside one of the boxes `ignored` is ignored
-    too. margin: metres added to length and width of all boxes and anchors first.
-
-    >>> anchors = np.array([[0, 0, 0.8, 4, 2, 1.6, 0], [9, 0, 0.8, 4, 2, 1.6, 0]]).reshape(2, 1, 1, 7)
-    >>> assign(anchors, np.array([[0.5, 0, 0.7, 4, 2, 1.5, 3.1]])).labels.ravel()
-    array([1, 0], dtype=int8)
-    """
+    too. margin: metres added to length and width of all boxes and anchors first."""
     ignored = boxes[:0] if ignored is None else ignored
     if margin:
         wider = np.array([0, 0, 0, margin, margin, 0, 0])

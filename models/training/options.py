@@ -116,11 +116,7 @@ def parse_arguments(arguments: Sequence[str] | None = None) -> tuple[str | None,
 
 
 def option(name: str) -> str:
-    """Name of a field on the command line.
-
-    >>> option("learning_rate")
-    '--learning-rate'
-    """
+    """Name of a field on the command line."""
     return "--" + name.replace("_", "-")
 
 

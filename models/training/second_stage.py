@@ -175,11 +175,7 @@ def lowest_threshold(scores: _Scores, hits: Mask, precision: float) -> float:
     """Lowest score above which a share `precision` of detections is true, 0 if that holds for all of them.
 
     If it holds for no `FEWEST` or more, the score above which that many are left; but never a score that loses more
-    than `MOST_LOST` of the true detections.
-
-    >>> lowest_threshold(np.linspace(0.01, 1, 100), np.arange(100) >= 20, 1.0)
-    0.2
-    """
+    than `MOST_LOST` of the true detections."""
     order = np.argsort(-scores, kind="stable")
     share = np.cumsum(hits[order]) / np.arange(1, len(order) + 1)
     good = np.flatnonzero((share >= precision) & (np.arange(1, len(order) + 1) >= FEWEST))

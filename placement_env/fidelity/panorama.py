@@ -12,8 +12,9 @@ Sensors may be turned, tilted, raised and lowered on their mounts. Panoramas of 
 of a mount's height when one of its sensors is first requested. Between two of these heights the view is interpolated;
 heading and tilt are looked up."""
 
+import time
 from collections import OrderedDict
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from itertools import pairwise
@@ -411,6 +412,7 @@ def _directions() -> Float32[np.ndarray, "cells 3"]:
 
 
 HEIGHT_STEP = 0.5  # m between the panoramas of a mount
+CLOSE = 1.5  # m of height within which a first view is taken from another panorama
 MOST_BYTES = 600_000_000  # of the panoramas kept in memory
 
 Place = tuple[float, float, float]
@@ -429,13 +431,15 @@ class LiveView:
         self._unseen = Visibility.unseen(traffic, (), labels)
         self._scored = ScoredItems.of(traffic, traffic.snapshots, labels)
         self._kept, self._most = Bounded(), MOST_BYTES  # surrounds by place
-        self.casting = Lock()  # held while rays are cast: others may look at what is there
+        self.casting, self._queue = Lock(), 0  # held while rays are cast: others may look at what is there
+        self.hold: Callable[[], bool] = lambda: False  # asked before each frame of a panorama: true to wait
 
     def see(self, candidates: Candidates, *, reach: Reach = "mount") -> Visibility:
         """View of candidates. The first from a mount makes panoramas of all its heights.
 
-        reach: "own" makes one at each sensor's own height alone, "nearest" one at the nearest half metre, for a sensor
-        whose own height has none and that none below and above are known of."""
+        reach: "own" makes one at each sensor's own height alone; "nearest" takes the next within `CLOSE` where those
+        of its own height and of the half metres below and above are unknown, else makes one at the nearest half metre.
+        """
         sensors = candidates.sensors
         mounts = [candidates.mounts[index] for index in candidates.mount.tolist()]
         shares = [_between(sensor.position, mount) for sensor, mount in zip(sensors, mounts, strict=True)]
@@ -445,7 +449,11 @@ class LiveView:
                 if reach == "own" or self.knows(sensor):
                     shares[s] = own[s]
                 elif not self._knows(shares[s], sensor.model):
-                    shares[s] = [(max(shares[s], key=lambda each: each[1])[0], 1.0)]
+                    x, y, z = own[s][0][0]
+                    near = [place for place in list(self._kept) if place[:2] == (x, y) and abs(place[2] - z) <= CLOSE]
+                    near = [place for place in near if self._knows([(place, 1.0)], sensor.model)]
+                    half = max(shares[s], key=lambda each: each[1])[0]
+                    shares[s] = [(min(near, key=lambda place: abs(place[2] - z), default=half), 1.0)]
         wanted = [(place, mount) for each, mount in zip(shares, mounts, strict=True) for place, _ in each]
         surrounds = self._prepare(wanted, {sensor.model for sensor in sensors}, whole=reach == "mount")
         points = np.zeros((len(sensors), self._scored.items))
@@ -480,8 +488,17 @@ class LiveView:
         found = {place: self._kept[place] for place in asked if place in self._kept}  # held, whatever is dropped
         if len(found) == len(asked) and all(models <= each.stills.keys() for each in found.values()):
             return found
+        self._queue += 1
         with self.casting:
+            self._queue -= 1
             return found | self._make(wanted, models, whole=whole)
+
+    def _in_turn(self) -> Iterator[int]:
+        """Frames, each when nobody is to be answered first."""
+        for k in range(len(self.traffic)):
+            while self.hold() and not self._queue:
+                time.sleep(0.001)
+            yield k
 
     def _make(self, wanted: _Wanted, models: set[SensorModel], *, whole: bool) -> dict[Place, Surround]:
 
@@ -504,7 +521,7 @@ class LiveView:
 
         def make(missing: list[int]) -> list[Strips]:
             successive = successive_strips(self.traffic, np.array(places)[missing])
-            return place_strips(successive, self.traffic, range(len(self.traffic)), len(missing))
+            return place_strips(successive, self.traffic, self._in_turn(), len(missing))
 
         keys = [b"" for _ in places]  # which take long, so they are made for a cache alone
         if self._cache is not None:

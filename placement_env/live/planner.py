@@ -2,8 +2,8 @@
 
 A sensor is seen in panoramas from its pole (`placement_env.fidelity.panorama`), a set scored by the surrogate, as
 in `coview/SensorPose-v0`. At a height that was never used the first answer is coarse, between the half metres below and
-above or from the nearer one; `refine` makes what is missing, a panorama at a time, then the views of the whole stock,
-of which `suggest` chooses. One thread may refine while another moves."""
+above or from the next height known; `refine` makes what is missing, a panorama at a time, then the views of the whole
+stock, of which `suggest` chooses. One thread may refine while another moves."""
 
 import math
 from collections.abc import Callable, Iterable, Iterator
@@ -116,7 +116,7 @@ class LivePlanner:
             self.preparation.take_traffic(before)
         self._meter, self._answers = Meter(self.preparation, self.currency), dict[Variant, LiveAnswer]()
         if known is None or known is not self.preparation.live:
-            self._views, self._stock = dict[object, Row](), StockViews(self.preparation)
+            self._views, self._stock = dict[object, tuple[Row, bool]](), StockViews(self.preparation)
             if self.preparation.live is not None:
                 self.preparation.live.limit(LIVE_BYTES)
 
@@ -329,7 +329,8 @@ class LivePlanner:
         rows: list[Row] = []
         for k, sensor in enumerate(every.sensors):
             key = (sensor.model, sensor.pose.tobytes())
-            if key not in self._views:
+            row, fine = self._views.get(key, (None, False))
+            if row is None or (not fine and live is not None and live.knows(sensor)):
                 fine = live is None or live.knows(sensor)  # asked before, as another thread may refine
                 alone, labels = every.select([k]), self.setting.counted.labels
                 if live is None:
@@ -337,14 +338,11 @@ class LivePlanner:
                 else:
                     seen = live.see(alone, reach="nearest")
                 row = (seen.points[0], seen.distance[0], seen.sent[0], seen.far[0])
-                if not fine:
-                    rows.append(row)
-                    coarse = True
-                    continue
                 while len(self._views) >= KEPT_VIEWS:
                     self._views.pop(next(iter(self._views)), None)
-                self._views[key] = row
-            rows.append(self._views[key])
+                self._views[key] = row, fine
+            rows.append(row)
+            coarse |= not fine
         return join_views(self._meter.unseen, rows), coarse
 
     def score(self) -> Score:
@@ -357,9 +355,13 @@ class LivePlanner:
         seen = see(self.preparation.traffic, candidates, labels=labels, rendering=how)
         return self._meter.objective(candidates, seen).score(range(len(candidates)))
 
-    def refine(self) -> bool:
+    def refine(self, hold: Callable[[], bool] = lambda: False) -> bool:
         """Make one of the views that are missing: of the sensors shown, then from other heights of their poles, the
-        nearest first, then of the stock. True while some are. May run in a thread of its own."""
+        nearest first, then of the stock. True while some are. May run in a thread of its own, which waits between
+        frames while `hold` is true and no other needs rays."""
+        for made in (self.preparation, self._whole):
+            if made is not None and made.live is not None:
+                made.live.hold = hold
         if self._whole is not None:
             self._fetch()
             return True

@@ -113,6 +113,15 @@ class Bench:
             self.tab.evaluate("h => new DOMParser().parseFromString(h, 'text/html').body.innerText", html).split()
         )
 
+    def agree(self) -> bool:
+        """True where the page shows what the server sent last, at once or, as it may refine, a second later."""
+        for wait in (0, 1000):
+            self.tab.wait_for_timeout(wait)
+            read = self.tab.evaluate("document.querySelector('.live-ap').parentElement.outerHTML")
+            if self.plain(read) == self.plain(self.session.page._figures.content):
+                return True
+        return False
+
     def place(self, name: str, housing: bool) -> np.ndarray:
         """Pixel of a sensor's handle, or housing."""
         sensor = self.planner.yard.build_sensor(self.planner.variant, self.planner.variant.find(name))
@@ -137,8 +146,7 @@ class Bench:
         while news != (news := (len(self.served), self.tab.evaluate("live.length"))):
             self.tab.wait_for_timeout(1000 * REST)
         found, served, heard = self.tab.evaluate("live"), list(self.served), list(self.heard)
-        answered, read = self.answered, self.tab.evaluate("document.querySelector('.live-ap').parentElement.outerHTML")
-        same = self.plain(read) == self.plain(self.session.page._figures.content)
+        answered, same = self.answered, self.agree()
         mouse.up()
         self.tab.keyboard.up("Shift")
         self.tab.wait_for_timeout(1000 * REST)
