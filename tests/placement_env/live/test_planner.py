@@ -69,6 +69,33 @@ def test_poles_carry_what_hangs_there_and_a_first_suggestion_looks_where_there_i
     assert most == sum(each.mount == planner.sensors[0].mount for each in planner.sensors) == 2
 
 
+def test_a_lift_makes_no_panorama_and_refining_waits_while_somebody_moves() -> None:
+    """A first view is taken from the next height known; whoever casts rays goes on before the rest."""
+    planner = LivePlanner("tjunction", frames=4)
+    planner.finish()
+    live, height = planner.preparation.live, planner.sensors[0].height
+    assert live is not None
+    known = len(live._kept)
+    up = planner.move("d0", height=height - 1.2)
+    assert up.coarse
+    assert len(live._kept) == known
+    again = planner.answer()
+    assert (again.coarse, again.ap) == (True, up.ap)
+    asked: list[bool] = []
+
+    def hold() -> bool:
+        asked.append(len(asked) < 3)
+        return asked[-1]
+
+    assert planner.refine(hold)
+    assert asked[:4] == [True, True, True, False]
+    assert len(live._kept) == known + 1
+    assert not planner.finish().coarse
+    assert planner.finish().ap == pytest.approx(planner.score().ap, abs=0.005)
+    live.hold, live._queue = (lambda: True), 1  # another waits for rays
+    assert list(live._in_turn()) == [0, 1, 2, 3]
+
+
 def test_figures_of_few_frames_are_coarse_until_those_of_all_follow(planner) -> None:
     """They say their number, are followed whatever is done meanwhile, and no change is counted between them."""
     quick = LivePlanner("tjunction", frames=FRAMES, seed=3, first_frames=4)
