@@ -53,7 +53,7 @@ if TYPE_CHECKING:
     from placement_env.setting import Setting
 FOUND = 0.5  # hit probability from which a road user is drawn as found
 REACH = 20.0  # m: a handle is where the sensor looks at the ground, but no farther
-PATIENCE = 0.6  # s that a suggestion waits for more poles to be looked at
+PATIENCE = 1.0  # s that a suggestion waits for more poles to be looked at
 MOVING, QUIET, CALM = 0.1, 0.4, 2.0  # s after a change until work goes on; views that are shown are refined; others
 LATE = 0.3  # s after which what is slow to draw no longer waits for the pointer to rest
 TIDY = 10.0  # s of use after which freed memory is handed back

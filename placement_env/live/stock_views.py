@@ -23,7 +23,8 @@ def join_views(unseen: Visibility, rows: Sequence[tuple[np.ndarray, ...]]) -> Vi
 
 
 class StockViews:
-    """Views of the poses of a stock from panoramas, at one height of every pole first. known: number of poses."""
+    """Views of the poses of a stock from panoramas, at one height of every pole first, those in the middle of the area
+    before others. known: number of poses."""
 
     def __init__(self, preparation: Preparation) -> None:
         self._preparation, self._stock = preparation, preparation.setting.pool
@@ -32,10 +33,12 @@ class StockViews:
         heights = self._stock.factors[:, 1]
         middle = len(self._stock.axes.heights) // 2
         order = sorted(set(heights.tolist()), key=lambda height: abs(height - middle))
+        middle_of = preparation.setting.place.area.reshape(2, 2).mean(axis=0)
+        away = [float(np.hypot(*(mount.position[:2] - middle_of))) for mount in self._stock.mounts]
         groups = [
             np.flatnonzero((heights == height) & (self._stock.mount == mount))
             for height in order
-            for mount in range(len(self._stock.mounts))
+            for mount in np.argsort(away, kind="stable")
         ]
         self._waiting = [group for group in groups if len(group)]
         self._coarse = len(self._waiting) - len({int(self._stock.mount[group[0]]) for group in self._waiting})
