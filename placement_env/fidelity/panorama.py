@@ -431,7 +431,8 @@ class LiveView:
         self._unseen = Visibility.unseen(traffic, (), labels)
         self._scored = ScoredItems.of(traffic, traffic.snapshots, labels)
         self._kept, self._most = Bounded(), MOST_BYTES  # surrounds by place
-        self.casting, self._queue = Lock(), 0  # held while rays are cast: others may look at what is there
+        self.casting = Lock()  # held while rays are cast: others may look at what is there
+        self._queue: list[None] = []  # one for each thread that waits to cast; a list, as threads may change it
         self.hold: Callable[[], bool] = lambda: False  # asked before each frame of a panorama: true to wait
 
     def see(self, candidates: Candidates, *, reach: Reach = "mount") -> Visibility:
@@ -488,9 +489,9 @@ class LiveView:
         found = {place: self._kept[place] for place in asked if place in self._kept}  # held, whatever is dropped
         if len(found) == len(asked) and all(models <= each.stills.keys() for each in found.values()):
             return found
-        self._queue += 1
+        self._queue.append(None)
         with self.casting:
-            self._queue -= 1
+            self._queue.pop()
             return found | self._make(wanted, models, whole=whole)
 
     def _in_turn(self) -> Iterator[int]:

@@ -106,10 +106,10 @@ class Surrogate:
         class; NaN where a model knows neither."""
         if any(len(model.resampled) < 2 and not model.error for model in self.models):
             return np.full(len(subsets), np.nan)
-        count = min(len(model.resampled) for model in self.models)
-        figures = np.stack([part.resampled(subsets, count) for part in self._parts], axis=2)
-        drawn = [self.classes.combined(each) for each in figures]
-        fit = np.nan_to_num(np.std(drawn, axis=0, ddof=1)) if count > 1 else 0.0
+        count, fit = min(len(model.resampled) for model in self.models), np.zeros(len(subsets))
+        if count > 1:
+            figures = np.stack([part.resampled(subsets, count) for part in self._parts], axis=2)
+            fit = np.nan_to_num(np.std([self.classes.combined(each) for each in figures], axis=0, ddof=1))
         ap = self.by_class(subsets).ap
         errors = np.sqrt(ap * (1 - ap)) * [model.error for model in self.models]
         return np.hypot(fit, np.nan_to_num(errors).max(axis=1))

@@ -436,7 +436,7 @@ class LivePlanner:
         found, poles = [], set[int]()
         for candidate in ranked:
             mount = int(self.yard.stock.mount[candidate])
-            if mount in poles or self.yard.bars(base, self.yard.stock.mounts[mount]):
+            if mount in poles or not room[mount]:
                 continue
             poles.add(mount)
             found.append(self._improve(kind, base, self._hang(base, candidate, taken)))

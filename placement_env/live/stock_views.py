@@ -40,34 +40,34 @@ class StockViews:
             for height in order
             for mount in np.argsort(away, kind="stable")
         ]
-        self._waiting = [group for group in groups if len(group)]
-        self._coarse = len(self._waiting) - len({int(self._stock.mount[group[0]]) for group in self._waiting})
+        self._waiting = {int(group[0]): group for group in groups if len(group)}  # by first pose
+        self._first: dict[int, int] = {}  # key of what is looked at first from each mount
+        for key in self._waiting:
+            self._first.setdefault(int(self._stock.mount[key]), key)
 
     def look_further(self) -> bool:
         """View of the poses at one more height of a pole; False where all are known."""
-        if not self._waiting or self._preparation.live is None:
-            return False
-        group = self._waiting[0]
-        seen = self._preparation.live.see(self._stock.select(group), reach="own")
-        if self._waiting and self._waiting[0] is group:
-            self._waiting.pop(0)
-            self._rows.append((group, seen))
-            self.known += len(group)
-        return True
+        key = next(iter(list(self._waiting)), None)
+        return key is not None and self._look(key)
 
     def at_least_coarse(self, patience: float, free: Bool[np.ndarray, " M"]) -> bool:
         """View of the poses at one height of every free pole; True where `patience` (s) ended before all were seen."""
-
-        def barred(group: Int64[np.ndarray, " k"]) -> bool:
-            return not free[self._stock.mount[group[0]]]
-
-        end, coarse = time.monotonic() + patience, max(len(self._waiting) - self._coarse, 0)
-        self._waiting[:coarse] = sorted(self._waiting[:coarse], key=barred)
-        while len(self._waiting) > self._coarse and not barred(self._waiting[0]) and self.look_further():
-            if time.monotonic() > end:
+        end = time.monotonic() + patience
+        for key in [key for mount, key in self._first.items() if free[mount] and key in self._waiting]:
+            if self._look(key) and time.monotonic() > end:
                 return True
             time.sleep(0.001)  # for those who wait to cast rays
         return False
+
+    def _look(self, key: int) -> bool:
+        """View of the poses of a key, once; several threads may ask. False where none is looked up in panoramas."""
+        live, group = self._preparation.live, self._waiting.get(key)
+        if live is not None and group is not None:
+            seen = live.see(self._stock.select(group), reach="own")
+            if self._waiting.pop(key, None) is not None:
+                self._rows.append((group, seen))
+                self.known += len(group)
+        return live is not None
 
     def rank(
         self,

@@ -1,5 +1,6 @@
 """`Variant`: sensors on poles as they are moved by hand, and the free ground where a pole may stand."""
 
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, lru_cache
@@ -155,13 +156,13 @@ class Yard:
             carries = any(np.hypot(*(s.position[:2] - mount.position[:2])) <= SNAP for s in sensors)
             if carries and mount.name not in {each.name for each in mounts}:
                 mounts.append(mount)
-        away = [[np.hypot(*(s.position[:2] - mount.position[:2])) for mount in mounts] for s in sensors]
-        here = [int(np.argmin(row)) for row in away if min(row) <= SNAP]
-        mounts = [replace(m, max_sensors=max(m.max_sensors, here.count(k))) for k, m in enumerate(mounts)]
         more = tuple(dict.fromkeys(s.model for s in sensors if s.model not in axes.models))
         prices = (*axes.prices, *[0.0] * len(more)) if axes.prices else ()
         axes = Axes(axes.heights, axes.headings, axes.tilts, (*axes.models, *more), prices)
-        return Yard(site, replace(stock, axes=axes, mounts=tuple(mounts)), tuple(keep_out))
+        yard = Yard(site, replace(stock, axes=axes, mounts=tuple(mounts)), tuple(keep_out))
+        here = Counter(each.mount for each in yard.place(sensors).sensors)
+        mounts = [replace(mount, max_sensors=max(mount.max_sensors, here[mount.name])) for mount in mounts]
+        return replace(yard, stock=replace(yard.stock, mounts=tuple(mounts)))
 
     def place(self, sensors: Iterable[Sensor]) -> Variant:
         """Variant of sensors as they hang, each on the nearest pole, or one of its own."""
