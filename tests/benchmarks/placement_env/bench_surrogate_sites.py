@@ -73,7 +73,7 @@ def main() -> None:
         rms, said = (float(np.sqrt(np.square(each).mean())) for each in (error, stated))
         one, two = (float((np.abs(error) <= k * stated).mean()) for k in (1, 2))
         figures = f"{rms:6.3f} {error.mean():+7.3f} {said:7.3f} {one:9.2f} {two:9.2f}"
-        print(f"{label:10} {iou:5g} {error.shape[1]:5} {figures}")
+        print(f"{label:10} {iou:5g} {len(error):5} {figures}")
 
 
 if __name__ == "__main__":
