@@ -546,7 +546,7 @@ class LivePage:
             housing.position, handle.position = sensor.position, target
             housing.color = handle.color = colour
             way.points, way.colors = self._view_lines(sensor, target), np.array(colour, np.uint8)
-            label.position = sensor.position + np.array([0.0, 0.0, 1.1])
+            label.position = target + np.array([0.0, 0.0, 1.1])  # apart, where two hang on a pole
             label.text = f"{live.name}{' (failed)' if live.failed else ''}{' (locked)' if live.locked else ''}"
 
     def _add_sensor(self, live: LiveSensor, sensor: Sensor, colour: tuple[int, int, int]) -> list[Handle]:
@@ -733,7 +733,7 @@ class LivePage:
         away = way * max(WIDE / camera.aspect, 1.0)
         ahead, east = -away / np.linalg.norm(away), np.array([1.0, 0.0, 0.0])
         east = east - ahead * (east @ ahead)
-        covered = SHEET * np.tan(camera.fov / 2) * np.linalg.norm(away) if phone else 0.0
+        covered = SHEET * np.tan(scene.VERTICAL_FOV / 2) * np.linalg.norm(away) if phone else 0.0
         middle = self._middle - covered * np.cross(east / np.linalg.norm(east), ahead)
         self._aimed[client.client_id] = way, camera.aspect, phone, middle + away
         with client.atomic():

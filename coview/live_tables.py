@@ -17,7 +17,8 @@ if TYPE_CHECKING:
 _BOX = f"font:12px/1.35 system-ui,sans-serif;color:{INK};padding:.2em .9em"
 MAP_REACH = 25.0  # m of a field of view on a small map
 _SMALL = f"color:{FAINT};font-size:12px"
-HINT = (
+HINT = (  # with it: on a telephone viser's sheet is 20em wide, ours is as wide as the screen
+    '<style>[style*="fixed"][style*="20em"],[style*="fixed"] [style*="20em"]{width:100%!important}</style>'
     f'<div style="{_BOX};background:#eef2fe;border-radius:6px;margin:.3em .6em">'
     "<b>1</b> Drag a ball to turn a sensor, its box to another pole (Shift: up, down). <b>2</b> Read what it does. "
     "<b>3</b> Ask what is best, and accept it.</div>"

@@ -141,15 +141,7 @@ def race_until(
     A set is dropped where it beats the best in fewer than (1 - confidence) / n of the resamples. The remaining doubt is
     the share of resamples in which a set still in the race beats the winner by more than the tolerance, plus, for each
     rung, the share in which a set dropped after it does. Where time ran out it is at least 2^-blocks, the chance that
-    the same of two equal sets is the better one in every block. Raises ValueError without a set or frame.
-
-    >>> ap = np.array([0.3, 0.9, 0.5])
-    >>> def scores(sets, frames):
-    ...     return Resampled(sets @ ap, np.repeat((sets @ ap)[:, None], 100, axis=1))
-    >>> ran = race_until(scores, np.eye(3, dtype=bool), np.arange(24))
-    >>> ran.ranking.tolist(), ran.confidence, ran.spent
-    ([1, 2, 0], 1.0, 36)
-    """
+    the same of two equal sets is the better one in every block. Raises ValueError without a set or frame."""
     frames = len(order)
     if min(len(sets), frames) < 1:
         raise ValueError(f"a race until a confidence needs a set and a frame, got {len(sets)} sets, {frames} frames")

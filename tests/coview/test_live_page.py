@@ -182,11 +182,13 @@ def test_nothing_is_lost_by_a_reload_a_second_browser_and_a_kill(page):
     page.press("Variants", "Keep as a new variant")
     page.tab.wait_for_function("document.querySelectorAll('.live-variant').length == 2")
     kept, ap = page.project, page.ap
-    second = page.browser.new_page()
+    second = page.browser.new_page(viewport={"width": 390, "height": 844})
     second.set_default_timeout(90_000)
     second.goto(page.url)
     second.wait_for_selector(".live-ap")
     assert float(second.inner_text(".live-ap")) == ap
+    sheet = second.locator("xpath=//*[@class='live-ap']/ancestor::*[contains(@style, 'fixed')]").bounding_box()
+    assert (sheet["x"], sheet["width"]) == (0, 390)  # of the whole width of a telephone
     second.close()
     page.open()
     assert page.ap == ap
@@ -315,7 +317,7 @@ def test_a_map_is_opened_from_the_page(browser, tmp_path, kind):
 )
 @pytest.mark.parametrize("above", [False, True])
 def test_all_sensors_are_in_view_in_any_window(width, height, shown, above):
-    camera = SimpleNamespace(image_width=width, aspect=width / height, fov=np.deg2rad(50.0))
+    camera = SimpleNamespace(image_width=width, aspect=width / height, fov=np.deg2rad(75.0))  # not yet the scene's own
     client = SimpleNamespace(client_id=0, camera=camera, atomic=nullcontext)
     page, fits = object.__new__(LivePage), []
     eye, page._middle = (np.array(each) for each in scene.overview(tuple(SITE.area.tolist())))
@@ -329,8 +331,9 @@ def test_all_sensors_are_in_view_in_any_window(width, height, shown, above):
         page._look_down(client)
     ahead = (camera.look_at - camera.position) / np.linalg.norm(camera.look_at - camera.position)
     right = np.cross(ahead, [0, 0, 1]) / np.linalg.norm(np.cross(ahead, [0, 0, 1]))
+    half = np.tan(scene.VERTICAL_FOV / 2)
     for sensor in SITE.sensors:
         way = sensor.position - camera.position
-        across, up = np.array([way @ right, way @ np.cross(right, ahead)]) / (way @ ahead) / np.tan(camera.fov / 2)
+        across, up = np.array([way @ right, way @ np.cross(right, ahead)]) / (way @ ahead) / half
         assert abs(across) <= camera.aspect
         assert 1 - 2 * shown <= up <= 1

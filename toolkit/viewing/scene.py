@@ -26,6 +26,7 @@ Spot = tuple[float, float, float]
 Handle = Any  # of a node or control of viser
 Look = dict[str, Any]  # keyword arguments of viser
 _FOLDER = Path(__file__).parent
+VERTICAL_FOV = float(np.deg2rad(50.0))  # of the camera that a scene opens with (rad)
 
 
 def rgb(colour: str) -> tuple[int, int, int]:
@@ -101,7 +102,7 @@ def set_view(server: "ViserServer", position: tuple[float, ...], look_at: tuple[
     """Set the camera's place and target when the scene opens."""
     server.initial_camera.position = np.array(position)
     server.initial_camera.look_at = np.array(look_at)
-    server.initial_camera.fov = np.deg2rad(50.0)
+    server.initial_camera.fov = VERTICAL_FOV
     server.initial_camera.near = 0.5
 
 

@@ -102,13 +102,7 @@ def _pose(value: records.Unchecked, mirror: np.ndarray) -> np.ndarray:
 
 
 def unreal_pose(roll_deg: float, yaw_deg: float, pitch_deg: float) -> Pose:
-    """Rotation of Unreal's angles in its left-handed axes: yaw about z, then pitch, which lifts x, then roll.
-
-    >>> unreal_pose(0.0, 90.0, 0.0)[:3, 0].round(6).tolist()
-    [0.0, 1.0, 0.0]
-    >>> unreal_pose(0.0, 0.0, 90.0)[:3, 0].round(6).tolist()
-    [0.0, 0.0, 1.0]
-    """
+    """Rotation of Unreal's angles in its left-handed axes: yaw about z, then pitch, which lifts x, then roll."""
     return pose(yaw=np.deg2rad(yaw_deg), pitch=-np.deg2rad(pitch_deg), roll=-np.deg2rad(roll_deg))
 
 

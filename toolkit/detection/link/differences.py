@@ -258,13 +258,7 @@ class ForegroundDifferences(foreground.SendsForeground):
         check_differences(self.refers_to, self.key_every)
 
     def dependencies(self, number: int, /) -> range:
-        """Numbers of messages needed to read one, itself last.
-
-        >>> ForegroundDifferences(key_every=10).dependencies(12)
-        range(10, 13)
-        >>> ForegroundDifferences(refers_to="key").dependencies(12)
-        range(10, 13, 2)
-        """
+        """Numbers of messages needed to read one, itself last."""
         whole = number - number % self.key_every
         return range(whole, number + 1, 1 if self.refers_to == "previous" else max(number - whole, 1))
 
