@@ -56,6 +56,7 @@ REACH = 20.0  # m: a handle is where the sensor looks at the ground, but no fart
 PATIENCE = 1.0  # s that a suggestion waits for more poles to be looked at
 MOVING, QUIET, CALM = 0.1, 0.4, 2.0  # s after a change until work goes on; views that are shown are refined; others
 LATE = 0.3  # s after which what is slow to draw no longer waits for the pointer to rest
+PAINT = 1.2  # s that a browser gets for the first figures alone
 TIDY = 10.0  # s of use after which freed memory is handed back
 CATCH = 3.0  # m from the pointer within which a pole catches a sensor that is carried
 AWAY, WIDE = 1.25, 1.3  # times as far from the area as the report's view, in windows at least so wide for their height
@@ -96,19 +97,18 @@ class LivePage:
         self._spots: list[Spot] = []  # clicked on the ground
         self._await_spot: Callable[[Spot], None] | None = None
         self._filling = False
-        site = planner.yard.site
-        eye, self._middle = (np.array(each) for each in scene.overview(tuple(site.area.tolist())))
+        self._begun = False  # once a browser has had time to show the figures, it gets controls and the scene
+        eye, self._middle = (np.array(each) for each in scene.overview(tuple(planner.yard.site.area.tolist())))
         self._slant = AWAY * (eye - self._middle)
         scene.set_view(server, tuple(self._middle + self._slant), tuple(self._middle))
         self._aimed: dict[int, tuple[Spot, float, bool, Spot]] = {}  # view, aspect and place of each browser's camera
         server.on_client_connect(self._greet)
         server.scene.on_click()(self._click)
-        self._add_panel()
+        self._add_figures()
         self._threads = [threading.Thread(target=t, daemon=True) for t in (self._work, self._refine, self._work_long)]
         for thread in self._threads:
             thread.start()
         self.do(lambda: self._show(planner.answer()))
-        self.do(lambda: add_site(server.scene, site, set()))  # figures do not wait for it
 
     def do(self, job: Callable[[], None]) -> None:
         """Do something in the page's thread, after what was asked before."""
@@ -144,6 +144,9 @@ class LivePage:
             if job is not None:
                 self._touched = time.monotonic()
                 self._try(job)
+            elif not self._begun:
+                if self._aimed and self._answer is not None and time.monotonic() > self._touched + PAINT:
+                    self._begin()
             elif self._play.value and time.monotonic() - played > 0.25:
                 played = time.monotonic()
                 self._frame.value = (int(self._frame.value) + 1) % self.planner.frames
@@ -156,7 +159,7 @@ class LivePage:
                 tidied = time.monotonic()
                 return_freed_memory()
             wait = QUIET if answer is not None and answer.coarse else CALM
-            if answer is None or time.monotonic() - self._touched < wait or not more:
+            if answer is None or time.monotonic() - self._touched < wait or not (more and self._begun):
                 time.sleep(0.1)
                 more = more or self._touched > time.monotonic() - 1
                 continue
@@ -205,13 +208,22 @@ class LivePage:
 
     # panel
 
-    def _add_panel(self) -> None:
-        gui, planner = self.server.gui, self.planner
+    def _add_figures(self) -> None:
+        gui = self.server.gui
         gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(68, 99, 246))
         gui.main_panel.dock_right()
-        gui.set_panel_label(f"coview live: {planner.yard.site.name}")
+        gui.set_panel_label(f"coview live: {self.planner.yard.site.name}")
         gui.add_html(HINT)
         self._figures, self._said = gui.add_html(""), gui.add_html("")
+
+    def _begin(self) -> None:
+        self._add_controls()
+        self._begun = True
+        self._draw()
+        add_site(self.server.scene, self.planner.yard.site, set())
+
+    def _add_controls(self) -> None:
+        gui, planner = self.server.gui, self.planner
         steps = gui.add_button_group("Changes", ("Undo", "Redo"))
         steps.on_click(lambda _: self._change(planner.undo if steps.value == "Undo" else planner.redo))
         self._add_command("Undo", "Z", lambda: self._change(planner.undo))
@@ -471,16 +483,18 @@ class LivePage:
 
     def _draw(self) -> None:
         answer = self._answer
+        self._show_note()
         if answer is None:
             return
         self._figures.content = figures_html(answer)
         self.server.flush()  # figures do not wait for the scene
+        if not self._begun:
+            return
         with self.server.atomic():
             self._draw_sensors()
             self._draw_ghosts()
             self._draw_areas()
             self._draw_picture()
-        self._show_note()
         self._behind = self._behind or time.monotonic()
 
     def _draw_rest(self) -> None:
@@ -715,6 +729,7 @@ class LivePage:
             self._aim(client, np.array([0.0, -0.02, 1.0]) * np.linalg.norm(self._slant))
 
     def _greet(self, client: Handle) -> None:
+        self._touched = time.monotonic()
         camera = client.camera
         self._aim(client, self._slant, phone=camera.image_width < PHONE)
 
