@@ -8,13 +8,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.optimize import minimize, minimize_scalar
 
-from placement_env.candidates.candidates import own_and_random, random_sets
+from placement_env.candidates.candidates import Candidates, own_and_random, random_sets
 from placement_env.classes import VEHICLES, Classes
 from placement_env.fidelity.detector import Detected
 from placement_env.fidelity.hit_model import NUMBERS, RANGES, HitModel, build_domain
 from placement_env.fidelity.renders import Renders
 from placement_env.fidelity.surrogate import Evidence, Surrogate, compute_expected_ap
-from placement_env.fidelity.traffic import simulate_traffic
+from placement_env.fidelity.traffic import Traffic, simulate_traffic
 from placement_env.fidelity.visibility import Visibility
 from placement_env.subsets import MemberSums, Sets
 from toolkit.arrays import Bool, Float64
@@ -213,6 +213,13 @@ class Sampling:
     models: tuple[SensorModel, ...] = ()
     resamples: int = 20
 
+    def draw(self, site: Site, frames: int, seed: int) -> tuple[Traffic, Candidates, Sets]:
+        """Draw traffic, poses and sets of them at a site."""
+        rng = np.random.default_rng(seed)
+        candidates = own_and_random(site, self.poses, rng, models=self.models)
+        chosen = random_sets(candidates, len(site.sensors), self.sets, rng)
+        return simulate_traffic(site, frames, seed), candidates, chosen[chosen.any(axis=1)]
+
 
 def fit_sites(
     sites: Sequence[Site],
@@ -236,11 +243,7 @@ def fit_sites(
     for place, site in enumerate(sites):
         detector = detector_of(site)
         check_known(detector, classes.names)
-        rng = np.random.default_rng(run.seed + place)
-        candidates = own_and_random(site, sampling.poses, rng, models=sampling.models)
-        chosen = random_sets(candidates, len(site.sensors), sampling.sets, rng)
-        chosen = chosen[chosen.any(axis=1)]
-        traffic = simulate_traffic(site, frames, run.seed + place)
+        traffic, candidates, chosen = sampling.draw(site, frames, run.seed + place)
         seen = see(traffic, candidates, labels=classes.labels, run=run)
         observed.append((seen, chosen, detector, Renders(traffic, candidates, run.memo)))
     for name, label in zip(classes.names, classes.labels, strict=True):

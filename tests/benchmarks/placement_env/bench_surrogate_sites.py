@@ -31,14 +31,13 @@ def main() -> None:
     asked = arguments.parse_args()
 
     from coview.detectors import site_detector
-    from placement_env.candidates.candidates import own_and_random, random_sets
     from placement_env.classes import Classes
     from placement_env.fidelity.detector import Detected
+    from placement_env.fidelity.hit_fit import Sampling
     from placement_env.fidelity.hit_model import FOLDER, load_models
     from placement_env.fidelity.renders import Renders
     from placement_env.fidelity.seeing import see
     from placement_env.fidelity.surrogate import Surrogate
-    from placement_env.fidelity.traffic import simulate_traffic
     from toolkit.runtime.run import Run
     from toolkit.sensors.models import find_model
     from toolkit.sites.files import load_site
@@ -48,12 +47,10 @@ def main() -> None:
     ious = sorted({m.iou for m in models if m.label == "vehicle"})
     rows: dict[tuple[str, float], list[np.ndarray]] = {}
     run = Run(cache=asked.cache)
+    sampling = Sampling(poses=60, sets=asked.sets, models=tuple(map(find_model, MODELS)))
     for place, name in enumerate(asked.sites):
-        site, rng = load_site(name), np.random.default_rng(asked.seed + place)
-        candidates = own_and_random(site, 60, rng, models=tuple(map(find_model, MODELS)))
-        sets = random_sets(candidates, len(site.sensors), asked.sets, rng)
-        sets = sets[sets.any(axis=1)]
-        traffic = simulate_traffic(site, asked.frames, asked.seed + place)
+        site = load_site(name)
+        traffic, candidates, sets = sampling.draw(site, asked.frames, asked.seed + place)
         seen = see(traffic, candidates, labels=classes.labels, run=run)
         renders = Renders(traffic, candidates, run.memo)
         detector = site_detector("general", site)
