@@ -112,13 +112,7 @@ class SightLines:
         self._scene = build_scene(*scenery, threads)
 
     def clear(self, start: Float64[np.ndarray, "3"], ends: Float64[np.ndarray, "n 3"]) -> Mask:
-        """Mask of ends in sight of the start, further off than `NEAR`, with nothing between there and `GRAZE`.
-
-        >>> from toolkit.mesh import box
-        >>> wall = SightLines(box((0.2, 4.0, 4.0), (5.0, 0.0, 0.0)))
-        >>> wall.clear(np.zeros(3), np.array([[4.0, 0, 0], [9, 0, 0], [9, 8, 0], [0.1, 0, 0]]))
-        array([ True, False,  True, False])
-        """
+        """Mask of ends in sight of the start, further off than `NEAR`, with nothing between there and `GRAZE`."""
         way = ends - start
         length = np.linalg.norm(way, axis=1)
         far = length > NEAR

@@ -444,17 +444,24 @@ def furnish(
         plot.solids += f.kerbs(road.lanes, road.footways, round(float(rng.uniform(0.06, 0.16)), 2))
     leafy = rng.random() if rng.random() < 0.75 else 0.0  # of the hedges: rays go in, as into bushes
     solids = [replace(s, kind="bush") if s.kind == "hedge" and rng.random() < leafy else s for s in plot.solids]
-    return solids, bays
+    return solids, _free_of([s for s in solids if s.kind == "tree" and s.base < UNDERSIDE[0]], bays)
 
 
-def _fill_bays(plot: Plot, bays: Bays, rng: Rng) -> Float64[np.ndarray, "left 3"]:
-    """Put skips, containers and the like in some bays, close to vehicles that park; return the bays left."""
-    filled = rng.random(len(bays)) < rng.uniform(0.0, 0.3)
+def _fill_bays(plot: Plot, bays: Bays, rng: Rng) -> Bays:
+    """Put skips, containers and the like in some bays, close to vehicles that park; return the bays left free."""
+    filled, things = rng.random(len(bays)) < rng.uniform(0.0, 0.3), list[Solid]()
     for x, y, yaw in bays[filled]:
         thing = move_solids(_INSIDE[rng.integers(len(_INSIDE))](rng), float(x), float(y), float(yaw))
         if unite(solid.footprint for solid in thing).disjoint(plot.driven):
-            plot.solids += thing
-    return bays[~filled]
+            things += thing
+    plot.solids += things
+    return _free_of(things, bays[~filled])
+
+
+def _free_of(solids: Sequence[Solid], bays: Bays) -> Bays:
+    """Bays where no vehicle would stand in one of the solids."""
+    taken = unite(solid.footprint for solid in solids)
+    return bays[[taken.disjoint(outline(bay).buffer(-0.2)) for bay in bays]] if len(bays) else bays
 
 
 def _bulky(plot: Plot, rng: Rng) -> None:
