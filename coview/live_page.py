@@ -729,8 +729,7 @@ class LivePage:
             self._aim(client, np.array([0.0, -0.02, 1.0]) * np.linalg.norm(self._slant))
 
     def _greet(self, client: Handle) -> None:
-        self._touched = time.monotonic()
-        camera = client.camera
+        self._touched, camera = time.monotonic(), client.camera
         self._aim(client, self._slant, phone=camera.image_width < PHONE)
 
         def fit(_: Handle) -> None:  # the panel docks, or the window changes: fit what nobody has moved
