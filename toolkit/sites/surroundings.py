@@ -461,7 +461,7 @@ def _fill_bays(plot: Plot, bays: Bays, rng: Rng) -> Bays:
 def _free_of(solids: Sequence[Solid], bays: Bays) -> Bays:
     """Bays where no vehicle would stand in one of the solids."""
     taken = unite(solid.footprint for solid in solids)
-    return bays[[taken.disjoint(outline(bay).buffer(-0.2)) for bay in bays]] if len(bays) else bays
+    return bays[[taken.disjoint(outline(bay).buffer(-0.1)) for bay in bays]] if len(bays) else bays
 
 
 def _bulky(plot: Plot, rng: Rng) -> None:
