@@ -245,11 +245,7 @@ _BEHIND = re.compile(r"(.+?)((?:\+background|-background|\+phases\d{1,3}|\+bfloa
 
 
 def parse_detector(name: str, site: "Site | None" = None) -> NamedDetector:
-    """Parse a detector's name.
-
-    >>> parse_detector("general+phases4+background"), parse_detector("general-background").known
-    (NamedDetector(bare='general', known=True, phases=4, bfloat16=False), False)
-    """
+    """Parse a detector's name."""
     found = _BEHIND.fullmatch(name)
     bare, behind = found.groups() if found else (name, "")
     by_default = bare == GENERAL and BARE not in behind and site is not None and len(site.solids) > 0

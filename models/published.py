@@ -154,11 +154,7 @@ def from_published(weights: dict[str, Tensor], network: VoxelNet, origin: str | 
 
 
 def name_in_paper(name: str) -> str:
-    """Published name of one of our tensors.
-
-    >>> name_in_paper("rpn.blocks.1.0.1.running_mean")
-    '_rpn.conv2_1.bn1.running_mean'
-    """
+    """Published name of one of our tensors."""
     for ours, theirs in _NAMES:
         if match := re.match(ours, name):
             return theirs(*map(int, match.groups())) + name[match.end() :]

@@ -10,11 +10,7 @@ from toolkit.runtime.run import check_whole as check_whole
 
 
 def whole(value: object) -> TypeGuard[int]:
-    """Return True for a whole number; truth values do not count.
-
-    >>> whole(3), whole(np.int8(3)), whole(3.0), whole(True)
-    (True, True, False, False)
-    """
+    """Return True for a whole number; truth values do not count."""
     return isinstance(value, int | np.integer) and not isinstance(value, bool)
 
 

@@ -77,12 +77,7 @@ def race(
     before, in the same order, and more, so earlier work can be reused. eta: factor by which a rung multiplies frames
     and divides sets; first: frames of the first rung. Sets that tie with the last one to advance also advance, as do
     all while no score is defined. Equal rows are scored once; the first stands for all. Raises ValueError without a set
-    or frame, for eta below 2, and for first or keep below 1.
-
-    >>> ap = np.array([0.3, 0.9, 0.5])
-    >>> race(lambda sets, frames: sets @ ap, np.eye(3, dtype=bool), frames=20).winners
-    array([1])
-    """
+    or frame, for eta below 2, and for first or keep below 1."""
     whole = all(isinstance(number, int | np.integer) for number in (frames, first, keep, eta))
     if not whole or min(len(sets), frames, first, keep, eta - 1) < 1:
         said = "a race needs a set, a frame, eta >= 2, first >= 1 and keep >= 1, whole numbers"

@@ -13,11 +13,7 @@ BLOCK = 1 << 17  # figures worked on at once, so that they stay in the processor
 
 
 def all_subsets(sensors: int) -> Bool[np.ndarray, "sets n"]:
-    """List all 2^n sets of n sensors; sensor i is in set k if bit i of k is 1.
-
-    >>> all_subsets(2).astype(int).tolist()
-    [[0, 0], [1, 0], [0, 1], [1, 1]]
-    """
+    """List all 2^n sets of n sensors; sensor i is in set k if bit i of k is 1."""
     if not 0 <= sensors <= MOST_SENSORS:
         said = f"too many sets: they are listed for at most {MOST_SENSORS} sensors"
         raise ValueError(f"{said}, got {sensors}; choose some, or use estimate_worth")
@@ -36,12 +32,7 @@ def find_index(member: object, names: Sequence[str]) -> int:
 class MemberSums:
     """Sums of the rows (C, w) of each set's members, in the type of the rows, the same beside any other sets.
 
-    Raises ValueError unless sets are rows of one boolean per candidate.
-
-    >>> MemberSums(np.array([[1, 0], [2, 5]]))(np.array([[True, True], [False, False]]))
-    array([[3, 5],
-           [0, 0]])
-    """
+    Raises ValueError unless sets are rows of one boolean per candidate."""
 
     def __init__(self, rows: Shaped[np.ndarray, "C w"]) -> None:
         self._rows = np.concatenate([rows, np.zeros((1, rows.shape[1]), rows.dtype)])  # the last for no member

@@ -105,13 +105,7 @@ def down_sample(cloud: PointCloud, voxel_m: float) -> PointCloud:
     """Keep one point of each sensor in each cube of edge `voxel_m` (m), in their order, with all its attributes.
 
     It is the point nearest to the mean of the sensor's points there, the first of equals. Sensors are thinned
-    separately, so that sets of sensors stay comparable.
-
-    >>> cloud = from_points(np.array([[0.1, 0, 0], [0.2, 0, 0], [0.3, 0, 0], [0.2, 0, 0]]), np.array([0, 0, 0, 1]))
-    >>> thin = down_sample(cloud, 1.0)
-    >>> positions(thin)[:, 0].tolist(), sensor_numbers(thin).tolist()
-    ([0.2, 0.2], [0, 1])
-    """
+    separately, so that sets of sensors stay comparable."""
     if not 0 < voxel_m < np.inf:
         raise ValueError(f"voxel_m must be above 0 m, got {voxel_m}")
     points = positions(cloud).astype(np.float64)

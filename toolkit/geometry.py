@@ -76,11 +76,7 @@ def check_slope(slope: Iterable[SupportsFloat], name: str) -> Slope:
 
 
 def level_motion(slope: Slope, about: tuple[float, float] = (0.0, 0.0)) -> Pose:
-    """Shear of the world that makes a slope level, keeping heights at `about` (x, y) and verticals vertical.
-
-    >>> transform(level_motion((0.1, 0.0)), np.array([[5.0, 2.0, 1.5]]))
-    array([[5., 2., 1.]])
-    """
+    """Shear of the world that makes a slope level, keeping heights at `about` (x, y) and verticals vertical."""
     shear = np.eye(4)
     shear[2, :2] = -np.array(slope)
     shear[2, 3] = np.dot(slope, about)
@@ -88,11 +84,7 @@ def level_motion(slope: Slope, about: tuple[float, float] = (0.0, 0.0)) -> Pose:
 
 
 def level_rows(rows: Float[np.ndarray, "n c"], slope: Slope) -> Float[np.ndarray, "n c"]:
-    """Return points (x, y, z) or boxes (x, y, z, ...) with z counted from the slope's plane through the origin.
-
-    >>> level_rows(np.array([[10.0, 0.0, 2.0]]), (0.05, 0.0))
-    array([[10. ,  0. ,  1.5]])
-    """
+    """Return points (x, y, z) or boxes (x, y, z, ...) with z counted from the slope's plane through the origin."""
     if slope == LEVEL:
         return rows
     moved = rows.copy()

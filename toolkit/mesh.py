@@ -21,11 +21,7 @@ class Mesh(NamedTuple):
 
 
 def merge(meshes: Iterable[Mesh]) -> Mesh:
-    """Join meshes into one.
-
-    >>> [len(part) for part in merge([box((1, 1, 1)), box((1, 1, 1), (3, 0, 0))])]
-    [20, 32]
-    """
+    """Join meshes into one."""
     meshes = [Mesh(np.zeros((0, 3)), np.zeros((0, 3), np.int64)), *meshes]
     starts = np.cumsum([0] + [len(mesh.vertices) for mesh in meshes[:-1]])
     triangles = [mesh.triangles + start for mesh, start in zip(meshes, starts, strict=True)]

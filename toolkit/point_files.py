@@ -27,11 +27,7 @@ COLOURS = (("red", "green", "blue"), ("r", "g", "b"))
 
 def name_attributes(columns: Mapping[str, Shaped[np.ndarray, "..."]]) -> Attributes:
     """Turn named columns into a cloud's attributes: `positions` of x, y and z (float32 or float64), `normals` and
-    `colors` where present, every other column of numbers under its own name.
-
-    >>> {name: array.shape for name, array in name_attributes(dict.fromkeys(["x", "y", "z", "t"], np.zeros(5))).items()}
-    {'positions': (5, 3), 't': (5, 1)}
-    """
+    `colors` where present, every other column of numbers under its own name."""
     left = {name: np.asarray(column) for name, column in columns.items()}
     made: Attributes = {"positions": _together(left, "x", "y", "z")}
     if made["positions"].dtype not in (np.float32, np.float64):
@@ -100,11 +96,7 @@ def read_pcd(path: str | Path) -> Attributes:
 
 
 def pcd_bytes(columns: Mapping[str, Shaped[np.ndarray, " n"]]) -> bytes:
-    """Format columns of one length, numbers of 1 to 8 bytes, as a binary PCD file.
-
-    >>> pcd_bytes({"x": np.zeros(2, "f4"), "y": np.zeros(2, "f4"), "z": np.ones(2, "f4")})[-4:].hex()
-    '0000803f'
-    """
+    """Format columns of one length, numbers of 1 to 8 bytes, as a binary PCD file."""
     kinds = {"f": "F", "i": "I", "u": "U"}
     arrays = {name: np.asarray(column) for name, column in columns.items()}
     table = np.rec.fromarrays([column.astype(column.dtype.newbyteorder("<")) for column in arrays.values()])

@@ -82,11 +82,7 @@ def crop_image(
 
 
 def is_inside(points: Points, area: Float64[np.ndarray, "4"], height: float = 4.0, floor: float = 0.0) -> Mask:
-    """Mask of points in the area, its edge included, and between `floor` and `height`, both excluded, as published.
-
-    >>> is_inside(np.array([[0, 0, 1], [9, 0, 1], [0, 0, 4.0]]), np.array([-1.0, -1, 1, 1]))
-    array([ True, False, False])
-    """
+    """Mask of points in the area, its edge included, and between `floor` and `height`, both excluded, as published."""
     x, y, z = points.T
     xmin, ymin, xmax, ymax = area.tolist()
     return (x >= xmin) & (x <= xmax) & (y >= ymin) & (y <= ymax) & (z > floor) & (z < height)

@@ -47,11 +47,7 @@ class FaceFeatures(NamedTuple):
 
 
 class FaceNetworks(nn.Module):
-    """Three networks: features (n, F) to shifts outwards (m) and their log mean errors (m).
-
-    >>> sum(each.numel() for each in FaceNetworks().parameters())
-    35118
-    """
+    """Three networks: features (n, F) to shifts outwards (m) and their log mean errors (m)."""
 
     prior: Tensor  # mean error of each sort of face as it is detected (m): a surer answer moves the face
 
@@ -91,12 +87,7 @@ def measure_faces(networks: FaceNetworks, found: Detections, points: Points, lab
 
 
 def move_faces(boxes: BoxRows, end: _BothSides, side: _BothSides, top: Float[np.ndarray, " n"]) -> BoxRows:
-    """Move faces of boxes outwards (m), or inwards to a fifth of the size; the floor stays.
-
-    >>> box = np.array([[0, 0, 1, 4, 2, 2, 0.0]])
-    >>> move_faces(box, np.array([0.4, 0]), np.array([0, -0.2]), np.array([0.5])).round(3)
-    array([[0.2 , 0.1 , 1.25, 4.4 , 1.8 , 2.5 , 0.  ]])
-    """
+    """Move faces of boxes outwards (m), or inwards to a fifth of the size; the floor stays."""
     (front, rear), (left, right) = np.split(end, 2), np.split(side, 2)
     boxes = boxes.copy()
     grown = np.maximum(np.stack([front + rear, left + right, top], axis=1), -0.8 * boxes[:, 3:6])

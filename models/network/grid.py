@@ -40,12 +40,7 @@ def voxelise(points: Points | Float[Tensor, "n 3"], config: VoxelNetConfig, *, r
     Points outside the area or the height range, or on their borders, are ignored (the paper keeps 0 < height < 4 m). In
     a voxel with more than T points a random T stay, by default the same every time. Kept points stay in their order.
 
-    Raises ValueError unless the points are (n, 3).
-
-    >>> config = VoxelNetConfig.light((-40, -20, 40, 20))
-    >>> voxelise(np.float32([[-39.9, -19.9, 0.1], [-39.85, -19.9, 0.1], [39.9, 19.9, 3.9], [41, 0, 1]]), config).cells
-    tensor([[  0,   0,   0,   0], [  0, 399, 199,   9]])
-    """
+    Raises ValueError unless the points are (n, 3)."""
     cloud = torch.as_tensor(points, dtype=torch.float32)
     if cloud.ndim != 2 or cloud.shape[1] != 3:
         raise ValueError(f"points must have shape (n, 3), got {tuple(cloud.shape)}")
@@ -103,11 +98,7 @@ def thin_voxels(
 
 
 def anchors(config: VoxelNetConfig) -> Float[Tensor, "H W A 7"]:
-    """Return a box per cell, class and yaw in the frame of the grid, H along x, W along y.
-
-    >>> anchors(VoxelNetConfig.published("tjunction"))[0, 0, 1]
-    tensor([-39.8000, -19.8000,   1.6000,   3.9000,   1.5600,   1.6000,   1.5708])
-    """
+    """Return a box per cell, class and yaw in the frame of the grid, H along x, W along y."""
     (rows, columns), (dx, dy) = config.map_shape, config.stride
     x = config.area[0] + (torch.arange(rows, dtype=torch.float64) + 0.5) * dx
     y = config.area[1] + (torch.arange(columns, dtype=torch.float64) + 0.5) * dy
@@ -129,12 +120,7 @@ def encode(boxes: _Boxes, anchors: _Boxes, *, doubled: bool = True) -> Float[Ten
 
 
 def decode(residuals: Float[Tensor, "*n R"], anchors: _Boxes, direction: Bool[Tensor, "*n"] | None = None) -> _Boxes:
-    """Return the boxes of residuals. Eight leave the yaw open by 180°, which `direction` settles.
-
-    >>> anchor, box = torch.tensor([[0, 0, 0.8, 3.9, 1.6, 1.5, 0]]), torch.tensor([[1, 2, 0.7, 4.5, 1.8, 1.4, 3.0]])
-    >>> decode(encode(box, anchor), anchor, faces_back(box, anchor))
-    tensor([[1.0000, 2.0000, 0.7000, 4.5000, 1.8000, 1.4000, 3.0000]])
-    """
+    """Return the boxes of residuals. Eight leave the yaw open by 180°, which `direction` settles."""
     diagonal, size = torch.linalg.vector_norm(anchors[..., 3:5], dim=-1, keepdim=True), anchors[..., 3:6]
     centre = anchors[..., :3] + residuals[..., :3] * torch.cat((diagonal, diagonal, size[..., 2:]), -1)
     angle = residuals[..., 6:]

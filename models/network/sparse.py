@@ -21,14 +21,7 @@ from toolkit.arrays import Bool, Float, Float32, Int64
 
 
 class SparseVoxelNet(nn.Module):
-    """Trained network for inference, with a folded copy of its weights: train the original.
-
-    >>> from models.config import VoxelNetConfig
-    >>> from models.network.grid import voxelise
-    >>> config = VoxelNetConfig.light((-8, -8, 8, 8))
-    >>> SparseVoxelNet(VoxelNet(config))(voxelise(torch.rand(9, 3), config)).class_logits.shape
-    torch.Size([1, 2, 40, 40])
-    """
+    """Trained network for inference, with a folded copy of its weights: train the original."""
 
     def __init__(self, network: VoxelNet) -> None:
         super().__init__()

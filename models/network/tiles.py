@@ -191,11 +191,7 @@ def tileable(network: SparseVoxelNet) -> bool:
 
 
 def choose_size(rows: int, columns: int) -> int:
-    """Return the side of the tiles that compute the fewest cells of a map, with the borders about them.
-
-    >>> choose_size(200, 100), choose_size(24, 24)
-    (20, 24)
-    """
+    """Return the side of the tiles that compute the fewest cells of a map, with the borders about them."""
     return min(SIZES, key=lambda size: -(-rows // size) * -(-columns // size) * (size + 2) ** 2)
 
 

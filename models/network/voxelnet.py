@@ -29,13 +29,7 @@ class Prediction(NamedTuple):
 
 
 class VoxelNet(nn.Module):
-    """Network of a configuration.
-
-    >>> from models.network.grid import voxelise
-    >>> config = VoxelNetConfig.light((-8, -8, 8, 8))
-    >>> VoxelNet(config).eval()(voxelise(torch.zeros(0, 3), config)).residuals.shape
-    torch.Size([1, 16, 40, 40])
-    """
+    """Network of a configuration."""
 
     def __init__(self, config: VoxelNetConfig) -> None:
         super().__init__()

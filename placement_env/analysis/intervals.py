@@ -44,13 +44,7 @@ class Interval(NamedTuple):
 def block_draws(frames: int, *, block: int | None = None, resamples: int = RESAMPLES, seed: int = 0) -> Draws:
     """Count how often each resample draws each frame; frames of one block have equal counts.
 
-    block: frames of one, None for `BLOCK_FRAMES`.
-
-    >>> block_draws(6, block=4, resamples=3)
-    array([[1, 1, 1, 1, 1, 1],
-           [1, 1, 1, 1, 1, 1],
-           [0, 0, 0, 0, 2, 2]])
-    """
+    block: frames of one, None for `BLOCK_FRAMES`."""
     block = BLOCK_FRAMES if block is None else block
     for name, value in (("frames", frames), ("block", block), ("resamples", resamples)):
         check_whole(name, value, least=1)
@@ -84,12 +78,7 @@ def count_blocks(frames: int) -> int:
 def percentiles(
     figures: Resamples, blocks: float = math.inf, *, confidence: float = 0.95, fewest: int = FEWEST_BLOCKS
 ) -> Interval:
-    """Return the middle share of the defined figures. blocks: number that each is drawn from, NaN below `fewest`.
-
-    >>> figures = np.arange(1001.0)
-    >>> percentiles(figures, 15), percentiles(figures, 9)
-    (Interval(low=13.2..., high=986.7...), Interval(low=nan, high=nan))
-    """
+    """Return the middle share of the defined figures. blocks: number that each is drawn from, NaN below `fewest`."""
     if not 0 < confidence < 1:
         raise ValueError(f"confidence must lie between 0 and 1, got {confidence}: 0.95 is usual")
     defined = figures[~np.isnan(figures)]
@@ -117,13 +106,7 @@ def figure_interval(
     """Return the interval of a share such as AP, widened to hold it.
 
     objects: number that it is a share of, in all frames; where all resamples agree, as many as live one after another
-    count as independent.
-
-    >>> figure_interval(0.9, np.full(1000, 0.5), blocks=15)
-    Interval(low=0.5, high=0.9)
-    >>> figure_interval(1.0, np.ones(1000), blocks=15, objects=400)
-    Interval(low=0.963..., high=1.0)
-    """
+    count as independent."""
     low, high = percentiles(resamples, blocks, confidence=confidence, fewest=fewest)
     if low == high and objects:
         low, high = _wilson(figure, objects / LIFE, confidence)
@@ -152,13 +135,7 @@ def frames_for_width(frames: int, width: float, wanted: float) -> int:
 def is_as_good(figures: Resamples, best: Resamples, blocks: float) -> bool:
     """True if a figure is surely within `AP_TOLERANCE` of the best: the whole interval of the paired loss is.
 
-    Two figures whose intervals overlap may still differ; on the same frames the loss has an interval of its own.
-
-    >>> rng = np.random.default_rng(0)
-    >>> best = rng.normal(0.9, 0.05, 1000)
-    >>> is_as_good(best - 0.001, best, 15), is_as_good(best - 0.02, best, 15), is_as_good(best, best, 9)
-    (True, False, False)
-    """
+    Two figures whose intervals overlap may still differ; on the same frames the loss has an interval of its own."""
     return bool(percentiles(best - figures, blocks).high <= AP_TOLERANCE)
 
 

@@ -39,12 +39,7 @@ def shrink(
     """Shrink the figures of n sets towards their predictions.
 
     resamples: of each figure, with the same draws for all; blocks: number drawn from; one block says nothing about the
-    noise, so predictions rank. Fewer than `FEWEST_SETS` sets, and undefined figures, are left as they are.
-
-    >>> noisy = np.array([[0.5, 0.7], [0.7, 0.5], [0.6, 0.6]])
-    >>> shrink(np.array([0.62, 0.58, 0.6]), noisy, np.array([0.4, 0.5, 0.45])).figure.round(3)
-    array([0.553, 0.647, 0.6  ])
-    """
+    noise, so predictions rank. Fewer than `FEWEST_SETS` sets, and undefined figures, are left as they are."""
     if len(figure) < FEWEST_SETS or not np.isfinite(figure).all():
         return Shrunk(figure, resamples)
     common = resamples.mean(axis=0)

@@ -43,11 +43,7 @@ class Worth:
 def shapley(values: Float64[np.ndarray, " sets"]) -> Float64[np.ndarray, " n"]:
     """Return each sensor's exact Shapley value from the values of all 2^n sets in the order of `all_subsets`.
 
-    Raises ValueError if their number is not 2^n with n <= 16, or one is not finite.
-
-    >>> shapley(np.array([0.0, 0.5, 0.25, 0.75]))
-    array([0.5 , 0.25])
-    """
+    Raises ValueError if their number is not 2^n with n <= 16, or one is not finite."""
     sets = _list_sets(values)
     n, size = sets.shape[1], sets.sum(axis=1)
     weight = _weights(n)

@@ -111,11 +111,7 @@ def list_unknown(properties: Iterable[Json], *, areas: bool = False) -> str:
 
 
 def guess_property(key: str) -> str | None:
-    """Return the property that a name of other letters, words or units may mean, or None.
-
-    >>> [guess_property(key) for key in ("MAX HEIGHT", "heigth", "Höhe_m", "KeepOut", "linkMbit", "material")]
-    ['max_height', 'height', 'height', 'keep_out', 'capacity_kbit', None]
-    """
+    """Return the property that a name of other letters, words or units may mean, or None."""
     parts = [part.lower() for part in re.findall(r"[^\W\d_]+", re.sub(r"(?<=[a-zäöü])(?=[A-ZÄÖÜ])", "_", key))]
     joined = {*parts, "".join(parts)}
     meant = [name for name, words in _TABLES["words"].items() if joined & set(words)]

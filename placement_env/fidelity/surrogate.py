@@ -182,11 +182,7 @@ class _Part:
 def compute_expected_ap(
     probability: Float[np.ndarray, "n O"], false_alarms: float | Float32[np.ndarray, "n 1"]
 ) -> tuple[Float64[np.ndarray, " n"], Float64[np.ndarray, " n"]]:
-    """AP and recall by the formula above, from hit probabilities in descending order.
-
-    >>> compute_expected_ap(np.array([[1, 1, 0, 0], [0.5, 0.5, 0.5, 0.5]], np.float32), 1.0)
-    (array([0.5 , 0.25]), array([0.5, 0.5]))
-    """
+    """AP and recall by the formula above, from hit probabilities in descending order."""
     n, objects = probability.shape
     if not objects:
         return np.zeros(n), np.zeros(n)

@@ -263,11 +263,7 @@ def _hang(sensor: LiveSensor, model: SensorModel, foot: float) -> Sensor:
 
 
 def free_name(variant: Variant, wanted: str) -> str:
-    """Name that no sensor has yet.
-
-    >>> free_name(Variant(), "camera 1")
-    'camera 1'
-    """
+    """Name that no sensor has yet."""
     names, name, number = {sensor.name for sensor in variant.sensors}, wanted[:LONGEST_NAME], 1
     while name in names:
         number += 1

@@ -170,11 +170,7 @@ def _cell_map(
 def smooth(
     values: Float64[np.ndarray, "ny nx"], counted: Bool[np.ndarray, "ny nx"], cell: float
 ) -> Float64[np.ndarray, "ny nx"]:
-    """Average the counted cells in a square of side `SMOOTHED` around each cell; 0 without any.
-
-    >>> smooth(np.array([[0.0, 9.0, 3.0]]), np.array([[True, True, False]]), 0.5)
-    array([[4.5, 4.5, 9. ]])
-    """
+    """Average the counted cells in a square of side `SMOOTHED` around each cell; 0 without any."""
     reach = max(0, round((SMOOTHED / cell - 1) / 2))
 
     def box_sums(grid: np.ndarray) -> np.ndarray:

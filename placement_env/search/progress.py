@@ -145,12 +145,7 @@ class Progress:
 
 
 def as_rows(sets: Sequence[Sequence[int]], size: int) -> Sets:
-    """Sets of indices as rows of booleans.
-
-    >>> as_rows([[0, 2], []], 3)
-    array([[ True, False,  True],
-           [False, False, False]])
-    """
+    """Sets of indices as rows of booleans."""
     rows = np.zeros((len(sets), size), bool)
     for row, chosen in zip(rows, sets, strict=True):
         row[list(chosen)] = True

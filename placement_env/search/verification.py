@@ -93,11 +93,7 @@ def ap_at_profiles(objective: Objective, subset: Sequence[int], moved: Sequence[
 
 
 def neighbours(subset: Int64[np.ndarray, " k"], candidates: int) -> Sets:
-    """A set, and variants with one member replaced.
-
-    >>> neighbours(np.array([0]), 3).astype(int).tolist()
-    [[1, 0, 0], [0, 1, 0], [0, 0, 1]]
-    """
+    """A set, and variants with one member replaced."""
     row = as_rows([subset.tolist()], candidates)
     others = np.flatnonzero(~row[0])
     sets = np.repeat(row, 1 + len(subset) * len(others), axis=0)

@@ -86,11 +86,7 @@ def heights_above_plane(plane: _Plane, points: Points) -> Float64[np.ndarray, " 
 
 
 def low_points(points: Points, cell: float, share: float = 0.1) -> _Cells:
-    """Return one point for each cell of a grid, with a fraction `share` of the cell's points below it.
-
-    >>> low_points(np.array([[0.2, 0.2, 5.0], [0.4, 0.2, 1.0], [9.0, 0.0, 2.0]]), 1.0).tolist()
-    [[0.4, 0.2, 1.0], [9.0, 0.0, 2.0]]
-    """
+    """Return one point for each cell of a grid, with a fraction `share` of the cell's points below it."""
     points = points[np.isfinite(points).all(axis=1)].astype(np.float64)
     if not len(points):
         return np.empty((0, 3))
@@ -157,11 +153,7 @@ class HeightMap:
     cell: float = GROUND_CELL
 
     def at(self, xy: Float[np.ndarray, "n 2"]) -> Float64[np.ndarray, " n"]:
-        """Height at each place, interpolated bilinearly; outside the grid that of its edge.
-
-        >>> HeightMap(np.zeros(2), np.array([[0.0, 1.0], [2.0, 3.0]])).at(np.array([[0.5, 0.5], [9.0, 0.0]]))
-        array([1.5, 2. ])
-        """
+        """Height at each place, interpolated bilinearly; outside the grid that of its edge."""
         from scipy.ndimage import map_coordinates
 
         place = (np.asarray(xy, np.float64) - self.origin) / self.cell
@@ -285,14 +277,7 @@ def level(cloud: "PointCloud | Points", *, method: Levelling = "map", max_tilt: 
     """Find the ground below a cloud, in any frame whose z is up to within `max_tilt` (rad).
 
     cloud: of any kind, see `plain_points`. method: "plane" for one plane, "map" for a smooth map of heights upon it.
-    Raises ValueError if no ground is found.
-
-    >>> rng = np.random.default_rng(0)
-    >>> street = np.column_stack([rng.uniform(-20, 20, (4000, 2)), np.full(4000, -1.7)])
-    >>> ground = level(street, method="plane")
-    >>> ground.height(np.array([[5.0, 5.0]])).round(3)
-    array([-1.7])
-    """
+    Raises ValueError if no ground is found."""
     points = plain_points(cloud)
     if method not in ("map", "plane"):
         raise ValueError(f'method must be "map" or "plane", got {method!r}')

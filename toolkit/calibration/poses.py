@@ -106,11 +106,7 @@ class FoundPose:
 
 
 def describe_motion(motion: Float64[np.ndarray, "6"]) -> str:
-    """Describe a motion, turns times `LEVER`, in words.
-
-    >>> describe_motion(np.array([0, 0, 0, 0.6, -0.8, 0]))
-    'move along x -0.60, move along y 0.80'
-    """
+    """Describe a motion, turns times `LEVER`, in words."""
     motion = motion * (-1 if motion[np.argmax(np.abs(motion))] < 0 else 1)
     named = [f"{name} {share:.2f}" for name, share in zip(reference_fit.NAMES, motion, strict=True) if abs(share) > 0.1]
     return ", ".join(named)

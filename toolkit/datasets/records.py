@@ -108,11 +108,7 @@ def load_json(path: str | Path) -> Unchecked:
 
 
 def entry(record: Unchecked, *keys: str) -> Unchecked:
-    """record[key][key]..., or ValueError that says which is missing.
-
-    >>> entry({"a": {"b": 3}}, "a", "b")
-    3
-    """
+    """record[key][key]..., or ValueError that says which is missing."""
     value = record
     for k, key in enumerate(keys):
         if not isinstance(value, dict) or key not in value:
@@ -174,11 +170,7 @@ def rigid_matrix(values: Unchecked, name: str = "pose") -> Pose:
 
 
 def heading(target_SE3_source: Pose, yaw: object) -> Float64[np.ndarray, "*n"]:
-    """Yaw (rad) in the target frame of source-frame headings: that of the turned forward direction, from above.
-
-    >>> heading(np.eye(4), [0.5])
-    array([0.5])
-    """
+    """Yaw (rad) in the target frame of source-frame headings: that of the turned forward direction, from above."""
     yaw = np.asarray(yaw, np.float64)
     forward = np.stack([np.cos(yaw), np.sin(yaw), np.zeros_like(yaw)], axis=-1) @ target_SE3_source[:3, :3].T
     return np.asarray(np.arctan2(forward[..., 1], forward[..., 0]))

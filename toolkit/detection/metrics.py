@@ -101,11 +101,7 @@ class Reliability:
 
 
 def reliability(scores: Float[np.ndarray, " n"], hits: Mask, bins: int = 10) -> Reliability:
-    """Build the reliability diagram, NaN in empty bins.
-
-    >>> reliability(np.array([0.92, 0.96, 0.1]), np.array([True, False, False]), bins=2).true
-    array([0. , 0.5])
-    """
+    """Build the reliability diagram, NaN in empty bins."""
     place = np.clip((scores * bins).astype(np.int64), 0, bins - 1)
     count = np.bincount(place, minlength=bins)
     with np.errstate(invalid="ignore"):
@@ -167,12 +163,7 @@ def matches(
     label: str | int = "vehicle",
     counted: ArrayLike | None = None,
 ) -> Iterator[Match]:
-    """Match detections and truths of one frame as `evaluate` does, at each of several IoU thresholds.
-
-    >>> car = np.array([[0, 0, 1, 4, 2, 1.5, 0]])
-    >>> next(matches(Detections(car.repeat(2, axis=0), np.array([0.5, 0.9])), Objects(car), [0.7])).truth
-    array([-1,  0])
-    """
+    """Match detections and truths of one frame as `evaluate` does, at each of several IoU thresholds."""
     thresholds = _check(iou_thresholds, metric, protocol)
     overlaps = _overlap(detections, truths, label_index(label), counted, metric, protocol)
     rows, columns = overlaps.rows, overlaps.columns

@@ -51,13 +51,7 @@ def make_key(*parts: object) -> bytes:
 class Cache:
     """Tuples of arrays by key, in a file or in memory. path: of the file, made if missing, None for memory only. Sent
     to another process, it opens the file again there; in memory, each process has its own. If the file cannot be
-    written, or its secret is no secret, it warns and goes on without.
-
-    >>> cache = Cache()
-    >>> cache.put({make_key("a"): (np.arange(3),)})
-    >>> cache.get([make_key("a"), make_key("b")])
-    [(array([0, 1, 2]),), None]
-    """
+    written, or its secret is no secret, it warns and goes on without."""
 
     def __init__(self, path: str | Path | None = None) -> None:
         self.path = None if path is None else Path(path)

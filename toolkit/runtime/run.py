@@ -94,11 +94,7 @@ class Simulation(Processes):
     def part(self, number: int, frames: int | None = None) -> Self:
         """Run on another part of the traffic, which shares no seed with the parts of any run of a seed below a million.
 
-        number: 0 for this run's own traffic; frames: None for as many.
-
-        >>> Run(seed=2).part(1, 96).seed
-        1000005
-        """
+        number: 0 for this run's own traffic; frames: None for as many."""
         return replace(self, seed=self.seed + PART_SEEDS * number, frames=self.frames if frames is None else frames)
 
 

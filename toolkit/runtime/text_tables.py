@@ -9,21 +9,12 @@ _UNPRINTABLE = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-
 def escape(text: object) -> str:
     r"""Replace what steers a terminal, turns the direction of writing or is no character by its escape sequence.
 
-    Names come out of files of others.
-
-    >>> print(escape("pole \x1b[2J\u202etxt.exe"))
-    pole \x1b[2J\u202etxt.exe
-    """
+    Names come out of files of others."""
     return _UNPRINTABLE.sub(lambda found: found[0].encode("unicode_escape").decode(), str(text))
 
 
 def align_columns(table: Sequence[Sequence[str]], *, texts: int) -> str:
-    """Align the columns of a table; the first `texts` to the left.
-
-    >>> print(align_columns([["scheme", "kbit"], ["late", "2.5"]], texts=1))
-    scheme  kbit
-    late     2.5
-    """
+    """Align the columns of a table; the first `texts` to the left."""
     table = [[cell.replace("\n", "\\n") for cell in line] for line in table]
     widths = [max(map(len, column)) for column in zip(*table, strict=True)]
     sides = [str.ljust] * texts + [str.rjust] * (len(widths) - texts)

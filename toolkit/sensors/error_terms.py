@@ -458,11 +458,7 @@ class RangeNoise(_Term):
 
 
 def stereo_noise(*, baseline: float, focal: float, disparity: float = 0.1) -> RangeNoise:
-    """Noise of a stereo camera. baseline: m; focal: pixels; disparity: its standard deviation (pixels).
-
-    >>> round(stereo_noise(baseline=1.0, focal=2000.0).quadratic, 9)
-    5e-05
-    """
+    """Noise of a stereo camera. baseline: m; focal: pixels; disparity: its standard deviation (pixels)."""
     if not (baseline > 0 and focal > 0):
         raise ValueError(f"baseline and focal length must be above 0, got {baseline} m and {focal} pixels")
     return RangeNoise(quadratic=disparity / (focal * baseline), measures="depth")
@@ -587,11 +583,7 @@ class Weather(_Term):
 
 
 def rain(rate: float) -> Weather:
-    """Rain of some mm/h: 2.5 light, 10 heavy. 0.3 % of rays into the open per mm/h return from a drop.
-
-    >>> f"{rain(10.0).extinction * 1000:.3f} {rain(10.0).share:.4f}"
-    '1.159 0.0296'
-    """
+    """Rain of some mm/h: 2.5 light, 10 heavy. 0.3 % of rays into the open per mm/h return from a drop."""
     return Weather(PER_METRE_OF_DB_PER_KM * 1.076 * _rate(rate) ** 0.67, 1 - np.exp(-0.003 * rate), 8.0)
 
 

@@ -85,11 +85,7 @@ class SensorModel(Protocol):
 
 
 def is_return(measurement: Float[np.ndarray, "*shape"], max_range: float = np.inf) -> Bool[np.ndarray, "*shape"]:
-    """Mask of measurements that make a point: finite, positive and nearer than `max_range`.
-
-    >>> is_return(np.array([np.nan, -1.0, 0.0, 5.0, 50.0, np.inf]), max_range=50.0)
-    array([False, False, False,  True, False, False])
-    """
+    """Mask of measurements that make a point: finite, positive and nearer than `max_range`."""
     return (measurement > 0) & (measurement < min(max_range, np.finfo(np.float32).max))
 
 

@@ -52,11 +52,7 @@ def site_metres(site: Site, lon_lat: Float[np.ndarray, "n 2"]) -> Float64[np.nda
 
 
 def bearing_deg(site: Site, heading: float) -> float:
-    """Compass bearing (degrees in 0..360, clockwise from the map's north) of a heading (rad, from the site's +x).
-
-    >>> bearing_deg(Site("example", np.array([0.0, 0, 10, 10])), np.pi)
-    270.0
-    """
+    """Compass bearing (degrees in 0..360, clockwise from the map's north) of a heading (rad, from the site's +x)."""
     turn = np.arctan2(site.map_SE3_site[1, 0], site.map_SE3_site[0, 0])
     return round(90.0 - float(np.rad2deg(heading + turn)), 9) % 360.0
 

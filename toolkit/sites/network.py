@@ -58,11 +58,7 @@ def street(
 
 
 def line(points: Float[np.ndarray, "n 2"] | Sequence[tuple[float, float]]) -> str:
-    """Format points as a SUMO shape.
-
-    >>> line([(0.0, 0.0), (1.5, -2.0)])
-    '0.000,0.000 1.500,-2.000'
-    """
+    """Format points as a SUMO shape."""
     return " ".join(f"{x:.3f},{y:.3f}" for x, y in points)
 
 
@@ -89,12 +85,7 @@ def build_network(nodes: _Rows, edges: _Rows, *, roundabouts: _Rows = ()) -> str
 
 
 def convert(options: Sequence[str]) -> str:
-    """Run netconvert; return the net.xml text without its comments.
-
-    >>> convert(["--node-files=/nowhere"])
-    Traceback (most recent call last):
-    ValueError: netconvert: ...
-    """
+    """Run netconvert; return the net.xml text without its comments."""
     command = [str(netconvert()), *_OPTIONS, *options]
     with tempfile.TemporaryDirectory() as folder:
         output = Path(folder, "net.xml")

@@ -128,11 +128,7 @@ _BUILT = {"highway", "building"}
 
 
 def metres(text: str | None) -> float | None:
-    """Parse a length as mappers write it. Of several the greatest counts; None if it is not positive.
-
-    >>> [metres(text) for text in ("12", "12 m", "3;4", "40'", "7,5", "tall", "-2")]
-    [12.0, 12.0, 4.0, 12.192, 7.5, None, None]
-    """
+    """Parse a length as mappers write it. Of several the greatest counts; None if it is not positive."""
     lengths = []
     for part in (text or "").lower().replace(",", ".").split(";"):
         feet = re.fullmatch(r"(\d+(?:\.\d+)?)\s*(?:'|ft|feet)\s*(?:(\d+(?:\.\d+)?)\s*(?:\"|''|in)?)?", part.strip())

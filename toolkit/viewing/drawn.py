@@ -234,11 +234,7 @@ class Scales:
         return Scales(**spans)
 
     def describe(self, colouring: Colouring) -> str:
-        """Describe the range of a colouring.
-
-        >>> Scales(height=(-0.1, 3.04)).describe("height")
-        'height, -0.1 to 3.04 m'
-        """
+        """Describe the range of a colouring."""
         if colouring == "sensor":
             return "sensor"
         low, high = getattr(self, colouring)

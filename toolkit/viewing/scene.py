@@ -108,11 +108,7 @@ def set_view(server: "ViserServer", position: tuple[float, ...], look_at: tuple[
 
 def overview(area: tuple[float, float, float, float], height: float = 0.0) -> tuple[Spot, Spot]:
     """Spot and target of a camera that sees an area. It sees the whole area, at a slant from the south. area: xmin,
-    ymin, xmax, ymax (m); height: of the ground.
-
-    >>> overview((0.0, -50.0, 100.0, 50.0))
-    ((35.0, -75.0, 65.0), (50.0, 0.0, 0.0))
-    """
+    ymin, xmax, ymax (m); height: of the ground."""
     xmin, ymin, xmax, ymax = area
     x, y, size = (xmin + xmax) / 2, (ymin + ymax) / 2, max(xmax - xmin, ymax - ymin)
     return (x - 0.15 * size, y - 0.75 * size, height + 0.65 * size), (x, y, height)

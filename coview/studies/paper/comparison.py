@@ -119,11 +119,7 @@ class Listed:
 
 
 def sensor_sets(site: str) -> Listed:
-    """Table 2 of a site.
-
-    >>> sensor_sets("tjunction").best["early"][-2:]
-    ((3, 4), (4,))
-    """
+    """Table 2 of a site."""
     return Listed(tuple(SetRow(*row) for row in _SITES[site]["sets"]))
 
 

@@ -148,11 +148,7 @@ def useful(
 ) -> Int64[np.ndarray, " k"]:
     """Candidates that see something, and more than any on their mount for no higher a price; the first of equal ones.
 
-    needed: candidates that count though they see nothing.
-
-    >>> useful(np.array([[1, 0], [1, 1], [1, 0], [0, 0]], bool), np.array([0, 0, 1, 1]))
-    array([1, 2])
-    """
+    needed: candidates that count though they see nothing."""
     keep = np.asarray(seen.any(axis=1) if needed is None else seen.any(axis=1) | needed)
     for here in np.unique(mount):
         poses = np.flatnonzero(keep & (mount == here))

@@ -150,11 +150,7 @@ def find_frame_pose(frames: Mapping[str, _Moving], frame: str, time: int) -> Pos
 
 
 def between(a: Pose, b: Pose, share: float) -> Pose:
-    """Pose at a share of the way from a to b: along the line, and turning evenly.
-
-    >>> between(np.eye(4), np.diag([-1.0, -1.0, 1.0, 1.0]), 0.5)[1, 0].round(6).item()
-    1.0
-    """
+    """Pose at a share of the way from a to b: along the line, and turning evenly."""
     from scipy.spatial.transform import Rotation, Slerp
 
     pose = np.eye(4)
