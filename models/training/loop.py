@@ -74,10 +74,10 @@ def make_config(area: Area, preset: str, size: str = "light", classes: Sequence[
     return VoxelNetConfig(area=area, voxel_size=voxel, **head)
 
 
-def window(area: Area) -> Area:
-    """Middle of an area (xmin ymin xmax ymax, m), at most `WINDOW` wide."""
+def window(area: Area, side: float = WINDOW) -> Area:
+    """Middle of an area (xmin ymin xmax ymax, m), at most `side` wide (m)."""
     xmin, ymin, xmax, ymax = area
-    x, y = max(0.0, xmax - xmin - WINDOW) / 2, max(0.0, ymax - ymin - WINDOW) / 2
+    x, y = max(0.0, xmax - xmin - side) / 2, max(0.0, ymax - ymin - side) / 2
     return xmin + x, ymin + y, xmax - x, ymax - y
 
 

@@ -1,0 +1,142 @@
+"""Adaptation of a network to a place without labels: its own detections, joined over time, are the labels.
+
+Detections of one object in successive frames are joined into a track. It has one class, that of the greatest sum of
+scores, but no pedestrian is fast. One that never moves needs higher scores than one that does. Between two detections
+of a track the object is added where it cannot have gone far."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from models.detector import relocate
+from models.network.voxelnet import VoxelNet
+from models.training.loop import Machine, Preset, Progress, train, window
+from models.training.packed import PackedFrames
+from models.training.samples import SampleRecipe
+from models.training.second_stage import average_precision
+from toolkit.arrays import Float
+from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE, Detections, Objects
+
+FASTEST = {VEHICLE: 16.0, HEAVY: 14.0, CYCLIST: 9.0, PEDESTRIAN: 3.0}  # m/s between the first two frames of a track
+APART, TURNED = 1.0, 2.5  # m, and m/s, that a detection may be off the place where its track would go
+LONGEST, LONGEST_STILL = 1.6, 10.0  # s without a detection after which a track has ended, and one that stands still
+BETWEEN = {VEHICLE: 0.5, HEAVY: 0.5, CYCLIST: 1.0, PEDESTRIAN: 3.0}  # m from one detection to the next
+FEWEST_JOINED = 3  # detections of a track
+MOVES = 1.5  # m that an object must have moved
+SURE_MOVING, SURE_STILL = 0.5, 0.6  # mean score of the better half of a track's detections
+
+
+@dataclass
+class _Track:
+    """Detections of one object."""
+
+    frames: list[int] = field(default_factory=list)
+    times: list[float] = field(default_factory=list)
+    boxes: list[Float[np.ndarray, "7"]] = field(default_factory=list)
+    scores: list[float] = field(default_factory=list)
+    labels: list[int] = field(default_factory=list)
+
+    @property
+    def reach(self) -> float:
+        """Distance (m) from the first to the farthest place."""
+        places = np.stack(self.boxes)[:, :2]
+        return float(np.linalg.norm(places - places[0], axis=1).max())
+
+    @property
+    def label(self) -> int:
+        """Class of the greatest sum of scores, but a cyclist if its faster quarter is too fast for a pedestrian."""
+        steps = np.linalg.norm(np.diff(np.stack(self.boxes)[:, :2], axis=0), axis=1)
+        label = int(np.bincount(self.labels, self.scores).argmax())
+        fast = np.quantile(steps / np.diff(self.times), 0.75) > FASTEST[PEDESTRIAN]
+        return CYCLIST if fast and label == PEDESTRIAN else label
+
+    @property
+    def sure(self) -> bool:
+        """True for an object."""
+        confidence = np.mean(sorted(self.scores)[len(self.scores) // 2 :])
+        enough = confidence >= (SURE_MOVING if self.reach >= MOVES else SURE_STILL)
+        return len(self.frames) >= FEWEST_JOINED and bool(enough)
+
+    def distances(self, found: Detections, time: float) -> Float[np.ndarray, " n"]:
+        """Distances (m) of detections from where the track would be; infinite for those that cannot be its next."""
+        last, since = self.boxes[-1][:2], time - self.times[-1]
+        within = APART + (FASTEST[self.labels[-1]] if len(self.frames) == 1 else TURNED) * since
+        if since > LONGEST:
+            waits = len(self.frames) >= FEWEST_JOINED and self.reach < APART and since <= LONGEST_STILL
+            within = APART if waits else -1.0
+        elif len(self.frames) > 1:
+            before = max(-3, -len(self.frames))
+            last = last + (last - self.boxes[before][:2]) / (self.times[-1] - self.times[before]) * since
+        off = np.linalg.norm(found.boxes[:, :2] - last, axis=1)
+        alike = np.isin(found.labels, (VEHICLE, HEAVY)) == (self.labels[-1] in (VEHICLE, HEAVY))
+        return np.where(alike & (off <= within), off, np.inf)
+
+
+def join_detections(found: Sequence[Detections], times: Sequence[float]) -> list[Objects]:
+    """Join detections of frames over time (s, ascending) into the objects of each; ids are tracks."""
+    tracks = list[_Track]()
+    for frame, (each, time) in enumerate(zip(found, times, strict=True)):
+        going = [track for track in tracks if time - track.times[-1] <= LONGEST_STILL]
+        off = np.array([track.distances(each, time) for track in going]).reshape(len(going), len(each))
+        pairs = zip(*linear_sum_assignment(np.where(np.isfinite(off), off, 1e6)), strict=True)
+        owner = {int(column): going[row] for row, column in pairs if np.isfinite(off[row, column])}
+        for k in range(len(each)):
+            track = owner.get(k, _Track())
+            if k not in owner:
+                tracks.append(track)
+            values = frame, time, each.boxes[k], float(each.scores[k]), int(each.labels[k])
+            for column, value in zip(vars(track).values(), values, strict=True):
+                column.append(value)
+    rows: list[list[tuple[np.ndarray, int, int]]] = [[] for _ in found]
+    for number, track in enumerate(each for each in tracks if each.sure):
+        label = track.label
+        for k, (frame, box) in enumerate(zip(track.frames, track.boxes, strict=True)):
+            rows[frame].append((box, label, number))
+            if k + 1 == len(track.frames) or track.times[k + 1] - track.times[k] > LONGEST:
+                continue
+            ahead = track.boxes[k + 1][:3] - box[:3]
+            for between in range(frame + 1, track.frames[k + 1] if np.hypot(*ahead[:2]) <= BETWEEN[label] else 0):
+                share = (times[between] - track.times[k]) / (track.times[k + 1] - track.times[k])
+                rows[between].append((np.append(box[:3] + share * ahead, box[3:]), label, number))
+    return [Objects(*map(np.array, zip(*each, strict=True))) if each else Objects.empty() for each in rows]
+
+
+SIDE = 28.0  # m, of the windows
+ADAPTING = Preset(
+    batch=8, learning_rate=3e-4, examples=SampleRecipe(subsets=0.3, augmentation="scene", elsewhere=0.3, windows=4)
+)
+
+
+def train_further(
+    network: VoxelNet, data: Path, out: Path, machine: Machine, *, seed: int = 0, progress: Progress | None = None
+) -> VoxelNet:
+    """Train a network further on a packed file, or resume in `out` as `train` does."""
+    small = relocate(network, window(network.config.area, SIDE), "general")
+    settings = replace(ADAPTING, seed=seed)
+    trained = train(data, small.config, settings, out, start=small, machine=machine, progress=progress)
+    return relocate(trained, network.config.area, "general").eval()
+
+
+def adapt_network(
+    network: VoxelNet,
+    label: Callable[[VoxelNet, bool], Path],
+    out: Path,
+    machine: Machine,
+    *,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> tuple[VoxelNet, float, float]:
+    """Train a network on what it labels itself.
+
+    label: packs frames with the labels that a network gives them, those held out or the others; out, machine, progress:
+    as in `train`, which resumes there. Both networks are judged on the labels of both, since each finds its own.
+    Returns the new one if it is better, else the old one, and the mean AP over classes and IoU of the old and of the
+    returned one."""
+    adapted = train_further(network, label(network, False), out, machine, seed=seed, progress=progress)
+    held_out = [PackedFrames(label(each, True)) for each in (network, adapted)]
+    judged = [[ap for of in held_out for ap in average_precision(each, of).values()] for each in (network, adapted)]
+    before, after = (float(np.mean([ap for ap in each if np.isfinite(ap)] or [0.0])) for each in judged)
+    return (adapted if after > before else network), before, max(before, after)

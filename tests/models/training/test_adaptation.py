@@ -1,0 +1,86 @@
+"""Detections joined over time, and a network that is fitted to them."""
+
+import copy
+
+import numpy as np
+import pytest
+import torch
+
+from models.config import VoxelNetConfig, road_users
+from models.network.voxelnet import VoxelNet
+from models.training import adaptation
+from models.training.adaptation import adapt_network, join_detections
+from models.training.loop import Machine
+from toolkit.objects import CYCLIST, PEDESTRIAN, VEHICLE, Detections
+
+TIMES = np.arange(12) * 0.5
+
+
+def car(x, y=0.0, score=0.9, label=VEHICLE):
+    return [x, y, 0.8, 4.2, 1.8, 1.6, 0.1], score, label
+
+
+def frames(*objects):
+    """Detections of each frame; an object is a list with an entry per frame, None where it is not found."""
+    found = []
+    for each in zip(*objects, strict=True):
+        there = [one for one in each if one is not None]
+        boxes, scores, labels = zip(*there, strict=True) if there else ((), (), ())
+        found.append(Detections(np.array(boxes).reshape(-1, 7), np.array(scores), np.array(labels, int)))
+    return found
+
+
+def test_what_is_found_before_and_after_is_there_in_between_if_it_went_hardly_on():
+    walking = [car(0.6 * k, label=PEDESTRIAN) for k in range(12)]
+    passing = [car(-20 + 4.0 * k, 9.0) for k in range(12)]
+    waiting = [car(3.0, -9.0, score=0.7) for _ in range(12)]
+    for each in (walking, passing, waiting):
+        each[5] = each[6] = None
+    waiting[3:9] = [None] * 6  # traffic passes before it, for too long to say that it stayed
+    joined = join_detections(frames(walking, passing, waiting), TIMES)
+    assert [len(each) for each in joined] == [3, 3, 3, 2, 2, 1, 1, 2, 2, 3, 3, 3]
+    for k, there in enumerate(joined):
+        np.testing.assert_allclose(there.boxes[there.labels == PEDESTRIAN, 0], [0.6 * k], atol=1e-9)
+    assert len({*joined[0].ids, *joined[11].ids}) == 3
+
+
+def test_one_that_never_moves_needs_higher_scores_and_chance_finds_none():
+    passing = [car(-20 + 4.0 * k, score=0.55) for k in range(12)]
+    bush = [car(3.0, 9.0, score=0.55) for _ in range(12)]
+    once = [None] * 7 + [car(-9.0, -9.0, score=0.95)] + [None] * 4
+    joined = join_detections(frames(passing, bush, once), TIMES)
+    assert [each.boxes[:, 0].tolist() for each in joined] == [[-20 + 4.0 * k] for k in range(12)]
+
+
+def test_a_track_has_one_class_and_neighbours_stay_apart():
+    rider = [car(-10 + 2.0 * k, label=CYCLIST if k % 3 else PEDESTRIAN) for k in range(12)]
+    other = [car(-10 + 0.6 * k, 3.0, label=PEDESTRIAN) for k in range(12)]
+    joined = join_detections(frames(rider, other), TIMES)
+    assert {tuple(each.labels) for each in joined} == {(CYCLIST, PEDESTRIAN)}
+    assert {tuple(each.ids) for each in joined} == {(0, 1)}
+    fast = [car(-10 + 2.0 * k, label=PEDESTRIAN) for k in range(12)]
+    assert {tuple(each.labels) for each in join_detections(frames(fast), TIMES)} == {(CYCLIST,)}
+    assert join_detections([], []) == []
+    assert [len(each) for each in join_detections(frames([None, None]), TIMES[:2])] == [0, 0]
+
+
+@pytest.mark.parametrize("trained", [0.5, 0.6])
+def test_the_old_weights_stay_where_the_new_are_not_better(
+    trained, packed, packed_file, tmp_path, monkeypatch, same_weights
+):
+    torch.manual_seed(0)
+    before, asked = VoxelNet(VoxelNetConfig.light(packed.rig(0).area, **road_users())).eval(), []
+    kept = copy.deepcopy(before)
+
+    def label(of, held_out):
+        asked.append((of is before, held_out))
+        return packed_file
+
+    figures = [0.5, 0.5, trained, 0.5]
+    monkeypatch.setattr(adaptation, "average_precision", lambda *_: {"a": figures.pop(0), "b": float("nan")})
+    after, old, new = adapt_network(before, label, tmp_path, Machine(seconds=0.5))
+    assert (old, new) == (0.5, max(0.5, (trained + 0.5) / 2))
+    assert same_weights(after, kept) == (trained == 0.5)
+    assert same_weights(before, kept)
+    assert after.config.area == before.config.area
+    assert asked == [(True, False), (True, True), (False, True)]
