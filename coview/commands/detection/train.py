@@ -158,6 +158,8 @@ def adapt(
 
     local = relocate(network, area, header.site or GENERAL).eval()
     with ShardFolder(out, {}).lock(), progress_bar("step", hidden=writing.json) as bar:
+        if writing.overwrite:  # a run of other settings may have been killed there
+            (out / CHECKPOINT).unlink(missing_ok=True)
 
         def report(step: int, total: int, figures: dict[str, float]) -> None:
             bar.of(step, total)

@@ -35,6 +35,9 @@ def test_a_recording_without_labels_makes_weights(tmp_path, run, refused):
     detect = load_detector(tmp_path / "a" / "weights.safetensors")
     assert len(detect(np.zeros((0, 3), np.float32))) == 0
     assert "exists" in refused(*asked)
+    (tmp_path / "a" / "checkpoint.pt").write_bytes(b"of a run that was killed")
+    code, said, err = run(*asked, "--overwrite", "--json")
+    assert code == 0, err
     slow = tmp_path / "slow.hdf5"
     simulate_dataset("tjunction", slow, run=Simulation(frames=40, seed=5))
     assert "at most 1.6 s apart, got 5 to 5 s" in refused("adapt", slow, "--out", tmp_path / "b")
