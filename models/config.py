@@ -181,11 +181,7 @@ class VoxelNetConfig:
 
     @property
     def anchor_labels(self) -> tuple[int, ...]:
-        """Row in `anchor_kinds` of each anchor of a cell.
-
-        >>> VoxelNetConfig.light((0, 0, 8, 8), **road_users()).anchor_labels
-        (0, 0, 1, 1, 2, 2, 3)
-        """
+        """Row in `anchor_kinds` of each anchor of a cell."""
         return tuple(row for row, kind in enumerate(self.anchor_kinds) for _ in kind.yaws)
 
     @property

@@ -104,7 +104,7 @@ class VoxelNetDetector:
         return other
 
     def quick(self) -> "VoxelNetDetector":
-        """Same detector with coarser numbers in about half the time where the processor has them, else itself."""
+        """Same detector with coarser numbers where the processor is faster with them, else itself."""
         if not is_quick_at_bfloat16(self.device) or not isinstance(getattr(self, "network", None), SparseVoxelNet):
             return self
         other = copy.copy(self)

@@ -148,11 +148,7 @@ class Cases:
         return own[0] if len(own) == 1 else own
 
     def split(self, objects: Int64[np.ndarray, " frames"]) -> tuple[Int64[np.ndarray, " _"], ...]:
-        """Frames of each level, thin traffic first, in parts as equal as can be. objects: number in each frame.
-
-        >>> [part.tolist() for part in Cases(levels=2).split(np.array([5, 0, 9, 2]))]
-        [[1, 3], [0, 2]]
-        """
+        """Frames of each level, thin traffic first, in parts as equal as can be. objects: number in each frame."""
         order = np.argsort(objects, kind="stable")
         return tuple(np.sort(part) for part in np.array_split(order, self.levels) if len(part))
 

@@ -106,11 +106,7 @@ class Classes:
         return f"{self.combine} of {join_names(each)}"
 
     def combined(self, figures: Float64[np.ndarray, "n k"]) -> Float64[np.ndarray, " n"]:
-        """Combine each row, a figure of each class, to one; NaN stands for nothing to find.
-
-        >>> Classes(("vehicle", "cyclist")).combined(np.array([[0.5, 1.0], [0.5, np.nan]]))
-        array([0.75, 0.5 ])
-        """
+        """Combine each row, a figure of each class, to one; NaN stands for nothing to find."""
         if len(self) == 1:
             return figures[:, 0]
         defined = ~np.isnan(figures)

@@ -51,12 +51,7 @@ def shapley(values: Float64[np.ndarray, " sets"]) -> Float64[np.ndarray, " n"]:
 
 
 def synergy(values: Float64[np.ndarray, " sets"]) -> Float64[np.ndarray, "n n"]:
-    """Return the exact Shapley interaction index of each pair. Values and errors are as of `shapley`.
-
-    >>> synergy(np.array([0.0, 0.5, 0.25, 1.0]))
-    array([[0.  , 0.25],
-           [0.25, 0.  ]])
-    """
+    """Return the exact Shapley interaction index of each pair. Values and errors are as of `shapley`."""
     sets = _list_sets(values)
     n, size = sets.shape[1], sets.sum(axis=1)
     weight = _weights(n - 1)
@@ -70,11 +65,7 @@ def synergy(values: Float64[np.ndarray, " sets"]) -> Float64[np.ndarray, "n n"]:
 
 
 def exact_worth(value: SetFunction, sensors: int) -> Worth:
-    """Compute each sensor's worth from the values of all 2^n sets. Raises the errors of `shapley`.
-
-    >>> exact_worth(lambda sets: sets @ np.array([0.5, 0.25]), 2).shapley
-    array([0.5 , 0.25])
-    """
+    """Compute each sensor's worth from the values of all 2^n sets. Raises the errors of `shapley`."""
     values = np.asarray(value(all_subsets(sensors)), float)
     return Worth(shapley(values), synergy(values), np.zeros(sensors), np.zeros((sensors, sensors)), len(values))
 

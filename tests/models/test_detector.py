@@ -10,6 +10,7 @@ from models.config import VoxelNetConfig, road_users
 from models.detector import VoxelNetDetector, load_detector
 from models.network.candidates import LEAST_RIVAL, apply_rivals
 from models.network.grid import collate, voxelise
+from models.network.sparse import is_quick_at_bfloat16
 from models.network.voxelnet import VoxelNet
 from models.weight_files import Header, load_weights, save_weights
 from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE, Detector, UnionDetector
@@ -272,6 +273,23 @@ def test_unions_may_have_many_candidates_or_none(monkeypatch):
     outside = points() + np.float32([100, 0, 0])
     assert [len(each) for each in detector.unions([outside, points(0)], EIGHT[:4, 1:])] == [0] * 4
     assert [len(each) for each in detector.unions([], np.zeros((2, 0), bool))] == [0, 0]
+
+
+def test_bfloat16_is_quick_where_it_takes_less_time(monkeypatch):
+    def quick_at(seconds, device="cpu"):
+        monkeypatch.setattr("models.network.sparse._time_layer", lambda dtype: seconds[dtype == torch.bfloat16])
+        is_quick_at_bfloat16.cache_clear()
+        return is_quick_at_bfloat16(torch.device(device))
+
+    monkeypatch.setattr("torch.cpu._is_avx512_bf16_supported", lambda: True, raising=False)
+    assert quick_at((2.0, 1.0))
+    assert not quick_at((2.0, 1.9))  # so near might be chance
+    assert not quick_at((2.0, 4.0))
+    assert not quick_at((2.0, 1.0), device="cuda")
+    for name in ("avx512_bf16", "amx_tile"):
+        monkeypatch.setattr(f"torch.cpu._is_{name}_supported", lambda: False, raising=False)
+    assert not quick_at((2.0, 1.0))
+    is_quick_at_bfloat16.cache_clear()
 
 
 def test_a_quick_detector_differs_a_little_and_says_so(monkeypatch):

@@ -177,11 +177,7 @@ CODECS = ("paper", "range-images")
 
 
 def find_codec(name: str, *, step: float = 0.02) -> Codec:
-    """Return the codec of that name. step: of measurements (m), if it has one. Raises ValueError that lists the names.
-
-    >>> find_codec("range-images", step=0.04)
-    RangeImages(step=0.04)
-    """
+    """Return the codec of that name. step: of measurements (m), if it has one. Raises ValueError that lists names."""
     codecs: dict[str, Codec] = dict(zip(CODECS, (PAPER, RangeImages(step)), strict=True))
     if name not in codecs:
         raise ValueError(f"unknown codec {name!r}: choose among {', '.join(CODECS)}")
