@@ -60,11 +60,7 @@ class VoxelNetConfig:
 
     The grid starts at the lower corner of the area and may reach beyond its upper end, a multiple of the network's
     stride, but points outside the area are ignored. Maps have H along x, W along y. Raises ValueError for impossible
-    values.
-
-    >>> VoxelNetConfig.published("tjunction").grid_shape, VoxelNetConfig.light((0, 0, 50, 30)).map_shape
-    ((400, 200, 10), (128, 76))
-    """
+    values."""
 
     area: tuple[float, float, float, float]  # xmin ymin xmax ymax, m
     height: tuple[float, float] = (0.0, 4.0)  # m

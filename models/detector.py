@@ -36,13 +36,7 @@ class VoxelNetDetector:
 
     Points outside the network's area are ignored, and so are boxes with their centre outside. score_threshold:
     detections at or below it are dropped; None takes the configuration's own, which may differ by label. nms_threshold:
-    of two boxes of one class with a larger footprint IoU, only the better scored one stays (0.1 in the paper).
-
-    >>> from models.config import SHIPPED, VoxelNetConfig
-    >>> detector = VoxelNetDetector(VoxelNet(VoxelNetConfig.light((-8, -8, 8, 8))))
-    >>> len(detector(np.zeros((0, 3), np.float32)))
-    0
-    """
+    of two boxes of one class with a larger footprint IoU, only the better scored one stays (0.1 in the paper)."""
 
     def __init__(
         self,

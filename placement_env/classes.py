@@ -31,11 +31,7 @@ class Classes:
     """Classes of road users that count.
 
     names: of `toolkit.objects.LABELS`, in that order; weights: of each, equal if none are given, scaled to sum to 1;
-    ious: of each, None for the usual one. Raises ValueError where these do not fit.
-
-    >>> Classes(("pedestrian", "vehicle"), (1.0, 3.0))
-    Classes(names=('vehicle', 'pedestrian'), weights=(0.75, 0.25), combine='mean', ious=(None, None))
-    """
+    ious: of each, None for the usual one. Raises ValueError where these do not fit."""
 
     names: tuple[str, ...] = (LABELS[VEHICLE],)
     weights: tuple[float, ...] = ()

@@ -79,11 +79,7 @@ class Objects(_Rows):
 
 @dataclass(frozen=True)
 class Detections(_Rows):
-    """Detector output of one frame. scores: (n,) float64, higher is surer; boxes and labels as in `Objects`.
-
-    >>> len(Detections.merge([Detections.empty(), Detections(np.array([[0, 0, 1, 4, 2, 1.5, 0]]), np.array([0.9]))]))
-    1
-    """
+    """Detector output of one frame. scores: (n,) float64, higher is surer; boxes and labels as in `Objects`."""
 
     boxes: Shaped[np.ndarray, "n 7"]
     scores: Shaped[np.ndarray, " n"]

@@ -1,8 +1,9 @@
 """Adaptation of a network to a place without labels: its own detections, joined over time, are the labels.
 
 Detections of one object in successive frames are joined into a track. It has one class, that of the greatest sum of
-scores, but no pedestrian is fast. One that never moves needs higher scores than one that does. Between two detections
-of a track the object is added where it cannot have gone far."""
+scores, but no pedestrian is fast, and its boxes are of that class. One that never moves needs higher scores than one
+that does. Between two detections of a track the object is added where it cannot have gone far. Of two tracks on one
+ground the surer one counts."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -12,12 +13,14 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from models.detector import relocate
+from models.network.candidates import TOGETHER
 from models.network.voxelnet import VoxelNet
 from models.training.loop import Machine, Preset, Progress, train, window
 from models.training.packed import PackedFrames
 from models.training.samples import SampleRecipe
 from models.training.second_stage import average_precision
-from toolkit.arrays import Float
+from toolkit.arrays import Float, Mask
+from toolkit.boxes import footprint_overlap
 from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE, Detections, Objects
 
 FASTEST = {VEHICLE: 16.0, HEAVY: 14.0, CYCLIST: 9.0, PEDESTRIAN: 3.0}  # m/s between the first two frames of a track
@@ -26,6 +29,7 @@ LONGEST, LONGEST_STILL = 1.6, 10.0  # s without a detection after which a track 
 BETWEEN = {VEHICLE: 0.5, HEAVY: 0.5, CYCLIST: 1.0, PEDESTRIAN: 3.0}  # m from one detection to the next
 FEWEST_JOINED = 3  # detections of a track
 MOVES = 1.5  # m that an object must have moved
+HEADS = 0.5  # m from frame to frame above which an object heads where it goes
 SURE_MOVING, SURE_STILL = 0.5, 0.6  # mean score of the better half of a track's detections
 
 
@@ -52,6 +56,22 @@ class _Track:
         label = int(np.bincount(self.labels, self.scores).argmax())
         fast = np.quantile(steps / np.diff(self.times), 0.75) > FASTEST[PEDESTRIAN]
         return CYCLIST if fast and label == PEDESTRIAN else label
+
+    @property
+    def settled(self) -> Float[np.ndarray, "n 7"]:
+        """Boxes as the class has them: one found as another class takes the median size of those found as its own, and
+        what moves heads, front first, where it goes."""
+        boxes, own = np.stack(self.boxes), np.array(self.labels) == self.label
+        if own.any():
+            size = np.median(boxes[own, 3:6], axis=0)
+            boxes[~own, 2] += (size[2] - boxes[~own, 5]) / 2
+            boxes[~own, 3:6] = size
+        ahead = np.gradient(boxes[:, :2], axis=0)
+        way = np.arctan2(ahead[:, 1], ahead[:, 0])
+        goes = np.linalg.norm(ahead, axis=1) >= HEADS
+        boxes[goes & (np.cos(boxes[:, 6] - way) < 0), 6] += np.pi
+        boxes[goes & ~own, 6] = way[goes & ~own]
+        return boxes
 
     @property
     def sure(self) -> bool:
@@ -91,17 +111,28 @@ def join_detections(found: Sequence[Detections], times: Sequence[float]) -> list
             for column, value in zip(vars(track).values(), values, strict=True):
                 column.append(value)
     rows: list[list[tuple[np.ndarray, int, int]]] = [[] for _ in found]
-    for number, track in enumerate(each for each in tracks if each.sure):
-        label = track.label
-        for k, (frame, box) in enumerate(zip(track.frames, track.boxes, strict=True)):
+    sure = sorted((each for each in tracks if each.sure), key=lambda track: (track.label != HEAVY, -sum(track.scores)))
+    for number, track in enumerate(sure):
+        label, boxes = track.label, track.settled
+        for k, (frame, box) in enumerate(zip(track.frames, boxes, strict=True)):
             rows[frame].append((box, label, number))
             if k + 1 == len(track.frames) or track.times[k + 1] - track.times[k] > LONGEST:
                 continue
-            ahead = track.boxes[k + 1][:3] - box[:3]
+            ahead = boxes[k + 1][:3] - box[:3]
             for between in range(frame + 1, track.frames[k + 1] if np.hypot(*ahead[:2]) <= BETWEEN[label] else 0):
                 share = (times[between] - track.times[k]) / (track.times[k + 1] - track.times[k])
                 rows[between].append((np.append(box[:3] + share * ahead, box[3:]), label, number))
-    return [Objects(*map(np.array, zip(*each, strict=True))) if each else Objects.empty() for each in rows]
+    joined = [Objects(*map(np.array, zip(*each, strict=True))) if each else Objects.empty() for each in rows]
+    return [each[first_claims(each.boxes)] for each in joined]
+
+
+def first_claims(boxes: Float[np.ndarray, "n 7"]) -> Mask:
+    """Mask of boxes on whose ground none before them stands: one object may be found as two classes, a cab as a car."""
+    inside = footprint_overlap(boxes, boxes)
+    shared, kept = np.maximum(inside, inside.T) > TOGETHER, np.ones(len(boxes), bool)
+    for row in range(1, len(boxes)):
+        kept[row] = not (shared[row, :row] & kept[:row]).any()
+    return kept
 
 
 SIDE = 28.0  # m, of the windows

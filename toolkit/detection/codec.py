@@ -91,11 +91,7 @@ class Parameters:
 class PaperCodec(Parameters):
     """Lossless codec with fixed bits for each point and box.
 
-    Raises ValueError for a cost that is not finite or below 0.
-
-    >>> PaperCodec().bits(points=np.array([0, 1000]), boxes=2)
-    array([  512., 96512.])
-    """
+    Raises ValueError for a cost that is not finite or below 0."""
 
     bits_per_point: int | float = 96
     bits_per_box: int | float = 256

@@ -11,7 +11,7 @@ from models.network.voxelnet import VoxelNet
 from models.training import adaptation
 from models.training.adaptation import adapt_network, join_detections
 from models.training.loop import Machine
-from toolkit.objects import CYCLIST, PEDESTRIAN, VEHICLE, Detections
+from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE, Detections
 
 TIMES = np.arange(12) * 0.5
 
@@ -62,6 +62,30 @@ def test_a_track_has_one_class_and_neighbours_stay_apart():
     assert {tuple(each.labels) for each in join_detections(frames(fast), TIMES)} == {(CYCLIST,)}
     assert join_detections([], []) == []
     assert [len(each) for each in join_detections(frames([None, None]), TIMES[:2])] == [0, 0]
+
+
+def test_boxes_are_of_the_class_of_their_track_and_head_where_it_goes():
+    def rider(k):
+        if k % 3:
+            return [2.0 * k - 10, 0.0, 0.9, 1.8, 0.6, 1.8, 3.2], 0.9, CYCLIST  # backwards
+        return [2.0 * k - 10, 0.0, 0.8, 0.7, 0.6, 1.6, 1.2], 0.9, PEDESTRIAN
+
+    for there in join_detections(frames([rider(k) for k in range(12)]), TIMES):
+        np.testing.assert_allclose(there.boxes[0, 2:6], [0.9, 1.8, 0.6, 1.8])
+        assert np.cos(there.boxes[0, 6]) > 0.99
+    waiting = [([0.0, 0.0, 0.9, 1.8, 0.6, 1.8, 3.2], 0.9, CYCLIST if k else PEDESTRIAN) for k in range(12)]
+    assert {float(there.boxes[0, 6]) for there in join_detections(frames(waiting), TIMES)} == {3.2}
+
+
+def test_one_object_found_as_two_is_the_surer_or_the_lorry():
+    rider = [car(1.0 * k - 10, score=0.9, label=CYCLIST) for k in range(12)]
+    walker = [car(1.0 * k - 9.9, score=0.6, label=PEDESTRIAN) for k in range(12)]
+    lorry = [([1.0 * k - 20, 20.0, 1.6, 9.0, 2.5, 3.2, 0.0], 0.7, HEAVY) for k in range(12)]
+    cab = [car(1.0 * k - 17, 20.0, score=0.9) for k in range(12)]
+    beside = [car(1.0 * k - 17, 23.5, score=0.9) for k in range(12)]
+    for objects in ((rider, walker, cab, lorry, beside), (beside, lorry, cab, walker, rider)):
+        joined = join_detections(frames(*objects), TIMES)
+        assert {tuple(sorted(each.labels)) for each in joined} == {(VEHICLE, CYCLIST, HEAVY)}
 
 
 @pytest.mark.parametrize("trained", [0.5, 0.6])
