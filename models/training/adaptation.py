@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
+import torch
 from scipy.optimize import linear_sum_assignment
 
 from models.detector import relocate
@@ -160,13 +161,16 @@ def adapt_network(
     seed: int = 0,
     progress: Progress | None = None,
 ) -> tuple[VoxelNet, float, float]:
-    """Train a network on what it labels itself.
+    """Train a network on what it labels itself, and take the mean of the old weights and the new.
 
     label: packs frames with the labels that a network gives them, those held out or the others; out, machine, progress:
     as in `train`, which resumes there. Both networks are judged on the labels of both, since each finds its own.
     Returns the new one if it is better, else the old one, and the mean AP over classes and IoU of the old and of the
     returned one."""
     adapted = train_further(network, label(network, False), out, machine, seed=seed, progress=progress)
+    with torch.no_grad():  # the mean keeps more of what was known, see "Robust fine-tuning", Wortsman et al. 2022
+        for old, new in zip(network.state_dict().values(), adapted.state_dict().values(), strict=True):
+            new.copy_((old + new) / 2)
     held_out = [PackedFrames(label(each, True)) for each in (network, adapted)]
     judged = [[ap for of in held_out for ap in average_precision(each, of).values()] for each in (network, adapted)]
     before, after = (float(np.mean([ap for ap in each if np.isfinite(ap)] or [0.0])) for each in judged)

@@ -108,3 +108,22 @@ def test_the_old_weights_stay_where_the_new_are_not_better(
     assert same_weights(before, kept)
     assert after.config.area == before.config.area
     assert asked == [(True, False), (True, True), (False, True)]
+
+
+def test_the_new_weights_are_half_way_to_those_that_were_trained(packed_file, tmp_path, monkeypatch):
+    torch.manual_seed(0)
+    before = VoxelNet(VoxelNetConfig.light((-8, -8, 8, 8), **road_users())).eval()
+
+    def train_further(network, *_, **__):
+        trained = copy.deepcopy(network)
+        with torch.no_grad():
+            for value in trained.parameters():
+                value += 1.0
+        return trained
+
+    monkeypatch.setattr(adaptation, "train_further", train_further)
+    figures = [0.5, 0.5, 0.6, 0.6]
+    monkeypatch.setattr(adaptation, "average_precision", lambda *_: {"a": figures.pop(0)})
+    after, *_ = adapt_network(before, lambda *_: packed_file, tmp_path, Machine(seconds=0.5))
+    for old, new in zip(before.parameters(), after.parameters(), strict=True):
+        torch.testing.assert_close(new, old + 0.5)
