@@ -143,7 +143,7 @@ def test_a_training_of_seconds_ends_its_cycle_with_the_clock(packed_file, tmp_pa
 def test_it_learns_two_frames_by_heart(frames, tmp_path):
     data = tmp_path / "two.packed"
     pack([recording(frames, AREA, count=2)], data)
-    settings = replace(FAST, epochs=150.0, examples=SampleRecipe(subsets=0.0))
+    settings = replace(FAST, epochs=300.0, examples=SampleRecipe(subsets=0.0))
     network = loop.train(data, loop.make_config(AREA, "fast"), settings, tmp_path)
     ap = average_precision(network, PackedFrames(data), seed=9)
     assert ap["AP@0.7"] > 0.99
