@@ -59,7 +59,7 @@ class _Track:
         return CYCLIST if fast and label == PEDESTRIAN else label
 
     @property
-    def settled(self) -> Float[np.ndarray, "n 7"]:
+    def class_boxes(self) -> Float[np.ndarray, "n 7"]:
         """Boxes as the class has them: one found as another class takes the median size of those found as its own, and
         what moves heads, front first, where it goes."""
         boxes, own = np.stack(self.boxes), np.array(self.labels) == self.label
@@ -114,7 +114,7 @@ def join_detections(found: Sequence[Detections], times: Sequence[float]) -> list
     rows: list[list[tuple[np.ndarray, int, int]]] = [[] for _ in found]
     sure = sorted((each for each in tracks if each.sure), key=lambda track: (track.label != HEAVY, -sum(track.scores)))
     for number, track in enumerate(sure):
-        label, boxes = track.label, track.settled
+        label, boxes = track.label, track.class_boxes
         for k, (frame, box) in enumerate(zip(track.frames, boxes, strict=True)):
             rows[frame].append((box, label, number))
             if k + 1 == len(track.frames) or track.times[k + 1] - track.times[k] > LONGEST:
