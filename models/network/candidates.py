@@ -16,7 +16,7 @@ from torch import Tensor
 from models.config import VoxelNetConfig
 from models.network.grid import decode, per_anchor
 from models.network.voxelnet import Prediction
-from toolkit.arrays import Float, Float32, Int64
+from toolkit.arrays import Bool, Float, Float32, Int64
 from toolkit.boxes import footprint_overlap, iou_bev, nms
 from toolkit.objects import Detections, label_index
 
@@ -138,13 +138,18 @@ TOGETHER = 0.3  # overlap, as a share of the smaller footprint, above which two 
 LEAST_RIVAL = 0.2  # least score of a rival
 
 
+def share_ground(boxes: Float[np.ndarray, "n 7"]) -> Bool[np.ndarray, "n n"]:
+    """Mask of pairs that claim one place."""
+    inside = footprint_overlap(boxes, boxes)
+    return np.maximum(inside, inside.T) > TOGETHER
+
+
 def strongest_rivals(found: Detections, config: VoxelNetConfig) -> Float[np.ndarray, "n L"]:
     """Greatest score of each other label on each detection's ground; 0 below `LEAST_RIVAL`."""
     strongest = np.zeros((len(found), len(config.labels)))
     if not len(found):
         return strongest
-    inside = footprint_overlap(found.boxes, found.boxes)
-    together = (np.maximum(inside, inside.T) > TOGETHER) & (found.labels[:, None] != found.labels)
+    together = share_ground(found.boxes) & (found.labels[:, None] != found.labels)
     scores = np.where(together & (found.scores >= LEAST_RIVAL), found.scores, 0.0)
     for column, name in enumerate(config.labels):
         strongest[:, column] = scores[:, found.labels == label_index(name)].max(axis=1, initial=0.0)

@@ -14,14 +14,13 @@ import torch
 from scipy.optimize import linear_sum_assignment
 
 from models.detector import relocate
-from models.network.candidates import TOGETHER
+from models.network.candidates import share_ground
 from models.network.voxelnet import VoxelNet
 from models.training.loop import Machine, Preset, Progress, train, window
 from models.training.packed import PackedFrames
 from models.training.samples import SampleRecipe
 from models.training.second_stage import average_precision
 from toolkit.arrays import Float, Mask
-from toolkit.boxes import footprint_overlap
 from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE, Detections, Objects
 
 FASTEST = {VEHICLE: 16.0, HEAVY: 14.0, CYCLIST: 9.0, PEDESTRIAN: 3.0}  # m/s between the first two frames of a track
@@ -67,9 +66,8 @@ class _Track:
             size = np.median(boxes[own, 3:6], axis=0)
             boxes[~own, 2] += (size[2] - boxes[~own, 5]) / 2
             boxes[~own, 3:6] = size
-        ahead = np.gradient(boxes[:, :2], axis=0)
-        way = np.arctan2(ahead[:, 1], ahead[:, 0])
-        goes = np.linalg.norm(ahead, axis=1) >= HEADS
+        x, y = np.gradient(boxes[:, :2], axis=0).T
+        way, goes = np.arctan2(y, x), np.hypot(x, y) >= HEADS
         boxes[goes & (np.cos(boxes[:, 6] - way) < 0), 6] += np.pi
         boxes[goes & ~own, 6] = way[goes & ~own]
         return boxes
@@ -129,8 +127,7 @@ def join_detections(found: Sequence[Detections], times: Sequence[float]) -> list
 
 def first_claims(boxes: Float[np.ndarray, "n 7"]) -> Mask:
     """Mask of boxes on whose ground none before them stands: one object may be found as two classes, a cab as a car."""
-    inside = footprint_overlap(boxes, boxes)
-    shared, kept = np.maximum(inside, inside.T) > TOGETHER, np.ones(len(boxes), bool)
+    shared, kept = share_ground(boxes), np.ones(len(boxes), bool)
     for row in range(1, len(boxes)):
         kept[row] = not (shared[row, :row] & kept[:row]).any()
     return kept
