@@ -206,12 +206,12 @@ def pack(
 
     random_sites = sites.random_sites
     check_least("--random-sites", random_sites, 0)
-    if bool(datasets) == bool(random_sites):
-        raise ValueError("give recordings, or --random-sites N")
+    if not (datasets or packed or random_sites):
+        raise ValueError("give recordings, --packed files to join, or --random-sites N")
+    if random_sites and (datasets or packed):
+        raise ValueError("give recordings and --packed files, or --random-sites N, not both")
     if sites.at and not random_sites:
         raise ValueError("--at needs --random-sites N: say how many recordings to make there")
-    if packed and random_sites:
-        raise ValueError("--packed is not for --random-sites: leave it out")
     check = partial(check_file, out, inputs=[*datasets, *packed, *sites.at, *opening.files])
     if random_sites:
         from toolkit.datasets.simulation import random_recordings_file

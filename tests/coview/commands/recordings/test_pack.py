@@ -30,6 +30,9 @@ def test_plain_clouds_are_packed_with_simulated_frames(recording, tmp_path, run,
     assert "3 frames" in out
     mixed = PackedFrames(tmp_path / "m.packed")
     assert [mixed.is_recorded(k) for k in range(3)] == [True, False, False]
+    joined = ("--packed", tmp_path / "s.packed", tmp_path / "m.packed", "--out", tmp_path / "both.packed")
+    assert "5 frames" in run("pack", *joined)[1]
+    assert "not both" in refused("pack", "--random-sites", 2, *joined)
     assert mixed.rig(0).area == (-40, -20, 40, 20)
     simulated, recorded = (sum(map(len, mixed.points(k, None))) for k in (1, 0))
     assert recorded > 0.8 * simulated
