@@ -51,7 +51,7 @@ ROAD_USERS = (
 """The classes of a network for all road users, vehicle first with the anchors of the networks that know no other."""
 
 
-FITTED = ("calibration", "rivalry", "known", "thresholds", "known_thresholds")  # entries that calibration makes
+FITTED = ("calibration", "rivalry", "known", "thresholds", "known_thresholds", "rival_shares")  # made by calibration
 
 
 @dataclass(frozen=True)
@@ -107,6 +107,7 @@ class VoxelNetConfig:
     score_threshold: float = 0.1  # of detections, where the caller gives none
     thresholds: tuple[float, ...] = ()  # the same by label; (): `score_threshold` for all
     known_thresholds: tuple[float, ...] = ()  # the same of `known` scores; (): `thresholds`
+    rival_shares: tuple[float, ...] = ()  # by label, of a rival's score; boxes with less are dropped, (): none is
 
     def __post_init__(self) -> None:
         xmin, ymin, xmax, ymax = self.area
@@ -135,10 +136,12 @@ class VoxelNetConfig:
             if len(rows) not in (0, size) or wrong:
                 needs = "a slope above 0, an intercept" + " and a weight of at least 0 for each label" * (length > 2)
                 raise ValueError(f"{name} must have {needs}, for each label, or be empty, got {rows}")
-        if not all(0 <= each < 1 for each in (self.score_threshold, *self.thresholds, *self.known_thresholds)):
-            raise ValueError(f"score thresholds must lie in 0..1, got {self.score_threshold} and {self.thresholds}")
-        if not {len(self.thresholds), len(self.known_thresholds)} <= {0, size}:
-            raise ValueError(f"thresholds must be one per label or empty, got {self.thresholds} for {self.labels}")
+        by_label = self.thresholds, self.known_thresholds, self.rival_shares
+        every = (self.score_threshold,), *by_label
+        if not all(0 <= each < 1 for row in every for each in row):
+            raise ValueError(f"score thresholds and shares of rivals must lie in 0..1, got {every}")
+        if not set(map(len, by_label)) <= {0, size}:
+            raise ValueError(f"thresholds must be one per label or empty, got {by_label} for {self.labels}")
 
     @classmethod
     def published(cls, site: str, **changes: Any) -> "VoxelNetConfig":

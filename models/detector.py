@@ -63,6 +63,7 @@ class VoxelNetDetector:
         own = config.thresholds or (config.score_threshold,) * len(config.labels)
         self.thresholds = own if score_threshold is None else (score_threshold,) * len(own)
         self.known_thresholds = self.thresholds if score_threshold is not None else config.known_thresholds or own
+        self.rival_shares = () if score_threshold is not None else config.rival_shares
         self.nms_threshold, self.phases = nms_threshold, 1
         self.anchors = anchors(config).to(self.device)
 
@@ -164,7 +165,7 @@ class VoxelNetDetector:
     def at_known_site(self) -> "VoxelNetDetector":
         """Same detector, which reports what it is less sure of too, where `score_known` is to judge it."""
         other = copy.copy(self)
-        other.thresholds = tuple(min(least, LEAST_KNOWN) for least in self.thresholds)
+        other.thresholds, other.rival_shares = tuple(min(least, LEAST_KNOWN) for least in self.thresholds), ()
         return other if self.config.known else self
 
     def score_known(self, found: Detections) -> Detections:
@@ -175,9 +176,14 @@ class VoxelNetDetector:
         return self._take_above(rescored, self.known_thresholds)
 
     def _take_above(self, found: Detections, thresholds: tuple[float, ...]) -> Detections:
-        least = np.zeros(len(LABELS))
-        least[[label_index(name) for name in self.labels]] = thresholds
-        return found[found.scores > least[found.labels]]
+        least, shares = np.zeros((2, len(LABELS)))
+        rows = [label_index(name) for name in self.labels]
+        least[rows], shares[rows] = thresholds, self.rival_shares or 0
+        found = found[found.scores > least[found.labels]]
+        if not self.rival_shares:
+            return found
+        rivals = decoding.strongest_rivals(found, self.config).max(axis=1)
+        return found[found.scores >= shares[found.labels] * rivals]
 
     def _finish(self, boxes: Tensor, scores: Tensor, cloud: Points) -> Detections:
         """Suppress duplicates, deduct rivals and measure faces."""

@@ -238,6 +238,24 @@ def test_scores_are_calibrated_anew_where_the_empty_site_is_known(monkeypatch, p
     assert bare.at_known_site() is bare
 
 
+def test_a_box_with_too_small_a_share_of_its_rivals_score_is_dropped():
+    """One object is one road user: a cyclist's box of 0.3 where a pedestrian's of 0.8 stands, and no box elsewhere."""
+    config = VoxelNetConfig.light(SMALL_AREA, **road_users(select_anchors(("pedestrian", "cyclist"))))
+    rows = ((1.0, 0.0, 0.0, 0.0),) * 2
+    config = replace(config, rivalry=(), known=rows, thresholds=(0.1, 0.1), rival_shares=(0.0, 0.4))
+    at = np.array([0.0, 0.1, 5.0, 9.0, 9.1, 12.0, 12.1])
+    boxes = np.column_stack([at, np.zeros(7), np.ones(7), np.full((7, 3), (1.5, 0.6, 1.7)), np.zeros(7)])
+    labels = np.array([PEDESTRIAN, CYCLIST, CYCLIST, PEDESTRIAN, CYCLIST, PEDESTRIAN, CYCLIST])
+    found = Detections(boxes, np.array([0.8, 0.3, 0.3, 0.8, 0.33, 0.2, 0.9]), labels)
+    left = VoxelNetDetector(VoxelNet(config)).score_known(found)
+    assert left.boxes[:, 0].tolist() == at[[0, 2, 3, 4, 5, 6]].tolist()  # pedestrians have a share of 0
+    assert len(VoxelNetDetector(VoxelNet(config), score_threshold=0.05).score_known(found)) == 7
+    assert VoxelNetDetector(VoxelNet(config)).at_known_site().rival_shares == ()
+    for wrong, said in (((0.5,), "must be one per label"), ((0.5, 1.2), "must lie in 0..1")):
+        with pytest.raises(ValueError, match=said):
+            replace(config, rival_shares=wrong)
+
+
 def test_a_detector_at_a_known_site_reports_what_the_scores_there_decide(monkeypatch):
     """A cyclist where a surer pedestrian stands is dropped by its score there, whatever thresholds say elsewhere."""
     rows = ((1.0, 1.0, 0.0, 0.0), (1.0, 0.0, 4.0, 0.0))
