@@ -43,9 +43,13 @@ class Bar:
         self._bar.total = total
         self.to(done)
 
-    def figures(self, values: dict[str, float]) -> None:
-        """Show figures behind the bar."""
-        self._bar.set_postfix({name: f"{value:.3f}" for name, value in values.items()}, refresh=False)
+    def step(self, done: int, total: int, figures: dict[str, float]) -> None:
+        """Show a step of training: its losses behind the bar, or a line of measured AP above it."""
+        self.of(done, total)
+        if "AP@0.7" in figures:
+            self.line("  ".join(f"{name} {value:.4f}" for name, value in figures.items()))
+        else:
+            self._bar.set_postfix({name: f"{value:.3f}" for name, value in figures.items()}, refresh=False)
 
     def line(self, text: str) -> None:
         """Print a line above the bar."""

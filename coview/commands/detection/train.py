@@ -39,15 +39,7 @@ def train(site: Positional[str | None] = None, /, *, training: TrainingOptions, 
     from toolkit.plots.curves import draw_training
 
     with progress_bar("step", hidden=json) as bar:
-
-        def report(step: int, total: int, figures: dict[str, float]) -> None:
-            bar.of(step, total)
-            if "AP@0.7" in figures:
-                bar.line("  ".join(f"{name} {value:.4f}" for name, value in figures.items()))
-            else:
-                bar.figures(figures)
-
-        weights, measured = run(site, training, progress=report)
+        weights, measured = run(site, training, progress=bar.step)
     draw_training(read_curves(training.out / LOG), training.out)
     pictures = "losses.png, ap.png" if training.validate else "losses.png"
     text = f"{training.out}: {weights.name}, {LOG}, {pictures}"
@@ -160,13 +152,8 @@ def adapt(
     with ShardFolder(out, {}).lock(), progress_bar("step", hidden=writing.json) as bar:
         if writing.overwrite:  # a run of other settings may have been killed there
             (out / CHECKPOINT).unlink(missing_ok=True)
-
-        def report(step: int, total: int, figures: dict[str, float]) -> None:
-            bar.of(step, total)
-            bar.figures(figures)
-
         adapted, before, after = adapt_network(
-            local, label, out, Machine(seconds=settings.seconds), seed=settings.seed, progress=report
+            local, label, out, Machine(seconds=settings.seconds), seed=settings.seed, progress=bar.step
         )
         figures = {"AP held out before": before, "AP held out": after}
         saved = relocate(adapted, network.config.area, GENERAL)
