@@ -47,7 +47,8 @@ class _Graph(nn.Module):
             x = torch.stack([((cells[:, 3:] == level) * x) @ weight[level] for level in range(nz)]).sum(0)
             column = cells[:, 1] * ny + cells[:, 2]
             occupied = x.new_zeros(nx * ny).index_fill(0, column, 1.0)
-            x = network.middle.norm(x.new_zeros(nx * ny, x.shape[1]).index_add(0, column, x))
+            flat = x.new_zeros(nx * ny, x.shape[1])  # index_add would become ScatterND, whose threads lose summands
+            x = network.middle.norm(flat.scatter_reduce(0, column[:, None].expand_as(x), x, "sum"))
             x = (torch.relu(x) * occupied[:, None]).view(1, nx, ny, -1).permute(0, 3, 1, 2)
         else:
             x = network.middle(x, Voxels(features, voxel, cells))

@@ -13,6 +13,7 @@ from toolkit.detection.background import KnownBackground
 from toolkit.points import frame_points
 
 pytest.importorskip("onnxscript")
+onnx = pytest.importorskip("onnx")
 
 
 @pytest.mark.parametrize("name", ["tjunction", "general", "roundabout"])
@@ -23,6 +24,8 @@ def test_shipped_networks_detect_the_same(name, recording, tmp_path, run):
     code, said, err = run(*asked)
     assert code == 0, err
     assert json.loads(said)["card"] == str(tmp_path / "a.json")
+    nodes = onnx.load(tmp_path / "a.onnx").graph.node
+    assert not [each for each in nodes if each.op_type == "ScatterND" and each.attribute]  # its threads lose summands
     exported, torches = load_detector(tmp_path / "a.onnx"), load_detector(name, area=area)
     assert isinstance(exported.network, OnnxDetector)
     assert (exported.labels, exported.area) == (torches.labels, torches.area)
