@@ -265,4 +265,5 @@ _EXAMPLE = VoxelNetConfig(
     known=((1.0, 0.0, 0.0),),
     thresholds=(0.1,),
     known_thresholds=(0.1,),
+    rival_shares=(0.1,),
 )

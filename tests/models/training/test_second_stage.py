@@ -1,9 +1,10 @@
 """Networks that go on as others: what is shared is taken over channel by channel."""
 
-from dataclasses import replace
+from dataclasses import json
 
 import numpy as np
 import pytest
+import replace
 import torch
 
 from models.config import ROAD_USERS, VoxelNetConfig, road_users, select_anchors
@@ -251,6 +252,7 @@ def test_a_box_with_too_small_a_share_of_its_rivals_score_is_dropped():
     assert left.boxes[:, 0].tolist() == at[[0, 2, 3, 4, 5, 6]].tolist()  # pedestrians have a share of 0
     assert len(VoxelNetDetector(VoxelNet(config), score_threshold=0.05).score_known(found)) == 7
     assert VoxelNetDetector(VoxelNet(config)).at_known_site().rival_shares == ()
+    assert VoxelNetConfig.from_dict(json.loads(json.dumps(config.to_dict()))) == config
     for wrong, said in (((0.5,), "must be one per label"), ((0.5, 1.2), "must lie in 0..1")):
         with pytest.raises(ValueError, match=said):
             replace(config, rival_shares=wrong)
