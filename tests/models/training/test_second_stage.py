@@ -1,10 +1,10 @@
 """Networks that go on as others: what is shared is taken over channel by channel."""
 
-from dataclasses import json
+import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
-import replace
 import torch
 
 from models.config import ROAD_USERS, VoxelNetConfig, road_users, select_anchors
