@@ -137,9 +137,8 @@ class VoxelNetConfig:
                 needs = "a slope above 0, an intercept" + " and a weight of at least 0 for each label" * (length > 2)
                 raise ValueError(f"{name} must have {needs}, for each label, or be empty, got {rows}")
         by_label = self.thresholds, self.known_thresholds, self.rival_shares
-        every = (self.score_threshold,), *by_label
-        if not all(0 <= each < 1 for row in every for each in row):
-            raise ValueError(f"score thresholds and shares of rivals must lie in 0..1, got {every}")
+        if not all(0 <= each < 1 for row in ((self.score_threshold,), *by_label) for each in row):
+            raise ValueError(f"thresholds and rival_shares must lie in 0..1, got {self.score_threshold}, {by_label}")
         if not set(map(len, by_label)) <= {0, size}:
             raise ValueError(f"thresholds must be one per label or empty, got {by_label} for {self.labels}")
 
