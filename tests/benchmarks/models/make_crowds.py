@@ -20,13 +20,15 @@ CHILDREN, E_SCOOTERS = 0.35, 0.42
 def crowd(most: int, pedestrians: float, cyclists: float, prams: float) -> None:
     """Change the traffic of this process."""
     from toolkit.bodies import drawn_bodies, fleet
+    from  import stand
     from toolkit.datasets.simulation import Job
     from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE
     from toolkit.traffic import snapshots
 
     snapshots.STRAY_SHARES = {PEDESTRIAN: pedestrians, CYCLIST: cyclists, VEHICLE: 0.05, HEAVY: 0.03}
     snapshots.COMPANIONS, snapshots._NEAREST, snapshots.GAP = 0.45, 0.1, 0.05
-    Job.mix = property(lambda self: snapshots.Mix(most=most, parked=5, strays=self.strays))
+    shares = property(lambda self: snapshots.Mix(most=most, parked=5, strays=self.strays))
+    Job.mix = shares  # type: ignore[method-assign, assignment]
     more = {VEHICLE: 0.7, HEAVY: 0.7, CYCLIST: 2.8, PEDESTRIAN: 2.8}
     fleet._SPAWNED = {label: (int(n * more[label]), per * more[label]) for label, (n, per) in fleet._SPAWNED.items()}
     children = 0.1 + 0.45 * (0.9 - prams)
@@ -49,7 +51,7 @@ def crowd(most: int, pedestrians: float, cyclists: float, prams: float) -> None:
         kinds = (drawn_bodies._bicycle, drawn_bodies._e_scooter, drawn_bodies._motorcycle, drawn_bodies._scooter)
         draw = kinds[int(rng.choice(4, p=(0.92 - E_SCOOTERS, E_SCOOTERS, 0.04, 0.04)))]
         kind, mesh = draw(Childish(rng) if draw is drawn_bodies._bicycle else rng)
-        return kind, drawn_bodies.stand(mesh)
+        return kind, stand(mesh)
 
     drawn_bodies.draw_two_wheeler = draw_two_wheeler
 
