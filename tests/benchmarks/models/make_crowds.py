@@ -20,8 +20,8 @@ CHILDREN, E_SCOOTERS = 0.35, 0.42
 def crowd(most: int, pedestrians: float, cyclists: float, prams: float) -> None:
     """Change the traffic of this process."""
     from toolkit.bodies import drawn_bodies, fleet
-    from  import stand
     from toolkit.datasets.simulation import Job
+    from toolkit.mesh import stand
     from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE
     from toolkit.traffic import snapshots
 
