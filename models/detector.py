@@ -176,8 +176,7 @@ class VoxelNetDetector:
         return self._take_above(rescored, self.known_thresholds)
 
     def _take_above(self, found: Detections, thresholds: tuple[float, ...]) -> Detections:
-        least, shares = np.zeros((2, len(LABELS)))
-        rows = [label_index(name) for name in self.labels]
+        (least, shares), rows = np.zeros((2, len(LABELS))), [label_index(name) for name in self.labels]
         least[rows], shares[rows] = thresholds, self.rival_shares or 0
         found = found[found.scores > least[found.labels]]
         if not self.rival_shares:
