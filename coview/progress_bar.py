@@ -29,11 +29,6 @@ class Bar:
         self._bar.update(done - self._bar.n)
         self._done = done
 
-    def of(self, done: int, total: int) -> None:
-        """Show the number done and the total."""
-        self._bar.total = total
-        self.to(done)
-
     def stage(self, name: str, done: int, total: int | None) -> None:
         """Show the progress of a stage; a new one restarts the bar."""
         if name != self._stage:
@@ -45,7 +40,8 @@ class Bar:
 
     def step(self, done: int, total: int, figures: dict[str, float]) -> None:
         """Show a step of training: its losses behind the bar, or a line of measured AP above it."""
-        self.of(done, total)
+        self._bar.total = total
+        self.to(done)
         if "AP@0.7" in figures:
             self.line("  ".join(f"{name} {value:.4f}" for name, value in figures.items()))
         else:

@@ -176,18 +176,20 @@ class VoxelNetDetector:
         return self._take_above(rescored, self.known_thresholds)
 
     def _take_above(self, found: Detections, thresholds: tuple[float, ...]) -> Detections:
-        (least, shares), rows = np.zeros((2, len(LABELS))), [label_index(name) for name in self.labels]
-        least[rows], shares[rows] = thresholds, self.rival_shares or 0
+        rows = [label_index(name) for name in self.labels]
+        least, shares = np.zeros((2, len(LABELS)))
+        least[rows] = thresholds
         found = found[found.scores > least[found.labels]]
         if not self.rival_shares:
             return found
+        shares[rows] = self.rival_shares
         rivals = decoding.strongest_rivals(found, self.config).max(axis=1)
         return found[found.scores >= shares[found.labels] * rivals]
 
     def _finish(self, boxes: Tensor, scores: Tensor, cloud: Points) -> Detections:
         """Suppress duplicates, deduct rivals and measure faces."""
         found = decoding.suppress(boxes, scores, self.config, self.nms_threshold)
-        if self.config.rivalry:
+        if self.config.rivalry or self.rival_shares:
             found = self._take_above(decoding.apply_rivals(found, self.config), self.thresholds)
         return found if self.faces is None else measure_faces(self.faces, found, np.asarray(cloud), self.config.faces)
 

@@ -75,8 +75,9 @@ class _Track:
     @property
     def sure(self) -> bool:
         """True for an object."""
-        least, surer = SURE_MOVING if self.reach >= MOVES else SURE_STILL, sorted(self.scores)[len(self.scores) // 2 :]
-        return len(self.frames) >= FEWEST_JOINED and bool(np.mean(surer) >= least)
+        confidence = np.mean(sorted(self.scores)[len(self.scores) // 2 :])
+        least = SURE_MOVING if self.reach >= MOVES else SURE_STILL
+        return len(self.frames) >= FEWEST_JOINED and bool(confidence >= least)
 
     def distances(self, found: Detections, time: float) -> Float[np.ndarray, " n"]:
         """Distances (m) of detections from where the track would be; infinite for those that cannot be its next."""

@@ -252,6 +252,10 @@ def test_a_box_with_too_small_a_share_of_its_rivals_score_is_dropped():
     assert left.boxes[:, 0].tolist() == at[[0, 2, 3, 4, 5, 6]].tolist()  # pedestrians have a share of 0
     assert len(VoxelNetDetector(VoxelNet(config), score_threshold=0.05).score_known(found)) == 7
     assert VoxelNetDetector(VoxelNet(config)).at_known_site().rival_shares == ()
+    bare = VoxelNetDetector(VoxelNet(replace(config, known=())))  # neither known nor rivalry: the share holds alone
+    scores = torch.as_tensor([[0.8, 0.0], [0.0, 0.3], [0.0, 0.3]])
+    kept = bare._finish(torch.as_tensor(boxes[:3]).float(), scores, np.zeros((0, 3), np.float32))
+    assert sorted(kept.boxes[:, 0].tolist()) == [0.0, 5.0]
     assert VoxelNetConfig.from_dict(json.loads(json.dumps(config.to_dict()))) == config
     for wrong, said in (((0.5,), "must be one per label"), ((0.5, 1.2), "must lie in 0..1")):
         with pytest.raises(ValueError, match=said):
