@@ -1,7 +1,7 @@
 """`coview adapt` in altered worlds, against the same network trained as long with the truth.
 
     python tests/benchmarks/models/bench_adapt.py [rows16 rows128 foreign poor import] [--frames 400] [--start general]
-        [--seconds 900]
+        [--seconds 900] [--seed 11]
 
 Recordings of two frames a second, of other seeds to train and to test: lidars of 16 and of 128 rows, cars of the
 catalogue that no network was trained on, the error profile `poor`, and an imported map. AP is the mean over classes and
@@ -35,7 +35,7 @@ def lidars(site, rows):
     return tuple(Sensor(f"l{k}", model, pose(*each.position)) for k, each in enumerate(site.sensors[::2]))
 
 
-def simulate(world, folder, frames):
+def simulate(world, folder, frames, seed):
     """Record a world; return the site's file, if any, and the recordings to train and to test."""
     from coview.main import run
     from toolkit.bodies.fleet import fleet_named
@@ -51,8 +51,8 @@ def simulate(world, folder, frames):
     site = load_site(file or "tjunction")
     more = {"sensors": lidars(site, int(world[4:]))} if world.startswith("rows") else {}
     more |= {"fleet": fleet_named("catalogue", held_out=True)} if world == "foreign" else {}
-    for name, seed, count in (("train", 11, frames), ("test", 12, frames // 2)):
-        run_of = Simulation(frames=count, seed=seed)
+    for name, own, count in (("train", seed, frames), ("test", seed + 1, frames // 2)):
+        run_of = Simulation(frames=count, seed=own)
         simulate_dataset(site, folder / f"{name}.hdf5", run=run_of, interval=0.5, strays=0.2, **more)
     return file, folder / "train.hdf5", folder / "test.hdf5"
 
@@ -100,6 +100,7 @@ def main() -> None:
     arguments.add_argument("--frames", type=int, default=400)
     arguments.add_argument("--start", default="general")
     arguments.add_argument("--seconds", type=float, default=900.0)
+    arguments.add_argument("--seed", type=int, default=11, help="of the traffic trained on; that of the test is one more")
     asked = arguments.parse_args()
 
     import torch
@@ -119,7 +120,7 @@ def main() -> None:
     for world in asked.worlds:
         with TemporaryDirectory() as name:
             folder, errors = Path(name), "poor" if world == "poor" else "paper"
-            file, train, test = simulate(world, folder, asked.frames)
+            file, train, test = simulate(world, folder, asked.frames, asked.seed)
             site = None if file is None else load_site(file)
             area = tuple((site or load_site("tjunction")).area.tolist())
             began = time.monotonic()
