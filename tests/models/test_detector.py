@@ -29,7 +29,7 @@ def points(n=2000, seed=0):
     return np.random.default_rng(seed).uniform((-9, -9, -1), (9, 9, 4), (n, 3)).astype(np.float32)
 
 
-def test_shifted_grids_pool_what_each_of_them_finds():
+def test_shifted_grids_pool_what_each_of_them_finds(monkeypatch):
     detector, cloud = VoxelNetDetector(network()), points()
     phased = detector.shift_grids(3)
     assert (detector.phases, phased.phases) == (1, 3)
@@ -45,6 +45,16 @@ def test_shifted_grids_pool_what_each_of_them_finds():
     away = np.linalg.norm(found.boxes[:, None, :2] - each, axis=2).min(axis=1)
     assert len(found)
     assert np.median(away) < 0.5  # boxes are means of those that overlap
+    moved = []
+
+    def note(clouds):
+        moved.append(clouds[0] - cloud)
+        return [best]
+
+    with monkeypatch.context() as patched:
+        patched.setattr(phased, "batch", note)
+        phased(cloud)
+    np.testing.assert_allclose([each[0, :2] for each in moved], shifts, atol=1e-5)
     assert found.scores.max() >= best.scores.max() - 1e-6
     halves = [cloud[:900], cloud[900:]]
     (union,) = phased.unions(halves, np.ones((1, 2), bool))
@@ -137,7 +147,7 @@ def test_files_of_another_size_or_kind_or_none_are_errors(tmp_path):
     with pytest.raises(ValueError, match=r"features.layers.0.linear.weight must have shape \(16, 6\), got \(32, 6\)"):
         load_detector(path)
     assert "features.layers.0.linear.weight" in load_file(path)
-    with pytest.raises(FileNotFoundError, match="no weights named 'nowhere'; shipped: "):
+    with pytest.raises(FileNotFoundError, match="no weights named 'nowhere'; shipped: general, "):
         load_detector("nowhere")
     with pytest.raises(FileNotFoundError, match=r"no weights file at /no/x\.safetensors"):
         load_detector("/no/x.safetensors")

@@ -100,7 +100,7 @@ def main() -> None:
     arguments.add_argument("--frames", type=int, default=400)
     arguments.add_argument("--start", default="general")
     arguments.add_argument("--seconds", type=float, default=900.0)
-    arguments.add_argument("--seed", type=int, default=11, help="of the traffic trained on; one less than the test's")
+    arguments.add_argument("--seed", type=int, default=11, help="of the traffic to train on; the test has the next")
     asked = arguments.parse_args()
 
     import torch

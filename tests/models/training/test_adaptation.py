@@ -44,6 +44,13 @@ def test_what_is_found_before_and_after_is_there_in_between_if_it_went_hardly_on
     assert len({*joined[0].ids, *joined[11].ids}) == 3
 
 
+def test_a_slow_cyclist_is_there_in_between_and_a_faster_one_is_not():
+    for step, there in ((0.3, 1), (0.6, 0)):
+        riding = [car(step * k, label=CYCLIST) for k in range(12)]
+        riding[5] = riding[6] = None
+        assert [len(each) for each in join_detections(frames(riding), TIMES)][5:7] == [there, there]
+
+
 def test_one_that_never_moves_needs_higher_scores_and_chance_finds_none():
     passing = [car(-20 + 4.0 * k, score=0.55) for k in range(12)]
     bush = [car(3.0, 9.0, score=0.55) for _ in range(12)]
@@ -73,6 +80,10 @@ def test_boxes_are_of_the_class_of_their_track_and_head_where_it_goes():
     for there in join_detections(frames([rider(k) for k in range(12)]), TIMES):
         np.testing.assert_allclose(there.boxes[0, 2:6], [0.9, 1.8, 0.6, 1.8])
         assert np.cos(there.boxes[0, 6]) > 0.99
+    way = np.radians(100.0)
+    ridden = [([k * np.cos(way), k * np.sin(way), 0.9, 1.8, 0.6, 1.8, way + 3.2], 0.9, CYCLIST) for k in range(12)]
+    for there in join_detections(frames(ridden), TIMES):
+        assert np.cos(there.boxes[0, 6] - way) > 0.99
     waiting = [([0.0, 0.0, 0.9, 1.8, 0.6, 1.8, 3.2], 0.9, CYCLIST if k else PEDESTRIAN) for k in range(12)]
     assert {float(there.boxes[0, 6]) for there in join_detections(frames(waiting), TIMES)} == {3.2}
 
