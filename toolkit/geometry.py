@@ -97,7 +97,7 @@ def tilt_rows(rows: Float[np.ndarray, "n c"], slope: Slope) -> Float[np.ndarray,
     return level_rows(rows, (-slope[0], -slope[1]))
 
 
-MOST_DISTANT = 1e8  # m; coordinates of maps reach 1e7
+MAX_COORDINATE_M = 1e8  # the one limit of absolute coordinates; those of maps reach 1e7
 
 
 def check_pose(candidate: Float[np.ndarray, "..."], name: str = "pose") -> Pose:
@@ -110,8 +110,8 @@ def check_pose(candidate: Float[np.ndarray, "..."], name: str = "pose") -> Pose:
     rotation = matrix[:3, :3]
     if np.abs(matrix[3] - (0, 0, 0, 1)).max() > 1e-5:
         raise ValueError(f"{name} must end with the row 0 0 0 1, got {matrix[3].tolist()}: pass the transpose?")
-    if np.abs(matrix[:3, 3]).max() > MOST_DISTANT:
-        far = f"{name} lies farther than {MOST_DISTANT:g} m from the origin"
+    if np.abs(matrix[:3, 3]).max() > MAX_COORDINATE_M:
+        far = f"{name} lies farther than {MAX_COORDINATE_M:g} m from the origin"
         raise ValueError(f"{far}: give metres, got {matrix[:3, 3]}")
     determinant = float(np.linalg.det(rotation))
     if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-3 or determinant < 0:

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from toolkit.arrays import Float64, Pose
-from toolkit.geometry import MOST_DISTANT, check_pose, invert, transform
+from toolkit.geometry import MAX_COORDINATE_M, check_pose, invert, transform
 from toolkit.point_files import Attributes, missing_axes, name_attributes
 from toolkit.runtime import files
 
@@ -104,8 +104,8 @@ def check_extent(points: Float64[np.ndarray, "n 3"]) -> None:
     if len(some) and not np.isfinite(points).all(axis=1).any():
         raise ValueError(f"none of its {len(points)} points has three finite coordinates: record it again")
     away = np.linalg.norm(finite - np.median(finite, axis=0), axis=1) if len(finite) else np.zeros(1)
-    if len(finite) and np.median(np.abs(finite).max(axis=1)) > MOST_DISTANT:
-        raise ValueError(f"half of its points are beyond {MOST_DISTANT:g} m: give metres, or repair the file")
+    if len(finite) and np.median(np.abs(finite).max(axis=1)) > MAX_COORDINATE_M:
+        raise ValueError(f"half of its points are beyond {MAX_COORDINATE_M:g} m: give metres, or repair the file")
     if np.median(away) > _MOST_SPREAD:
         wide = f"half of its points are more than {np.median(away) / 1000:.3g} km from their middle"
         raise ValueError(f"{wide}: give metres, or repair the file")
