@@ -11,6 +11,7 @@ thresholds."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -65,19 +66,24 @@ def nuscenes_ap(curve: Curve) -> float:
     return float(np.clip(beyond - LEAST_PRECISION, 0, None).mean() / (1 - LEAST_PRECISION))
 
 
-def by_centre(
-    detected: Iterable[Detections], truths: Iterable[Objects], counted: Iterable[np.ndarray], within: float, label: int
-) -> Matched:
-    """Match detections of a class by centres `within` metres on the ground; those on uncounted objects do not count."""
+def by_centre(frames: "Iterable[Judged]", within: float, label: int) -> Matched:
+    """Match detections of a class by centres `within` metres on the ground.
+
+    Detections on uncounted objects, and those outside the area that hit nothing, do not count."""
     scores, hits, total = [np.zeros(0)], [np.zeros(0, bool)], 0
-    for found, there, mask in zip(detected, truths, counted, strict=True):
-        found, rows = found[found.labels == label], there.labels == label
-        found, sought = found[np.argsort(-found.scores, kind="stable")], np.asarray(mask)[rows]
-        away = np.linalg.norm(found.boxes[:, None, :2] - there.boxes[rows, :2], axis=2)
-        near = away < within
-        hit = greedy(np.where(near & sought, np.exp(-away), 0.0), np.exp(-within)) >= 0
-        ignored = ~hit & (near & ~sought).any(axis=1)
-        scores.append(found.scores[~ignored])
+    for frame in frames:
+        of_label = np.flatnonzero(frame.found.labels == label)
+        best_first = of_label[np.argsort(-frame.found.scores[of_label], kind="stable")]
+        detections = frame.found[best_first]
+        truths = frame.truths.labels == label
+        sought = np.asarray(frame.counted)[truths]
+        offsets = detections.boxes[:, None, :2] - frame.truths.boxes[truths, :2]
+        distances = np.linalg.norm(offsets, axis=2)
+        near = distances < within
+        hit = greedy(np.where(near & sought, np.exp(-distances), 0.0), np.exp(-within)) >= 0
+        excused = (near & ~sought).any(axis=1) | frame.outside[best_first]
+        ignored = excused & ~hit
+        scores.append(detections.scores[~ignored])
         hits.append(hit[~ignored])
         total += int(sought.sum())
     return Matched(np.concatenate(scores), np.concatenate(hits), total)
@@ -110,10 +116,6 @@ class FrameTruth:
     corners: Float64[np.ndarray, "4"]
     complete: Region | None = None
 
-    def keep(self, found: Detections) -> Detections:
-        """Keep detections in the area, where labels are complete."""
-        return found[self.inside(found)]
-
     def inside(self, found: Detections) -> Bool[np.ndarray, " m"]:
         """Mask of detections in the area, where labels are complete."""
         if self.complete is None:
@@ -121,20 +123,35 @@ class FrameTruth:
         return np.asarray(has_centre_inside(found.boxes, self.corners) & self.complete.covers(found.boxes))
 
     def judge(self, found: Detections) -> "Judged":
-        """Return detections and truths with their ranges from the middle of the area. The range of a detection is that
-        of the object it overlaps most, else its own."""
-        boxes, found = self.objects.boxes, self.keep(found)
+        """Return detections and truths with their ranges from the middle of the area.
+
+        A detection that overlaps an object has the range of the one it overlaps most. Detections outside the area that
+        overlap no object to be found are left out."""
+        boxes, outside = self.objects.boxes, ~self.inside(found)
+        touching = (iou_bev(found.boxes, boxes[self.counted]) > 0).any(axis=1)
+        kept = ~outside | touching
+        found, outside = found[kept], outside[kept]
         middle = (self.corners[:2] + self.corners[2:]) / 2
         away, own = (np.linalg.norm(rows[:, :2] - middle, axis=1) for rows in (boxes, found.boxes))
         if len(found) and len(boxes):
             overlap = iou_bev(found.boxes, boxes)
             own = np.where(overlap.max(axis=1) > 0.1, away[overlap.argmax(axis=1)], own)
-        return Judged(found, self.objects, self.counted, self.points, away, own)
+        return Judged(found, self.objects, self.counted, self.points, away, own, outside)
 
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """Detections of one frame that count, objects, mask of those that count, points on them, and ranges (m)."""
+    """Detections and objects of one frame, ready to be matched.
+
+    Attributes:
+        found: n detections, in the area or overlapping an object to be found.
+        truths: m objects.
+        counted: mask (m,) of the objects to be found.
+        points: number of points (m,) on each object.
+        truth_range: range (m,) of each object from the middle of the area (m).
+        found_range: range (n,) of each detection, as `FrameTruth.judge` says (m).
+        outside: mask (n,) of detections outside the area, which can be hits but not false alarms.
+    """
 
     found: Detections
     truths: Objects
@@ -142,6 +159,7 @@ class Judged:
     points: np.ndarray
     truth_range: np.ndarray
     found_range: np.ndarray
+    outside: np.ndarray
 
 
 def select_truth(frame: Frame, corners: Float64[np.ndarray, "4"]) -> FrameTruth:
@@ -164,10 +182,12 @@ def group_rows(samples: Sequence[Judged], label: str, ious: Sequence[float] | No
     ious = ious or IOUS[label]
     middle, rows = sorted(ious)[len(ious) // 2], list[GroupRow]()
 
-    def score(some: Sequence[Judged], thresholds: Sequence[float], among: str, protocol: str = "ours") -> None:
-        found, truths, counted = ([getattr(each, name) for each in some] for name in ("found", "truths", "counted"))
+    def score(frames: Sequence[Judged], thresholds: Sequence[float], among: str, protocol: str = "ours") -> None:
+        detections, truths = [frame.found for frame in frames], [frame.truths for frame in frames]
+        counted, outside = [frame.counted for frame in frames], [frame.outside for frame in frames]
+        evaluate_frames = partial(evaluate, detections, truths, counted=counted, outside=outside, label=label)
         for metric, said in METRICS.items():
-            scores = evaluate(found, truths, counted=counted, iou_thresholds=thresholds, metric=metric, label=label)
+            scores = evaluate_frames(iou_thresholds=thresholds, metric=metric)
             for iou, at in scores.items():
                 ap = at.ap if protocol == "ours" or not at.truths else kitti_ap(at.curve)
                 rows.append(GroupRow(label, protocol, f"{said} {iou:g}", among, ap, at.truths))
@@ -178,7 +198,8 @@ def group_rows(samples: Sequence[Judged], label: str, ious: Sequence[float] | No
         for each in samples:
             near = (each.found_range >= low) & (each.found_range < high)
             counted = each.counted & (each.truth_range >= low) & (each.truth_range < high)
-            chosen.append(replace(each, counted=counted, found=each.found[near], found_range=each.found_range[near]))
+            in_ring = replace(each, found=each.found[near], found_range=each.found_range[near])
+            chosen.append(replace(in_ring, outside=each.outside[near], counted=counted))
         score(chosen, [middle], _span(low, high, " m"))
     for low, high in pairwise(POINTS):
         among = [replace(s, counted=s.counted & (s.points >= low) & (s.points < high)) for s in samples]
@@ -186,8 +207,7 @@ def group_rows(samples: Sequence[Judged], label: str, ious: Sequence[float] | No
     score(samples, [KITTI_IOU[label]], "all", "KITTI R40")
     aps = []
     for distance in CENTRE_DISTANCES:
-        columns = [s.found for s in samples], [s.truths for s in samples], [s.counted for s in samples]
-        matched = by_centre(*columns, distance, label_index(label))
+        matched = by_centre(samples, distance, label_index(label))
         aps.append(nuscenes_ap(precision_recall(*matched)) if matched.truths else float("nan"))
         rows.append(GroupRow(label, "nuScenes", f"centre {distance:g} m", "all", aps[-1], matched.truths))
     return [*rows, GroupRow(label, "nuScenes", "centre, mean", "all", float(np.mean(aps)), matched.truths)]

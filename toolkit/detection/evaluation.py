@@ -250,11 +250,14 @@ def evaluate_recording(
     for name, chosen in scored[0].fused:
         fused = [each.fused[name, chosen] for each in scored]
         found = [each.detections for each in fused]
+        outside = None
         if protocol == "measured":
-            found = [truth.keep(each) for truth, each in zip(truths, found, strict=True)]
+            outside = [~truth.inside(each) for truth, each in zip(truths, found, strict=True)]
         bits, ms = [each.bits for each in fused], float(np.median([each.ms for each in fused]))
         kbit = float(np.mean([sent.mean() / 1000 if len(sent) else 0.0 for sent in bits]))
-        score = partial(evaluate, found, objects, metric=asked.metric, protocol=counting, counted=counted)
+        score = partial(
+            evaluate, found, objects, metric=asked.metric, protocol=counting, counted=counted, outside=outside
+        )
         for label, thresholds in ious.items():
             true_iou = TRUE_IOU[label_index(label)]
             scores = score(label=label, iou_thresholds=[*thresholds, true_iou])

@@ -11,6 +11,8 @@ Protocol `exact` (paper section "Evaluation Metrics"):
 3. A detection that hit nothing is **ignored**, neither hit nor false alarm, if it lies on an object that is present
    but not scored: IoU >= threshold with it, or more than half of the detection's footprint on its footprint (detectors
    see large vehicles in part). Not scored are heavy vehicles when vehicles are scored, and whatever `counted` excludes.
+   A detection outside the scored area (`outside`) may hit a truth too, and is ignored if it does not: an object at the
+   border counts as found on whichever side of it the detection's centre is.
 4. Every other detection is a **false alarm**, in frames without truths too.
 5. Over the detections that are not ignored, with hits and false alarms counted down to each score,
    precision = hits / (hits + false alarms), recall = hits / truths. Equal scores make one point of the curve, since no
@@ -118,12 +120,14 @@ def evaluate(
     protocol: Protocol = "exact",
     label: str | int = "vehicle",
     counted: Iterable[ArrayLike] | None = None,
+    outside: Iterable[ArrayLike] | None = None,
 ) -> dict[float, DetectionScore]:
     """Score detections at each IoU threshold, as defined at the top of this module.
 
     detections, truths: one of each per frame, read once. counted: per frame a mask (m,) of the truths that are scored,
-    by default all; the others are neither to be found nor false alarms. Raises ValueError for unequal numbers of
-    frames, degenerate boxes, NaN scores, or thresholds outside (0, 1].
+    by default all; the others are neither to be found nor false alarms. outside: per frame a mask (n,) of detections
+    outside the scored area, by default none; they can be hits but not false alarms. Raises ValueError for unequal
+    numbers of frames, degenerate boxes, NaN scores, or thresholds outside (0, 1].
 
     >>> car = np.array([[0, 0, 1, 4, 2, 1.5, 0]])
     >>> evaluate([Detections(car, np.array([0.9]))], [Objects(car)], iou_thresholds=[0.7])[0.7].ap
@@ -132,11 +136,14 @@ def evaluate(
     thresholds, label = list(dict.fromkeys(_check(iou_thresholds, metric, protocol))), label_index(label)
     pooled, to_find = {threshold: [(np.zeros(0), np.zeros(0, bool))] for threshold in thresholds}, 0
     masks = repeat(None) if counted is None else iter(counted)
+    outsides = repeat(None) if outside is None else iter(outside)
     for number, (detected, there) in enumerate(zip_longest(detections, truths)):
-        mask = next(masks, None)
-        if detected is None or there is None or (counted is not None and mask is None):
+        mask, beyond = next(masks, None), next(outsides, None)
+        lacks_mask = (counted is not None and mask is None) or (outside is not None and beyond is None)
+        if detected is None or there is None or lacks_mask:
             raise ValueError(f"detections, truths and counted must have as many frames, but one ended after {number}")
-        overlaps = _overlap(detected, there, label, mask, metric, protocol, f" of frame {number}")
+        where = f" of frame {number}"
+        overlaps = _overlap(detected, there, label, mask, metric, protocol, where, outside=beyond)
         if protocol == "published" and not len(overlaps.columns):
             continue
         to_find += len(overlaps.columns)
@@ -162,10 +169,11 @@ def matches(
     protocol: Protocol = "exact",
     label: str | int = "vehicle",
     counted: ArrayLike | None = None,
+    outside: ArrayLike | None = None,
 ) -> Iterator[Match]:
     """Match detections and truths of one frame as `evaluate` does, at each of several IoU thresholds."""
     thresholds = _check(iou_thresholds, metric, protocol)
-    overlaps = _overlap(detections, truths, label_index(label), counted, metric, protocol)
+    overlaps = _overlap(detections, truths, label_index(label), counted, metric, protocol, outside=outside)
     rows, columns = overlaps.rows, overlaps.columns
     for threshold in thresholds:
         taken, ignored = overlaps.resolve(threshold)
@@ -266,13 +274,15 @@ class _Overlaps(NamedTuple):
     scores: np.ndarray  # (n,)
     iou: np.ndarray  # (n, m)
     elsewhere: np.ndarray  # (n, 2) greatest IoU with an object that is not scored, and share of the footprint on one
+    outside: np.ndarray  # (n,) True for detections outside the scored area
     protocol: Protocol
 
     def resolve(self, threshold: float) -> tuple[np.ndarray, np.ndarray]:
         """Truth that each detection hit, or -1, and ignored ones."""
         taken = (claim_then_test if self.protocol == "published" else greedy)(self.iou, threshold)
         iou, share = self.elsewhere.T
-        return taken, ((iou >= threshold) | (share > MOSTLY)) & (taken < 0)
+        excused = (iou >= threshold) | (share > MOSTLY) | self.outside
+        return taken, excused & (taken < 0)
 
 
 def _overlap(
@@ -283,6 +293,8 @@ def _overlap(
     metric: Overlap,
     protocol: Protocol,
     where: str = "",
+    *,
+    outside: ArrayLike | None = None,
 ) -> _Overlaps:
     if np.isnan(detected.scores).any():
         raise ValueError(f"scores must be numbers, but row {int(np.isnan(detected.scores).argmax())}{where} is NaN")
@@ -293,6 +305,10 @@ def _overlap(
         if mask.shape != scored.shape:
             raise ValueError(f"counted{where} must have one entry for each of {len(there)} truths, got {mask.shape}")
         scored, unscored = scored & mask, unscored | (scored & ~mask)
+    beyond = np.zeros(len(detected), bool) if outside is None else np.asarray(outside, bool)
+    if beyond.shape != (len(detected),):
+        rule = f"outside{where} must have one entry for each of {len(detected)} detections"
+        raise ValueError(f"{rule}, got {beyond.shape}")
     rows, columns = np.flatnonzero(detected.labels == label), np.flatnonzero(scored)
     boxes, truths = check_boxes(detected.boxes, "detections" + where)[rows], check_boxes(there.boxes, "truths" + where)
     exact = iou_3d if metric == "3d" else iou_bev
@@ -303,7 +319,7 @@ def _overlap(
     elsewhere = np.stack([others.max(axis=1, initial=0), share.max(axis=1, initial=0)], axis=1)
     order = np.lexsort((-iou.max(axis=1, initial=0), -detected.scores[rows]))
     best = rows[order]
-    return _Overlaps(best, columns, detected.scores[best], iou[order], elsewhere[order], protocol)
+    return _Overlaps(best, columns, detected.scores[best], iou[order], elsewhere[order], beyond[best], protocol)
 
 
 def _check(iou_thresholds: Iterable[float], metric: str, protocol: str) -> list[float]:

@@ -4,6 +4,7 @@ which no surer detection took, is at least `toolkit.detection.metrics.TRUE_IOU`.
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -34,16 +35,16 @@ def sort_outcomes(each: Detected) -> dict[Marked, dict[str, Detections]]:
     if not len(each.frame.objects):
         return {}
     truth = select_truth(each.frame, each.stand.corners)
-    scored, inside = truth.judge(each.detections), truth.inside(each.detections)
+    detections, outside = each.detections, ~truth.inside(each.detections)
+    match_class = partial(matches, detections, truth.objects, counted=truth.counted, outside=outside)
     for label, name in enumerate(LABELS):
-        (what,) = matches(scored.found, scored.truths, [TRUE_IOU[label]], label=label, counted=scored.counted)
-        missed = scored.truths[what.scored & ~what.hit]
-        here = each.detections[~inside], scored.found[what.ignored]
+        (what,) = match_class([TRUE_IOU[label]], label=label)
+        missed = truth.objects[what.scored & ~what.hit]
         rows: dict[Marked, Detections] = {
-            "hits": scored.found[~what.ignored & (what.truth >= 0)],
+            "hits": detections[~what.ignored & (what.truth >= 0)],
             "missed": Detections(missed.boxes, np.full(len(missed), np.nan), missed.labels),
-            "false alarms": scored.found[~what.ignored & (what.truth < 0)],
-            "ignored": Detections.merge(some[some.labels == label] for some in here),
+            "false alarms": detections[~what.ignored & (what.truth < 0)],
+            "ignored": detections[what.ignored & (detections.labels == label)],
         }
         for outcome, so_far in made.items():
             so_far |= {name: rows[outcome]} if len(rows[outcome]) else {}

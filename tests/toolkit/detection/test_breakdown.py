@@ -43,24 +43,29 @@ def found_at(places, scores=None, labels=None):
     return Objects(boxes, kinds) if scores is None else Detections(boxes, np.array(scores), kinds)
 
 
+def match_centres(found, truths, counted, within, label=0):
+    """Matches of one frame without an edge."""
+    ranges = np.zeros(len(truths)), np.zeros(len(found))
+    points = np.ones(len(truths), np.int64)
+    outside = np.zeros(len(found), bool)
+    one = breakdown.Judged(found, truths, np.array(counted, bool), points, *ranges, outside)
+    return breakdown.by_centre([one], within, label)
+
+
 def test_centres_are_matched_by_range_and_points():
     found, truths = found_at([0.9, 0.2, 9.0], [0.9, 0.8, 0.7]), found_at([0.0, 20.0])
-    matched = breakdown.by_centre([found], [truths], [np.array([True, True])], 1.0, 0)
+    matched = match_centres(found, truths, [True, True], 1.0)
     assert matched.hits.tolist() == [True, False, False]  # the surer one takes it, though the other is nearer
     assert matched.truths == 2
-    assert breakdown.by_centre([found], [truths], [np.array([True, True])], 0.5, 0).hits.tolist() == [
-        *(False, True, False)
-    ]
-    matched = breakdown.by_centre(
-        [found_at([0.1, 20.1], [0.9, 0.8])], [found_at([0.0, 20.0])], [np.array([True, False])], 1.0, 0
-    )
+    assert match_centres(found, truths, [True, True], 0.5).hits.tolist() == [False, True, False]
+    matched = match_centres(found_at([0.1, 20.1], [0.9, 0.8]), found_at([0.0, 20.0]), [True, False], 1.0)
     assert (matched.hits.tolist(), matched.truths) == ([True], 1)
     found, truths = found_at([0.0, 0.0], [0.9, 0.8], np.array([0, 1])), found_at([0.0], labels=np.array([1]))
-    matched = breakdown.by_centre([found], [truths], [np.array([True])], 1.0, 1)
+    matched = match_centres(found, truths, [True], 1.0, 1)
     assert (matched.scores.tolist(), matched.hits.tolist(), matched.truths) == ([0.8], [True], 1)
-    empty = breakdown.by_centre([Detections.empty()], [Objects.empty()], [np.zeros(0, bool)], 1.0, 0)
+    empty = match_centres(Detections.empty(), Objects.empty(), [], 1.0)
     assert (len(empty.scores), empty.truths) == (0, 0)
-    alarm = breakdown.by_centre([found_at([0.0], [0.5])], [Objects.empty()], [np.zeros(0, bool)], 1.0, 0)
+    alarm = match_centres(found_at([0.0], [0.5]), Objects.empty(), [], 1.0)
     assert alarm.hits.tolist() == [False]
     # Two of three cars found, surest first, then a false alarm at 12 m, then nothing.
     rows = breakdown.group_rows([judged(frame(), (5.0, 25.1, 12.0), (0.9, 0.8, 0.85))], "vehicle")

@@ -58,7 +58,7 @@ def test_hits_misses_and_false_alarms_of_each_class_by_iou_or_neither():
     # A label without points, one beyond the area, and what lies where labels are not complete.
     outcomes = sort_outcomes(detected(BOXES[[2, 4]]))
     missed = {"vehicle": [0.0, 10.0], "pedestrian": [30.0]}
-    assert by_x(outcomes) == {"hits": {}, "missed": missed, "false alarms": {}, "ignored": {"vehicle": [80.0, 20.0]}}
+    assert by_x(outcomes) == {"hits": {}, "missed": missed, "false alarms": {}, "ignored": {"vehicle": [20.0, 80.0]}}
     near = sort_outcomes(detected(BOXES[[1]] + 5.0, complete=Rectangle((-5.0, -5.0, 5.0, 5.0))))
     missed = {"vehicle": [0.0]}
     assert by_x(near) == {"hits": {}, "missed": missed, "false alarms": {}, "ignored": {"vehicle": [15.0]}}
