@@ -26,7 +26,7 @@ from toolkit.datasets.layouts.nuscenes import compute_quaternion
 from toolkit.datasets.records import Problems, add_problem, build_cloud, clock_time, get_intensity, named_damage
 from toolkit.frame import Frame, SensorCloud
 from toolkit.objects import Objects
-from toolkit.point_files import name_attributes
+from toolkit.point_columns import name_attributes
 from toolkit.runtime.files import parse_yaml, plain_file, read_text, resolve_below
 from toolkit.sites.site import Site
 
