@@ -74,13 +74,14 @@ class Listing(DisplayedRecording):
 def check_labels(recording: Frames, frames: int | None = None) -> None:
     """Raise ValueError where no label has a cloud, or where the first frames of an unknown site have no label."""
     count, site = len(recording) if frames is None else frames, getattr(recording, "site", None)
-    some = (recording[k] for k in range(count))
-    while isinstance(recording, RecordingView):
-        recording = recording.recording
-    if isinstance(recording, Listing) and recording.strays and len(recording.strays) == len(set(recording.labelled)):
-        strays = recording.describe_strays()
+    source = recording
+    while isinstance(source, RecordingView):
+        source = source.recording
+    if isinstance(source, Listing) and source.strays and len(source.strays) == len(set(source.labelled)):
+        strays = source.describe_strays()
         raise ValueError(f"no label can be used: {strays}; name both alike, times in the same unit")
-    if site is None and not any(len(frame.objects) or len(frame.others.boxes) for frame in some):
+    shown = (recording[k] for k in range(count))
+    if site is None and not any(len(frame.objects) or len(frame.others.boxes) for frame in shown):
         remedy = "take coview detect, or give labels, such as the labels.json of layout folder"
         raise ValueError(f"the recording has no label, so nothing can be scored: {remedy}")
 
