@@ -3,10 +3,13 @@
 A cloud is an `open3d.t.geometry.PointCloud` with `positions` (n, 3), float32 in a site's frame, and `sensor` (n, 1)
 int32, the number of the sensor that measured each point. Further attributes (`colors`, `normals`, `intensity`, `time`
 ...) go with their points through every function. Open3D's own viewer, filters and files work on it as it is, but its
-`voxel_down_sample` makes every sensor 0: use `down_sample`.
+`voxel_down_sample` averages all attributes of a voxel in float32 (Open3D 0.20.0): sensor numbers become the truncated
+mean of several sensors, positions in UTM coordinates end decimetres off, and nanosecond stamps lose seconds. Use
+`down_sample`.
 
-Files: ply and pcd (binary), and npz keep the attributes bit for bit; ASCII ply rounds positions to 6 digits; xyz, pts
-and the legacy `open3d.geometry.PointCloud` lose `sensor`."""
+Files: npz keeps the attributes bit for bit. ply and pcd (binary) keep them too, but for colours, which become bytes,
+and in pcd positions, which become float32, and what `toolkit.point_writing` says; ASCII ply rounds positions to 6
+digits; xyz, pts and the legacy `open3d.geometry.PointCloud` lose `sensor`."""
 
 import warnings
 from collections.abc import Callable, Iterable, Mapping
@@ -19,8 +22,9 @@ from toolkit.arrays import Float, Int, Int32, Int64, Mask, Points, Rng
 from toolkit.boxes import count_points
 from toolkit.frame import unproject
 from toolkit.point_files import read_pcd, read_ply
+from toolkit.point_writing import format_pcd, format_ply
 from toolkit.points import Area, Crop
-from toolkit.runtime.files import MOST_CLOUD, load_arrays, reserve, writing
+from toolkit.runtime.files import MOST_CLOUD, load_arrays, reserve, write_bytes, writing
 from toolkit.runtime.light_open3d import o3d
 from toolkit.sensors.sensor import Sensor
 
@@ -138,7 +142,8 @@ def points_per_box(cloud: PointCloud | Points, boxes: Float[np.ndarray, "m 7"]) 
 
 def save(cloud: PointCloud, path: str | Path) -> None:
     """Write a cloud as ply, pcd or npz, whole or not at all. Raises OSError if that is impossible, and ValueError for
-    another kind of file and for a cloud without points, which these formats cannot hold."""
+    another kind of file and for a cloud without points, which these formats cannot hold. A warning states the origin
+    that a pcd far from the world's origin is counted from, and what the file cannot hold."""
     path = Path(path)
     if not len(positions(cloud)):
         raise ValueError(f"the cloud for {path.name} has no points: is the area where the sensors are?")
@@ -147,18 +152,20 @@ def save(cloud: PointCloud, path: str | Path) -> None:
     refused = OSError(f"cannot write {path}: check that its folder exists and the disk has room")
     if not path.parent.is_dir():
         raise refused
-    columns = attributes(cloud)
-    if "normals" in columns:  # Open3D's PCD writer expects the type of the positions
-        columns["normals"] = columns["normals"].astype(columns["positions"].dtype)
-    known = ("positions", "normals", "colors")
-    wide = [name for name, column in columns.items() if name not in known and column[:1].size > 1]
-    if path.suffix.lower() != ".npz" and wide:
-        warnings.warn(f"{path}: {', '.join(wide)} left out: several columns need .npz", stacklevel=2)
-        columns = {name: column for name, column in columns.items() if name not in wide}
-    with writing(path) as unfinished:
-        reserve(unfinished, sum(values.numpy().nbytes for _, values in cloud.point.items()))
-        if not o3d.t.io.write_point_cloud(unfinished, from_attributes(columns)):
-            raise refused
+    if path.suffix.lower() == ".npz":
+        with writing(path) as unfinished:
+            reserve(unfinished, sum(values.numpy().nbytes for _, values in cloud.point.items()))
+            if not o3d.t.io.write_point_cloud(unfinished, cloud):
+                raise refused
+    elif path.suffix.lower() == ".ply":
+        write_bytes(path, format_ply(attributes(cloud)))
+    else:
+        content, origin = format_pcd(attributes(cloud))
+        write_bytes(path, content)
+        if origin.any():
+            where = " ".join(f"{value:.0f}" for value in origin)
+            rule = "PCD holds float32, so its points are counted from an origin that its header states"
+            warnings.warn(f"{path.name}: {rule}: {where} m; .ply and .npz hold them whole", stacklevel=2)
 
 
 def load(path: str | Path) -> PointCloud:

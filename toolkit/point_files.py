@@ -17,10 +17,12 @@ from typing import NamedTuple
 import numpy as np
 
 from toolkit.arrays import Shaped
+from toolkit.geometry import MAX_COORDINATE_M
 from toolkit.runtime.files import MOST_CLOUD, check_unpacked, plain_file
 
 Attributes = dict[str, np.ndarray]  # each (n, columns)
 
+ORIGIN_COMMENT = "# coview origin:"  # of a PCD file: what to add to its x, y and z (m)
 NORMALS = (("normal_x", "normal_y", "normal_z"), ("nx", "ny", "nz"))
 COLOURS = (("red", "green", "blue"), ("r", "g", "b"))
 
@@ -65,12 +67,13 @@ _TYPES = {(kind, size): f"<{kind.lower()}{size}" for kind in "FIU" for size in (
 
 
 class _Header(NamedTuple):
-    """Names, type of a point, number of points, storage."""
+    """Names, type of a point, number of points, storage, and the origin that coview took off (m)."""
 
     names: tuple[str, ...]
     row: np.dtype
     points: int
     data: str
+    origin: np.ndarray | None = None
 
     def fields(self) -> Iterator[tuple[np.dtype, int]]:
         """Type and number of values of each field."""
@@ -92,17 +95,21 @@ def read_pcd(path: str | Path) -> Attributes:
     except ValueError as error:
         raise ValueError(f"{path} holds no points that can be read: {error}") from None
     named = {name: column for name, column in zip(header.names, columns, strict=True) if name != PADDING}
-    return name_attributes(named)
+    attributes = name_attributes(named)
+    if header.origin is not None:
+        attributes["positions"] = attributes["positions"].astype(np.float64) + header.origin
+    return attributes
 
 
-def pcd_bytes(columns: Mapping[str, Shaped[np.ndarray, " n"]]) -> bytes:
-    """Format columns of one length, numbers of 1 to 8 bytes, as a binary PCD file."""
+def pcd_bytes(columns: Mapping[str, Shaped[np.ndarray, " n"]], comment: str = "") -> bytes:
+    """Format columns of one length, numbers of 1 to 8 bytes, as a binary PCD file. comment: a line of its header."""
     kinds = {"f": "F", "i": "I", "u": "U"}
     arrays = {name: np.asarray(column) for name, column in columns.items()}
     table = np.rec.fromarrays([column.astype(column.dtype.newbyteorder("<")) for column in arrays.values()])
     sizes, types = [str(column.itemsize) for column in arrays.values()], [kinds[c.dtype.kind] for c in arrays.values()]
+    remark = f"{comment}\n" if comment else ""
     header = f"""# .PCD v0.7 - Point Cloud Data file format
-VERSION 0.7
+{remark}VERSION 0.7
 FIELDS {" ".join(arrays)}
 SIZE {" ".join(sizes)}
 TYPE {" ".join(types)}
@@ -159,7 +166,23 @@ def _header(content: bytes) -> tuple[_Header, bytes]:
     if data not in ("ascii", "binary", "binary_compressed") or points < 0:
         raise ValueError(f"DATA must be ascii, binary or binary_compressed, got {data!r:.40} of {points} points")
     row = np.dtype([(f"{k}", _TYPES[kind], (count[k],)) for k, kind in enumerate(kinds)])
-    return _Header(names, row, points, data), content[data_line.end() :]
+    origin = _read_origin(content[: data_line.start()])
+    return _Header(names, row, points, data, origin), content[data_line.end() :]
+
+
+def _read_origin(header: bytes) -> np.ndarray | None:
+    """Origin of a cloud that coview wrote (m), None if its header states none."""
+    line = re.search(rb"^" + ORIGIN_COMMENT.encode() + rb"([^\n]*)$", header, re.MULTILINE)
+    if line is None:
+        return None
+    words = line[1].decode("ascii", "replace").split()
+    try:
+        origin = np.array([float(word) for word in words])
+    except ValueError:
+        origin = np.full(0, np.nan)
+    if origin.shape != (3,) or not (np.abs(origin) <= MAX_COORDINATE_M).all():
+        raise ValueError(f"its origin must be three numbers of metres, got {' '.join(words)[:60]!r}")
+    return origin
 
 
 def _whole(words: list[str]) -> list[int]:

@@ -140,8 +140,10 @@ def test_files_keep_every_attribute(tmp_path, ending):
         ours, theirs = attributes(load(tmp_path / f"cloud.{ending}")), attributes(cloud)
         assert ours.keys() == theirs.keys()
         for name, column in ours.items():
-            assert column.dtype == theirs[name].dtype
-            np.testing.assert_array_equal(column, theirs[name], err_msg=name)
+            single = ending == "pcd" and name in ("positions", "normals")  # see toolkit.point_writing
+            expected = theirs[name].astype(np.float32) if single else theirs[name]
+            assert column.dtype == expected.dtype
+            np.testing.assert_array_equal(column, expected, err_msg=name)
         assert [path.name for path in tmp_path.iterdir()] == [f"cloud.{ending}"]
 
 

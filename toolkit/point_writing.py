@@ -1,0 +1,127 @@
+"""Cloud attributes written as PCD and PLY files that other programs read as they are meant.
+
+- PCD stores positions in float32: `open3d.io.read_point_cloud` (Open3D 0.20.0) reads 8-byte x, y and z as zeros without
+  a word. Far from the world's origin, such as in UTM coordinates, whole kilometres are taken off first. The header
+  states them in a comment, since the format has no field for an origin, and `toolkit.point_files.read_pcd` adds them
+  again. PLY stores positions of float64 as `double`.
+- Colours are bytes, `rgb` in PCD and `red`, `green`, `blue` in PLY. Floats are taken as Open3D's, from 0 to 1; readers
+  take floating `red` for shares of 255.
+- PLY knows no 64-bit integers: they become `int` where all of them fit, else `double` where that is exact."""
+
+import re
+import warnings
+from collections.abc import Mapping
+
+import numpy as np
+
+from toolkit.arrays import Float, Float64, Shaped
+from toolkit.point_files import COLOURS, NORMALS, ORIGIN_COMMENT, Attributes, pcd_bytes
+
+NEAR_ORIGIN_M = 4096.0  # farther out, float32 is off by more than a quarter of a millimetre
+ORIGIN_GRID_M = 1000.0
+EXACT_DOUBLE = 2**53
+PLY_NAMES = {
+    "i1": "char",
+    "u1": "uchar",
+    "i2": "short",
+    "u2": "ushort",
+    "i4": "int",
+    "u4": "uint",
+    "f4": "float",
+    "f8": "double",
+}
+
+Columns = dict[str, np.ndarray]  # each (n,)
+
+
+def choose_origin(points: Float[np.ndarray, "n 3"]) -> Float64[np.ndarray, "3"]:
+    """Return an origin (m) from which float32 holds `points`: zeros, or whole kilometres if they are far away.
+
+    >>> choose_origin(np.array([[692012.0, 5336044.0, 520.0]]))
+    array([ 692000., 5336000.,       0.])
+    """
+    finite = points[np.isfinite(points).all(axis=1)]
+    if not len(finite):
+        return np.zeros(3)
+    middle = np.median(finite.astype(np.float64), axis=0)
+    far = np.abs(finite).max(axis=0) > NEAR_ORIGIN_M
+    return np.where(far, np.round(middle / ORIGIN_GRID_M) * ORIGIN_GRID_M, 0.0)
+
+
+def format_pcd(attributes: Attributes) -> tuple[bytes, Float64[np.ndarray, "3"]]:
+    """Format a cloud's attributes as a binary PCD file; return it with the origin that was taken off (m)."""
+    points = attributes["positions"]
+    origin = choose_origin(points) if points.dtype == np.float64 else np.zeros(3)
+    near = (points - origin.astype(points.dtype)).astype(np.float32)
+    columns = dict(zip("xyz", near.T, strict=True))
+    if "normals" in attributes:
+        columns |= _split(NORMALS[0], attributes["normals"].astype(np.float32))
+    if "colors" in attributes:
+        red, green, blue = _bytes_of_colours(attributes["colors"]).astype(np.uint32).T
+        columns["rgb"] = red << 16 | green << 8 | blue
+    columns |= _single_columns(attributes, columns)
+    comment = f"{ORIGIN_COMMENT} {' '.join(f'{value:.0f}' for value in origin)}" if origin.any() else ""
+    return pcd_bytes(columns, comment), origin
+
+
+def format_ply(attributes: Attributes) -> bytes:
+    """Format a cloud's attributes as a binary little-endian PLY file."""
+    columns = dict(zip("xyz", attributes["positions"].T, strict=True))
+    if "normals" in attributes:
+        columns |= _split(NORMALS[1], attributes["normals"])
+    if "colors" in attributes:
+        columns |= _split(COLOURS[0], _bytes_of_colours(attributes["colors"]))
+    for name, column in _single_columns(attributes, columns).items():
+        fitting = _fit_ply(name, column)
+        if fitting is not None:
+            columns[name] = fitting
+    little_endian = [column.astype(column.dtype.newbyteorder("<")) for column in columns.values()]
+    table = np.rec.fromarrays(little_endian)
+    properties = [
+        f"property {PLY_NAMES[column.dtype.str[1:]]} {name}"
+        for name, column in zip(columns, little_endian, strict=True)
+    ]
+    lines = ["ply", "format binary_little_endian 1.0", f"element vertex {len(table)}", *properties]
+    return "\n".join([*lines, "end_header\n"]).encode("ascii") + table.tobytes()
+
+
+def _single_columns(attributes: Attributes, taken: Mapping[str, object]) -> Columns:
+    """Further attributes of one number a point, by names that a header can hold."""
+    columns: Columns = {}
+    for name, values in attributes.items():
+        if name in ("positions", "normals", "colors"):
+            continue
+        word = re.sub(r"[^!-~]+", "_", name)
+        if values[:1].size != 1 or word in taken or word in columns:
+            reason = "the file holds one number of each name a point, .npz holds all"
+            warnings.warn(f"{name} is left out: {reason}", stacklevel=4)
+            continue
+        flat = values.reshape(-1)
+        columns[word] = flat.astype(np.uint8) if flat.dtype == np.bool_ else flat
+    return columns
+
+
+def _fit_ply(name: str, column: Shaped[np.ndarray, " n"]) -> np.ndarray | None:
+    """Column of a type that PLY has; None, with a warning, if none holds its numbers."""
+    if column.dtype.str[1:] in PLY_NAMES:
+        return column
+    lowest, highest = int(column.min()), int(column.max())
+    limits = np.iinfo(np.int32)
+    if limits.min <= lowest and highest <= limits.max:
+        return column.astype(np.int32)
+    if max(-lowest, highest) <= EXACT_DOUBLE:
+        return column.astype(np.float64)
+    warnings.warn(f"{name} is left out: PLY has no 64-bit integers, .pcd and .npz have", stacklevel=4)
+    return None
+
+
+def _split(names: tuple[str, str, str], rows: Shaped[np.ndarray, "n 3"]) -> Columns:
+    return dict(zip(names, np.ascontiguousarray(rows.T), strict=True))
+
+
+def _bytes_of_colours(colours: Shaped[np.ndarray, "n 3"]) -> np.ndarray:
+    """Colours as bytes; floats are shares of full intensity."""
+    if colours.dtype.kind != "f":
+        return np.clip(colours, 0, 255).astype(np.uint8)
+    shares = np.nan_to_num(colours, nan=0.0)
+    return np.round(np.clip(shares, 0.0, 1.0) * 255).astype(np.uint8)
