@@ -31,9 +31,13 @@ _UNKNOWN_MODEL = SpinningLidar()  # stands for the model of a sensor that is kno
 class SensorCloud:
     """Points that one sensor measured.
 
-    points: (n, 3) m, in the sensor's own frame or in the world frame, as `frame` says. world_SE3_sensor: pose of the
-    sensor. time: of each point, seconds from the frame's time; intensity: as the set gives it; ring: number of the
-    laser. None where the set has none."""
+    Attributes:
+        points: (n, 3) m, in the sensor's frame or in the world frame, as `frame` says.
+        world_SE3_sensor: pose of the sensor.
+        time: of each point, seconds from the cloud's first; None if the set has none.
+        intensity: of each point, as the set gives it; None if it has none.
+        ring: number of each point's laser; None if the set has none.
+        stamp_s: when the cloud was measured, seconds on the clock of `Frame.time`; None if unknown."""
 
     name: str
     points: Float32[np.ndarray, "n 3"]
@@ -42,6 +46,7 @@ class SensorCloud:
     time: Float64[np.ndarray, " n"] | None = None
     intensity: Float32[np.ndarray, " n"] | None = None
     ring: Int64[np.ndarray, " n"] | None = None
+    stamp_s: float | None = None
 
     def __post_init__(self) -> None:
         if self.points.ndim != 2 or self.points.shape[1] != 3:
@@ -49,6 +54,8 @@ class SensorCloud:
         for name, column in (("time", self.time), ("intensity", self.intensity), ("ring", self.ring)):
             if column is not None and column.shape != (len(self.points),):
                 raise ValueError(f"{name} of {self.name!r} must be of {len(self.points)} points, got {column.shape}")
+        if self.stamp_s is not None and not np.isfinite(self.stamp_s):
+            raise ValueError(f"stamp_s of {self.name!r} must be seconds, got {self.stamp_s}: give None if unknown")
         object.__setattr__(self, "world_SE3_sensor", check_pose(self.world_SE3_sensor, f"pose of {self.name!r}"))
 
     def in_sensor(self) -> Float64[np.ndarray, "n 3"]:

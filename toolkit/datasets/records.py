@@ -74,13 +74,14 @@ class Listing(DisplayedRecording):
 def check_labels(recording: Frames, frames: int | None = None) -> None:
     """Raise ValueError where no label has a cloud, or where the first frames of an unknown site have no label."""
     count, site = len(recording) if frames is None else frames, getattr(recording, "site", None)
-    some = (recording[k] for k in range(count))
-    while isinstance(recording, RecordingView):
-        recording = recording.recording
-    if isinstance(recording, Listing) and recording.strays and len(recording.strays) == len(set(recording.labelled)):
-        strays = recording.describe_strays()
+    source = recording
+    while isinstance(source, RecordingView):
+        source = source.recording
+    if isinstance(source, Listing) and source.strays and len(source.strays) == len(set(source.labelled)):
+        strays = source.describe_strays()
         raise ValueError(f"no label can be used: {strays}; name both alike, times in the same unit")
-    if site is None and not any(len(frame.objects) or len(frame.others.boxes) for frame in some):
+    shown = (recording[k] for k in range(count))
+    if site is None and not any(len(frame.objects) or len(frame.others.boxes) for frame in shown):
         remedy = "take coview detect, or give labels, such as the labels.json of layout folder"
         raise ValueError(f"the recording has no label, so nothing can be scored: {remedy}")
 
@@ -293,9 +294,11 @@ _MOST_RINGS = 1 << 16  # that are believed where they are written as floats, as 
 _TIMES = ("offset_ns", "t", "time", "timestamp", "time_stamp", "offset_time")
 
 
-def read_cloud(path: str | Path, name: str, world_SE3_sensor: Pose, problems: Problems) -> SensorCloud:
+def read_cloud(
+    path: str | Path, name: str, world_SE3_sensor: Pose, problems: Problems, *, stamp_s: float | None = None
+) -> SensorCloud:
     """Read the cloud of a file. Raises FileNotFoundError, and ValueError for a file without readable points."""
-    return build_cloud(read_recorded(path), name, world_SE3_sensor, problems)
+    return build_cloud(read_recorded(path), name, world_SE3_sensor, problems, stamp_s=stamp_s)
 
 
 def build_cloud(
@@ -305,6 +308,7 @@ def build_cloud(
     problems: Problems,
     *,
     frame: Literal["sensor", "world"] = "sensor",
+    stamp_s: float | None = None,
 ) -> SensorCloud:
     """A cloud of `positions` and other columns. Raises ValueError for points that lie too far apart to be metres."""
     recorded = np.asarray(attributes["positions"], np.float64)
@@ -333,7 +337,7 @@ def build_cloud(
     kept = recorded[keep].astype(np.float32), world_SE3_sensor, frame
     seconds = None if time is None else _seconds(time)
     intensity = None if intensity is None else intensity.astype(np.float32)
-    return SensorCloud(name, *kept, seconds, intensity, None if ring is None else ring.astype(np.int64))
+    return SensorCloud(name, *kept, seconds, intensity, None if ring is None else ring.astype(np.int64), stamp_s)
 
 
 def _seconds(time: np.ndarray) -> np.ndarray:
@@ -353,6 +357,25 @@ def clock_time(frame: Frame, number: int) -> float:
     return time
 
 
+def cloud_time(cloud: SensorCloud, frame_time_s: float) -> float:
+    """Return the time (s) to write of a cloud, its frame's if it has none."""
+    return frame_time_s if cloud.stamp_s is None else cloud.stamp_s
+
+
+def frame_time(clouds: Sequence[SensorCloud]) -> float:
+    """Return the time (s) of a frame's first cloud, NaN if it has none."""
+    first = clouds[0].stamp_s if clouds else None
+    return np.nan if first is None else first
+
+
+def finite_time(value: Unchecked, name: str) -> float | None:
+    """Return a time of a file (s), None if it is missing or empty. Raises ValueError for anything but a number."""
+    if value is None or value == "":
+        return None
+    seconds = as_number(value, name)
+    return seconds if np.isfinite(seconds) else None
+
+
 def write_cloud(path: str | Path, cloud: SensorCloud) -> None:
     """Write x y z, intensity, and ring if known, of a cloud, in its frame, as a binary PCD file."""
     columns = dict(zip("xyz", cloud.points.astype(np.float32).T, strict=True))
@@ -366,7 +389,10 @@ def one_cloud(sample: Frame) -> SensorCloud:
     whole = len(intensities) == len(sample.clouds) and len(intensities) > 0
     pose = sample.clouds[0].world_SE3_sensor if sample.clouds else np.eye(4)
     intensity = np.concatenate(intensities) if whole else None
-    return SensorCloud("lidar", sample.points().astype(np.float32), pose, "world", None, intensity)
+    stamps = {cloud.stamp_s for cloud in sample.clouds}
+    stamp = stamps.pop() if len(stamps) == 1 else None
+    points = sample.points().astype(np.float32)
+    return SensorCloud("lidar", points, pose, "world", intensity=intensity, stamp_s=stamp)
 
 
 def get_intensity(cloud: SensorCloud) -> np.ndarray:
@@ -379,15 +405,23 @@ _SIZES = ("x", "y", "z", "length", "width", "height")
 
 
 def boxes_record(
-    name: str, time: float, boxes: Objects | Detections, *, counts: Sequence[int] | np.ndarray | None = None
+    name: str,
+    time: float,
+    boxes: Objects | Detections,
+    *,
+    counts: Sequence[int] | np.ndarray | None = None,
+    stamps_s: Mapping[str, float] | None = None,
 ) -> str:
-    """Return one frame's entry of the file as text, which thousands of frames can wait as."""
+    """Return one frame's entry of the file as text, which thousands of frames can wait as.
+
+    stamps_s: times of the sensors' clouds by name (`SensorCloud.stamp_s`)."""
     objects = []
     for k, (box, label) in enumerate(zip(boxes.boxes.tolist(), boxes.labels, strict=True)):
         row = {"label": LABELS[label], **dict(zip(_SIZES, box[:6], strict=True)), "yaw_deg": float(np.rad2deg(box[6]))}
         row |= {"score": float(boxes.scores[k])} if isinstance(boxes, Detections) else {"id": int(boxes.ids[k])}
         objects.append(row if counts is None else row | {"points": int(counts[k])})
-    return json.dumps(replace_infinite({"name": name, "time": time, "objects": objects}), indent=1, allow_nan=False)
+    content = {"name": name, "time": time, **({"clouds": dict(stamps_s)} if stamps_s else {}), "objects": objects}
+    return json.dumps(replace_infinite(content), indent=1, allow_nan=False)
 
 
 def write_boxes(path: str | Path, entries: Sequence[str], **more: object) -> None:

@@ -205,6 +205,22 @@ def test_labels_without_a_cloud_are_counted_once_and_none_with_one_is_refused():
         records.check_labels(records.Listing(("a",), load))
 
 
+def test_labels_are_looked_for_in_the_frames_that_a_view_shows():
+    """Every third frame is labelled: a view of these has labels from its first frame on, one of the others none."""
+    car = Objects(np.array([BOX]), np.zeros(1, np.int64))
+
+    def load(name):
+        return Frame.of_clouds(name, (), car if int(name) % 3 == 0 else Objects.empty())
+
+    listing = records.Listing(tuple(map(str, range(3, 9))), load)
+    records.check_labels(Part(listing, every=3), 1)
+    records.check_labels(Part(listing, frames=2, every=3))
+    unlabelled = records.Listing(("1", "2", "3", "4", "5", "6"), load)
+    records.check_labels(Part(unlabelled, every=2), 2)  # frames 1 and 3
+    with pytest.raises(ValueError, match="no label, so nothing can be scored"):
+        records.check_labels(Part(unlabelled, every=3), 2)  # frames 1 and 4
+
+
 @pytest.mark.parametrize(("place", "away"), [([900.0, 0.0, 0.0], 0), ([4500.0, 0.0, 0.0], 1), ([0.0, 0.0, 2000.0], 1)])
 def test_boxes_far_from_every_sensor_and_point_are_counted(place, away):
     points, box = (

@@ -2,6 +2,7 @@
 the ego vehicle's. `check_log` fuses the two lidars as any two sensors, and counts the points in every labelled cuboid
 beside the recording's own count."""
 
+import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
@@ -11,13 +12,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from toolkit.arrays import BoxRows, Float64, Int64, Pose
+from toolkit.arrays import BoxRows, Float64, Int32, Int64, Pose
 from toolkit.boxes import count_points
 from toolkit.datasets import records
 from toolkit.datasets.cloud_files import quaternion_pose, read_table
 from toolkit.datasets.layouts.nuscenes import compute_quaternion
 from toolkit.datasets.records import add_problem, named_damage
-from toolkit.frame import Frame
+from toolkit.frame import Frame, SensorCloud
 from toolkit.objects import LABELS
 from toolkit.point_columns import name_attributes
 from toolkit.runtime.files import writing
@@ -124,7 +125,8 @@ def _sample(log: Path, name: str) -> Frame:
             if own.any() or lidar in calibration:
                 part = {key: column[own] for key, column in recorded.items()}
                 pose = calibration[lidar] if calibration else np.eye(4)
-                clouds.append(records.build_cloud(part, lidar, pose, problems, frame="world"))
+                stamp = (time + _first_offset_ns(part)) * 1e-9
+                clouds.append(records.build_cloud(part, lidar, pose, problems, frame="world", stamp_s=stamp))
     annotations, found = log / "annotations.feather", records.no_labels()
     if lexists(annotations):
         with named_damage(annotations, "table of labels"):
@@ -139,6 +141,12 @@ def _sample(log: Path, name: str) -> Frame:
             add_problem(problems, NO_PLACE, int(not len(rows)))
             map_SE3_ego = next(iter(_poses({key: table[key][rows] for key in _POSE})), map_SE3_ego)
     return Frame.of_clouds(name, clouds, *found, time=time * 1e-9, map_SE3_world=map_SE3_ego, problems=problems)
+
+
+def _first_offset_ns(part: Mapping[str, np.ndarray]) -> int:
+    """Time of a lidar's first point after its sweep's, 0 if the sweep does not say."""
+    offsets = part.get("offset_ns", np.zeros(0, np.int64))
+    return int(offsets.min()) if offsets.size and offsets.dtype.kind in "iu" else 0
 
 
 def write_argoverse(samples: Iterable[Frame], folder: Path) -> None:
@@ -157,7 +165,8 @@ def write_argoverse(samples: Iterable[Frame], folder: Path) -> None:
             raise ValueError(f"sweeps of an Argoverse log are named by their times, but two are of {sample.time:g} s")
         cities.append(sample.map_SE3_world)
         mounted |= {name: cloud.world_SE3_sensor for name, cloud in zip(LASERS, sample.clouds, strict=False)}
-        _write_table(folder / "sensors" / "lidar" / f"{stamps[-1]}.feather", _sweep(sample))
+        sweep = _sweep(sample, stamps[-1] * 1e-9)
+        _write_table(folder / "sensors" / "lidar" / f"{stamps[-1]}.feather", sweep)
         for column, values in _labels(sample, stamps[-1]).items():
             annotations[column] = np.concatenate([annotations.get(column, values[:0]), values])
     if stamps:
@@ -166,16 +175,32 @@ def write_argoverse(samples: Iterable[Frame], folder: Path) -> None:
         _write_table(folder / "annotations.feather", annotations)
 
 
-def _sweep(sample: Frame) -> dict[str, np.ndarray]:
+def _offsets_s(cloud: SensorCloud, start_s: float) -> np.ndarray:
+    """Time of each point after its sweep's."""
+    within = np.zeros(len(cloud.points)) if cloud.time is None else cloud.time
+    return within + round(records.cloud_time(cloud, start_s) - start_s, 6)  # float64 holds no finer clock
+
+
+def _sweep(sample: Frame, start_s: float) -> dict[str, np.ndarray]:
+    """Columns of a sweep's points; start_s: its time."""
     sizes = [len(cloud.points) for cloud in sample.clouds]
-    times = [np.zeros(len(cloud.points)) if cloud.time is None else cloud.time for cloud in sample.clouds]
+    times = [_offsets_s(cloud, start_s) for cloud in sample.clouds]
     lasers = [lasers.start for lasers in LASERS.values()][: len(sizes)]
     return {
         **dict(zip("xyz", sample.points().T.astype(np.float32), strict=True)),
         "intensity": np.concatenate([np.zeros(0, np.float32), *map(records.get_intensity, sample.clouds)]),
         "laser_number": np.repeat(lasers, sizes).astype(np.uint8),
-        "offset_ns": np.round(np.concatenate([np.zeros(0), *times]) * 1e9).astype(np.int32),
+        "offset_ns": _fit_offsets(np.concatenate([np.zeros(0), *times])),
     }
+
+
+def _fit_offsets(offsets_s: Float64[np.ndarray, " n"]) -> Int32[np.ndarray, " n"]:
+    """Whole nanoseconds; 0, with a warning, if a point is too far from its sweep's time for the column's type."""
+    offsets_ns = np.round(offsets_s * 1e9)
+    if np.abs(offsets_ns).max(initial=0) > np.iinfo(np.int32).max:
+        warnings.warn("times of points are left out: offset_ns holds two seconds from the sweep's time", stacklevel=2)
+        offsets_ns = np.zeros(len(offsets_ns))
+    return offsets_ns.astype(np.int32)
 
 
 def _labels(sample: Frame, stamp: int) -> dict[str, np.ndarray]:

@@ -9,7 +9,8 @@ level with the ground, and the clouds of velodyne/ are in it already.
 - Labels of the cooperative part are in the (virtual) world, tens of kilometres from its origin.
 - system_error_offset (delta_x, delta_y) of a pair, in V2X-Seq relative_error of the calibration, is to be added to the
   infrastructure's place in that world; a missing offset is left out or an empty string.
-- Infrastructure and vehicle of a pair measured up to tens of milliseconds apart; each cloud's time says when.
+- Infrastructure and vehicle of a pair measured up to tens of milliseconds apart: pointcloud_timestamp of each side's
+  data_info.json, microseconds since 1970, says when.
 - Of label/camera, taken where there are no other labels, nobody labelled what the camera does not show.
 - CarIgnore and its like are not objects, Trafficcone and Barrowlist none of our classes: they are counted."""
 
@@ -22,6 +23,7 @@ import numpy as np
 
 from toolkit.arrays import Pose
 from toolkit.datasets import records
+from toolkit.datasets.clock_times import parse_time
 from toolkit.datasets.records import as_number, entry, named_damage
 from toolkit.frame import Everywhere, Frame, ImageWedge, Region
 from toolkit.geometry import invert
@@ -42,17 +44,36 @@ def dair(path: Path) -> records.Listing:
     if not names:
         raise FileNotFoundError(f"{path} is no DAIR-V2X folder: it has neither velodyne/*.pcd nor infrastructure-side/")
 
+    stamps = _read_stamps(path)
+
     def load(name: str) -> Frame:
         problems: records.Problems = {}
-        cloud = records.read_cloud(path / "velodyne" / f"{name}.pcd", "lidar", np.eye(4), problems)
+        file = path / "velodyne" / f"{name}.pcd"
+        cloud = records.read_cloud(file, "lidar", np.eye(4), problems, stamp_s=stamps.get(name))
         file = _first(path, _LABELS, name)
         found = read_annotations(file, np.eye(4), problems)
         complete: Region = Everywhere()
         if file is not None and file.parent.name == "camera":  # nobody labelled what the camera does not show
             complete = _read_camera(path / "calib", name, problems)
-        return Frame.of_clouds(name, (cloud,), *found, complete=complete, problems=problems)
+        time = records.frame_time([cloud])
+        return Frame.of_clouds(name, (cloud,), *found, time=time, complete=complete, problems=problems)
 
     return records.Listing(names, load, labelled=_labelled(path, _LABELS))
+
+
+def _read_stamps(side: Path) -> dict[str, float]:
+    """Times of a side's clouds by name (s), of those that its data_info.json gives one."""
+    index = side / "data_info.json"
+    if not lexists(index):
+        return {}
+    stamps = {}
+    with named_damage(index, "list of clouds"):
+        for row in records.as_list(records.load_json(index)):
+            name = Path(str(row.get("pointcloud_path") or row.get("frame_id") or "")).stem
+            stamp = parse_time(row.get("pointcloud_timestamp"), "pointcloud_timestamp")
+            if stamp is not None:
+                stamps[name] = stamp
+    return stamps
 
 
 def _read_camera(folder: Path, name: str, problems: records.Problems) -> Region:
@@ -81,6 +102,7 @@ def _pairs(root: Path) -> records.Listing:
         pairs = {_stem(each, "infrastructure"): each for each in every}
         vehicles = [_stem(each, "vehicle") for each in every]
     road, car = root / "infrastructure-side", root / "vehicle-side"
+    road_stamps, car_stamps = _read_stamps(road), _read_stamps(car)
 
     def load(name: str) -> Frame:
         problems: records.Problems = {}
@@ -91,10 +113,11 @@ def _pairs(root: Path) -> records.Listing:
         map_SE3_novatel = read_transform(car / "calib" / "novatel_to_world" / f"{vehicle}.json")
         road_SE3_car = invert(map_SE3_road) @ map_SE3_novatel @ novatel_SE3_lidar
         seen, own = road / "velodyne" / f"{name}.pcd", car / "velodyne" / f"{vehicle}.pcd"
-        near = records.read_cloud(seen, "infrastructure", np.eye(4), problems)
-        far = records.read_cloud(own, "vehicle", road_SE3_car, problems)
+        near = records.read_cloud(seen, "infrastructure", np.eye(4), problems, stamp_s=road_stamps.get(name))
+        far = records.read_cloud(own, "vehicle", road_SE3_car, problems, stamp_s=car_stamps.get(vehicle))
         found = read_annotations(_first(root, _COOPERATIVE, vehicle), invert(map_SE3_road), problems)
-        return Frame.of_clouds(name, (near, far), *found, map_SE3_world=map_SE3_road, problems=problems)
+        time = records.frame_time([near])
+        return Frame.of_clouds(name, (near, far), *found, time=time, map_SE3_world=map_SE3_road, problems=problems)
 
     return records.Listing(tuple(pairs), load, labelled=_labelled(root, _COOPERATIVE), known=vehicles)
 
@@ -150,10 +173,18 @@ def written_labels(sample: Frame) -> list[dict[str, object]]:
 
 def write_dair(samples: Iterable[Frame], folder: Path) -> None:
     """Write frames as one infrastructure side. The clouds of each become one, in its world frame."""
+    index = []
     for number, sample in enumerate(samples):
         name, placed = f"{number:06d}", sample.map_SE3_world
-        records.write_cloud(folder / "velodyne" / f"{name}.pcd", records.one_cloud(sample))
+        cloud = records.one_cloud(sample)
+        records.write_cloud(folder / "velodyne" / f"{name}.pcd", cloud)
+        seconds = records.cloud_time(cloud, sample.time)
+        if np.isfinite(seconds):
+            microseconds = str(round(seconds * 1e6))
+            index.append({"pointcloud_path": f"velodyne/{name}.pcd", "pointcloud_timestamp": microseconds})
         write_text(folder / "label" / "virtuallidar" / f"{name}.json", json.dumps(written_labels(sample), indent=1))
         calib = {"rotation": placed[:3, :3].tolist(), "translation": placed[:3, 3:].tolist()}
         calib["relative_error"] = {"delta_x": "", "delta_y": ""}
         write_text(folder / "calib" / "virtuallidar_to_world" / f"{name}.json", json.dumps(calib))
+    if index:
+        write_text(folder / "data_info.json", json.dumps(index, indent=1))

@@ -7,10 +7,12 @@ World frame: that of the poses, world_SE3_sensor; without a pose file the clouds
   files of each are one frame, in the order of their names.
 - A pose goes by the name of the sensor, or of SENSOR/NAME or NAME if it moves.
 - labels.json is `toolkit.datasets.records`, by the names of the frames.
-- A name that is a number of seconds, milli-, micro- or nanoseconds since 1970 gives the time."""
+- A name that is a number of seconds, milli-, micro- or nanoseconds since 1970 gives the time. Without one it is that of
+  labels.json, whose `clouds` has the times of the sensors' clouds."""
 
 import json
 import re
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from os.path import lexists
 from pathlib import Path
@@ -19,6 +21,7 @@ import numpy as np
 
 from toolkit.arrays import Pose
 from toolkit.datasets import records
+from toolkit.datasets.clock_times import find_epoch
 from toolkit.datasets.cloud_files import read_poses
 from toolkit.frame import Frame
 from toolkit.runtime.files import write_text
@@ -28,7 +31,6 @@ LABELS_FILE = "labels.json"
 RECORDED = ("*.hdf5", "*.h5", "*.bag", "*.mcap")  # recordings in single files
 ALONE = "lidar"  # name of the sensor of clouds that lie in the folder itself
 _ONE_WORD = re.compile(r"[\w.-]+/\d+")  # SENSOR/NAME in a line of poses.txt
-_EPOCH = ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3), (1e8, 1.0))
 
 
 def folder(path: Path, *, poses: Path | None = None, inverted: bool = False) -> records.Listing:
@@ -56,13 +58,21 @@ def folder(path: Path, *, poses: Path | None = None, inverted: bool = False) -> 
         raise ValueError(f"{poses} has poses {', '.join(placed)}, but the sensors are {sensors}")
     labels = base / LABELS_FILE
     entries = records.read_entries(labels) if lexists(labels) else {}
+    with records.named_damage(labels, "file of boxes"):
+        times = _written_times(entries)
 
     def load(name: str) -> Frame:
         problems: records.Problems = {}
-        each_file = ((file, sensor, _pose(placed, sensor, file)) for sensor, file in names[name].items())
-        clouds = tuple(records.read_cloud(*each, problems) for each in each_file)
+        seconds, stamps = times.get(name, (None, {}))
+        clouds = []
+        for sensor, file in names[name].items():
+            stem = file.stem.removesuffix(".pcd")
+            stamp = next((time for time in (find_epoch(stem), stamps.get(sensor)) if time is not None), None)
+            pose = _pose(placed, sensor, stem)
+            clouds.append(records.read_cloud(file, sensor, pose, problems, stamp_s=stamp))
         found = records.parse_objects(labels, entries[name], problems) if name in entries else records.no_labels()
-        return Frame.of_clouds(name, clouds, *found, time=parse_epoch(name), problems=problems)
+        known = next((time for time in (find_epoch(name), seconds) if time is not None), float("nan"))
+        return Frame.of_clouds(name, clouds, *found, time=known, problems=problems)
 
     return records.Listing(tuple(names), load, labelled=entries if path.is_dir() else ())
 
@@ -85,8 +95,21 @@ def _match(clouds: Mapping[str, list[Path]]) -> dict[str, dict[str, Path]]:
     return dict(sorted(by_stem.items()))
 
 
-def _pose(placed: Mapping[str, Pose], sensor: str, file: Path) -> Pose:
-    stem = file.stem.removesuffix(".pcd")
+def _written_times(entries: Mapping[str, records.Unchecked]) -> dict[str, tuple[float | None, dict[str, float]]]:
+    """Time of each frame of labels.json and of its clouds by sensor. Times that are all the same are none."""
+    times = {}
+    for name, content in entries.items():
+        clouds = content.get("clouds") or {}
+        stamps = {str(sensor): records.finite_time(stamp, f"clouds.{sensor}") for sensor, stamp in clouds.items()}
+        known = {sensor: stamp for sensor, stamp in stamps.items() if stamp is not None}
+        times[name] = records.finite_time(content.get("time"), "time"), known
+    count = Counter(seconds for seconds, _ in times.values())
+    if len(count) == 1 < len(times):
+        return {name: (None, stamps) for name, (_, stamps) in times.items()}
+    return times
+
+
+def _pose(placed: Mapping[str, Pose], sensor: str, stem: str) -> Pose:
     for key in (f"{sensor}/{stem}", stem, sensor):
         if key in placed:
             return placed[key]
@@ -95,15 +118,6 @@ def _pose(placed: Mapping[str, Pose], sensor: str, file: Path) -> Pose:
     if placed:
         raise ValueError(f"there is no pose of {sensor}/{stem}: the pose file has {', '.join(list(placed)[:8])}")
     return np.eye(4)
-
-
-def parse_epoch(name: str) -> float:
-    """Parse a name as seconds since 1970, NaN for a name without a time."""
-    try:
-        value = float(name)
-    except ValueError:
-        return float("nan")
-    return next((value * unit for least, unit in _EPOCH if least <= value < 1e20), float("nan"))
 
 
 def write_folder(samples: Iterable[Frame], path: Path) -> None:
@@ -115,7 +129,9 @@ def write_folder(samples: Iterable[Frame], path: Path) -> None:
         for cloud in sample.clouds:
             records.write_cloud(path / cloud.name / f"{name}.pcd", cloud.in_own_frame())
             poses[f"{cloud.name}/{name}"] = cloud.world_SE3_sensor[:3].ravel().tolist()
-        entries.append(records.boxes_record(name, sample.time, sample.objects, counts=sample.counts))
+        stamps = {cloud.name: cloud.stamp_s for cloud in sample.clouds if cloud.stamp_s is not None}
+        entry = records.boxes_record(name, sample.time, sample.objects, counts=sample.counts, stamps_s=stamps)
+        entries.append(entry)
     if entries:
         records.write_boxes(path / LABELS_FILE, entries)
         if all(map(_ONE_WORD.fullmatch, poses)):

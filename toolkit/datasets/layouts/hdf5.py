@@ -4,7 +4,7 @@ Recorded clouds are kept in one file, nothing lost. Each frame is a group of its
 
     coview                      attribute "clouds", version 1
     names                       JSON: the frames' names, in order
-    samples/K/about             JSON: time, sensors (name, frame), categories, complete, others, problems
+    samples/K/about             JSON: time, sensors (name, frame, stamp_s), categories, complete, others, problems
     samples/K/map_SE3_world     float64 [4, 4]
     samples/K/boxes             float64 [m, 7]    x y z of the centre, length width height, yaw (m, rad), world frame
     samples/K/labels, ids       int64 [m]         class and track; counts int64 [m] if the set has them
@@ -22,7 +22,16 @@ import h5py
 import numpy as np
 
 from toolkit.datasets.dataset import CLOUDS_KIND, CoopDataset
-from toolkit.datasets.records import Listing, Unchecked, as_list, as_number, entry, named_damage, rigid_matrix
+from toolkit.datasets.records import (
+    Listing,
+    Unchecked,
+    as_list,
+    as_number,
+    entry,
+    finite_time,
+    named_damage,
+    rigid_matrix,
+)
 from toolkit.frame import Frame, OtherObjects, Recording, SensorCloud, parse_region
 from toolkit.objects import Objects
 from toolkit.runtime import hdf5 as reader
@@ -104,7 +113,8 @@ def _cloud(file: h5py.File, place: str, about: Unchecked) -> SensorCloud:
     pose = rigid_matrix(stored, f"{place}/pose")
     if np.allclose(pose, stored, atol=1e-9):  # to the bit where it is one
         pose = stored.astype(np.float64)
-    return SensorCloud(str(entry(about, "name")), points, pose, frame, **columns)
+    stamp = finite_time(about.get("stamp_s"), "stamp_s")
+    return SensorCloud(str(entry(about, "name")), points, pose, frame, **columns, stamp_s=stamp)
 
 
 def _boxes(file: h5py.File, name: str) -> np.ndarray:
@@ -133,7 +143,7 @@ def write_hdf5(samples: Iterable[Frame], path: Path) -> None:
 
 
 def _write(group: h5py.Group, sample: Frame) -> None:
-    sensors = [{"name": cloud.name, "frame": cloud.frame} for cloud in sample.clouds]
+    sensors = [{"name": cloud.name, "frame": cloud.frame, "stamp_s": cloud.stamp_s} for cloud in sample.clouds]
     about = {"time": sample.time, "sensors": sensors, "categories": sample.categories}
     about |= {"complete": sample.complete.record(), "others": sample.others.categories}
     group["about"] = json.dumps(replace_infinite(about | {"problems": dict(sample.problems)}))

@@ -73,10 +73,12 @@ def _sample(folder: Path, token: str, tables: dict[str, _Row], data: list[_Row],
     with named_damage(folder / "sample_data.json", "table"):
         files = [resolve_below(folder.parent, str(entry(row, "filename"))) for row in data]
         names = [_sensor(tables, row, "channel") for row in data]
-        time = as_number(entry(data[0], "timestamp"), "timestamp") * 1e-6
+        stamps = [as_number(entry(row, "timestamp"), "timestamp") * 1e-6 for row in data]
     map_SE3_ego = placed[0]
     poses = [invert(map_SE3_ego) @ ego @ pose for ego, pose in zip(placed, mounted, strict=True)]
-    clouds = tuple(records.read_cloud(*each, problems) for each in zip(files, names, poses, strict=True))
+    clouds = []
+    for file, name, pose, stamp in zip(files, names, poses, stamps, strict=True):
+        clouds.append(records.read_cloud(file, name, pose, problems, stamp_s=stamp))
     with named_damage(folder / "sample_annotation.json", "table"):
         boxes = np.array([_box(row) for row in labels], np.float64).reshape(-1, 7)
         counts = np.array([int(as_number(row.get("num_lidar_pts", -1))) for row in labels], np.int64)
@@ -84,7 +86,7 @@ def _sample(folder: Path, token: str, tables: dict[str, _Row], data: list[_Row],
     with named_damage(folder / "instance.json", "table"):
         kinds = [_kind(tables, row, instance) for row, instance in zip(labels, instances, strict=True)]
     found = records.labelled(records.move_boxes(invert(map_SE3_ego), boxes), kinds, instances, problems, counts)
-    return Frame.of_clouds(token, clouds, *found, time=time, map_SE3_world=map_SE3_ego, problems=problems)
+    return Frame.of_clouds(token, clouds, *found, time=stamps[0], map_SE3_world=map_SE3_ego, problems=problems)
 
 
 def _placed(folder: Path, tables: dict[str, _Row], name: str, row: _Row) -> Pose:
@@ -120,7 +122,8 @@ def write_nuscenes(samples: Iterable[Frame], folder: Path) -> None:
     alone = {"prev": "", "next": ""}
     for number, sample in enumerate(samples, 1):
         token = f"{number - 1:06d}"
-        stamp = round(records.clock_time(sample, number) * 1e6)
+        seconds = records.clock_time(sample, number)
+        stamp = round(seconds * 1e6)
         tables["sample"].append({"token": token, "timestamp": stamp, "scene_token": "", **alone})
         tables["ego_pose"].append({"token": token, "timestamp": stamp, **_format_pose(sample.map_SE3_world)})
         for cloud in sample.clouds:
@@ -133,7 +136,8 @@ def write_nuscenes(samples: Iterable[Frame], folder: Path) -> None:
             mounted = {"token": key, "sensor_token": key, "camera_intrinsic": []}
             tables["calibrated_sensor"].append({**mounted, **_format_pose(cloud.world_SE3_sensor)})
             tokens = {"token": key, "sample_token": token, "ego_pose_token": token, "calibrated_sensor_token": key}
-            data = {"timestamp": stamp, "is_key_frame": True, "fileformat": "pcd", "filename": file, **alone}
+            measured = round(records.cloud_time(cloud, seconds) * 1e6)
+            data = {"timestamp": measured, "is_key_frame": True, "fileformat": "pcd", "filename": file, **alone}
             tables["sample_data"].append({**tokens, **data})
         for k, (box, label, track) in enumerate(records.list_rows(sample.objects, {name: name for name in LABELS})):
             # objects of recordings without tracks are counted anew in each frame: a number may have several classes

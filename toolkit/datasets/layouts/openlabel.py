@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from toolkit.datasets import records
+from toolkit.datasets.clock_times import find_epoch, parse_time
 from toolkit.datasets.cloud_files import quaternion_pose
 from toolkit.datasets.records import as_number, entry, named_damage, numbers
 from toolkit.frame import Frame
@@ -63,12 +64,14 @@ def _sample(frames: dict[str, tuple[Path, str]], clouds: dict[str, Path], name: 
         content = entry(records.load_json(file), "openlabel")
         frame = entry(content, "frames", key)
         properties = frame.get("frame_properties", {})
-        time = properties.get("timestamp")
-        seconds = float("nan") if time is None else as_number(time, "timestamp")
+        seconds = parse_time(properties.get("timestamp"), "timestamp")
         files = _clouds(file, frame, clouds)
         # a cloud's sensor is the stream that the frame names in its place, else the cloud's folder
         streams = list(properties.get("streams", {}))
         sensors = [streams[k] if k < len(streams) else each.parent.name for k, each in enumerate(files)]
+        stamps = [_stamp(properties, sensor, each) for sensor, each in zip(sensors, files, strict=True)]
+        if len(files) == 1 and stamps[0] is None:
+            stamps = [seconds]
         poses = [_pose(content, sensor) for sensor in sensors]
         boxes, kinds, ids, counts = [], [], [], []
         for track, each in frame.get("objects", {}).items():
@@ -81,9 +84,19 @@ def _sample(frames: dict[str, tuple[Path, str]], clouds: dict[str, Path], name: 
                 nums = [num for num in cuboid.get("attributes", {}).get("num", []) if num.get("name") == "num_points"]
                 counts.append(int(as_number(nums[0]["val"], "num_points")) if nums else -1)
     found = records.labelled(np.array(boxes).reshape(-1, 7), kinds, ids, problems, counts)
-    placed = zip(files, sensors, poses, strict=True)
-    measured = tuple(records.read_cloud(each, sensor, where, problems) for each, sensor, where in placed)
-    return Frame.of_clouds(name, measured, *found, time=seconds, problems=problems)
+    clouds = []
+    for each, sensor, where, stamp in zip(files, sensors, poses, stamps, strict=True):
+        clouds.append(records.read_cloud(each, sensor, where, problems, stamp_s=stamp))
+    known = records.frame_time(clouds) if seconds is None else seconds
+    return Frame.of_clouds(name, clouds, *found, time=known, problems=problems)
+
+
+def _stamp(properties: records.Unchecked, stream: str, file: Path) -> float | None:
+    """Time of a stream's cloud (s), as the frame or the file's name states it."""
+    described = properties.get("streams", {}).get(stream) or {}
+    sync = (described.get("stream_properties") or {}).get("sync") or {}
+    stated = parse_time(sync.get("timestamp"), f"timestamp of {stream}")
+    return find_epoch(file.stem) if stated is None else stated
 
 
 def _pose(content: records.Unchecked, sensor: str) -> np.ndarray:
@@ -118,7 +131,8 @@ def write_openlabel(samples: Iterable[Frame], folder: Path) -> None:
             systems[cloud.name] = {"type": "sensor", "parent": "world", "children": [], **placed}
             systems["world"]["children"].append(cloud.name)
             frame["frame_properties"]["point_cloud_file_names"].append(place)
-            frame["frame_properties"]["streams"][cloud.name] = {}
+            sync = {} if cloud.stamp_s is None else {"stream_properties": {"sync": {"timestamp": cloud.stamp_s}}}
+            frame["frame_properties"]["streams"][cloud.name] = sync
         write_text(folder / "labels_point_clouds" / f"{name}.json", json.dumps(content, indent=1))
 
 

@@ -16,8 +16,9 @@ import numpy as np
 
 from toolkit.arrays import Int64
 from toolkit.boxes import iou_bev
+from toolkit.datasets.clock_times import find_epoch
 from toolkit.datasets.layouts.dair import read_annotations, read_transform
-from toolkit.datasets.records import ENDINGS, Listing, Problems, read_cloud
+from toolkit.datasets.records import ENDINGS, Listing, Problems, frame_time, read_cloud
 from toolkit.frame import Frame, SensorCloud
 from toolkit.objects import Objects
 
@@ -62,15 +63,14 @@ def _sample(root: Path, name: str, files: list[tuple[str, Path]]) -> Frame:
     categories: list[str] = []
     for agent, file in files:
         pose = read_transform(root / "calib" / "lidar2world" / f"{agent}.json")
-        clouds.append(read_cloud(file, agent, pose, problems))
+        clouds.append(read_cloud(file, agent, pose, problems, stamp_s=find_epoch(file.stem)))
         labels = root / "label" / scene / agent / sequence / f"{file.stem}.json"
         found = read_annotations(labels if lexists(labels) else None, pose, problems)
         parts.append(found.objects)
         categories += found.categories
     objects, rows = merged(parts)
-    time = _time(files[0][1])[0]
-    kept, known = tuple(categories[k] for k in rows), time if np.isfinite(time) else float("nan")
-    return Frame.of_clouds(name, clouds, objects, kept, time=known, problems=problems)
+    kept = tuple(categories[k] for k in rows)
+    return Frame.of_clouds(name, clouds, objects, kept, time=frame_time(clouds), problems=problems)
 
 
 def merged(parts: list[Objects]) -> tuple[Objects, Int64[np.ndarray, " n"]]:

@@ -23,7 +23,15 @@ import numpy as np
 from toolkit.arrays import Pose
 from toolkit.datasets.cloud_files import quaternion_pose
 from toolkit.datasets.layouts.nuscenes import compute_quaternion
-from toolkit.datasets.records import Problems, add_problem, build_cloud, clock_time, get_intensity, named_damage
+from toolkit.datasets.records import (
+    Problems,
+    add_problem,
+    build_cloud,
+    clock_time,
+    cloud_time,
+    get_intensity,
+    named_damage,
+)
 from toolkit.frame import Frame, SensorCloud
 from toolkit.objects import Objects
 from toolkit.point_columns import name_attributes
@@ -86,7 +94,8 @@ class Bag:
                 add_problem(problems, NO_TF, int(bool(self.frames) and frame not in self.frames))
                 attributes = name_attributes(parse_columns(message))
                 pose = find_frame_pose(self.frames, frame, stamps[topic])
-                clouds.append(build_cloud(attributes, topic.strip("/"), pose, problems))
+                stamp = stamps[topic] * 1e-9
+                clouds.append(build_cloud(attributes, topic.strip("/"), pose, problems, stamp_s=stamp))
         time = next(iter(stamps.values())) * 1e-9
         return Frame.of_clouds(f"{number:06d}", clouds, Objects.empty(), time=time, problems=problems)
 
@@ -233,13 +242,16 @@ def write_rosbag(samples: Iterable[Frame], folder: Path) -> None:
         tf = writer.add_connection("/tf", TF, typestore=store)
         for number, sample in enumerate(samples, 1):
             labels += len(sample.objects)
-            stamp = round(clock_time(sample, number) * 1e9)
-            links = store.types[TF](transforms=[_link(store, cloud, stamp) for cloud in sample.clouds])
+            seconds = clock_time(sample, number)
+            stamp = round(seconds * 1e9)
+            stamps = {cloud.name: round(cloud_time(cloud, seconds) * 1e9) for cloud in sample.clouds}
+            links = store.types[TF](transforms=[_link(store, cloud, stamps[cloud.name]) for cloud in sample.clouds])
             writer.write(tf, stamp, store.serialize_cdr(links, TF))
             for cloud in sample.clouds:
                 if cloud.name not in connections:
                     connections[cloud.name] = writer.add_connection(f"/{cloud.name}", CLOUD, typestore=store)
-                writer.write(connections[cloud.name], stamp, store.serialize_cdr(_message(store, cloud, stamp), CLOUD))
+                message = _message(store, cloud, stamps[cloud.name])
+                writer.write(connections[cloud.name], stamp, store.serialize_cdr(message, CLOUD))
     if labels:
         warnings.warn(f"a bag has no place for labels, {labels} are not in it", stacklevel=2)
 

@@ -6,6 +6,7 @@ World frame: the lidar's, as recorded; z up, which way is forward differs betwee
   x y z its length, width and height, rotation x y z in radians, of which z is the yaw; x and y are hardly ever not 0
   and are dropped.
 - obj_id is a string, and the same through a scene.
+- A cloud's name may be its time, seconds or smaller units since 1970.
 - Frames nobody has labelled yet have no file: their objects are unknown, not none."""
 
 import json
@@ -16,6 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from toolkit.datasets import records
+from toolkit.datasets.clock_times import find_epoch
 from toolkit.datasets.records import ENDINGS, Listing, entry, xyz
 from toolkit.frame import Frame
 from toolkit.runtime.files import write_text
@@ -34,7 +36,7 @@ def sustech(path: Path) -> Listing:
 
 def _sample(folder: Path, name: str, file: Path) -> Frame:
     problems: records.Problems = {}
-    cloud = records.read_cloud(file, "lidar", np.eye(4), problems)
+    cloud = records.read_cloud(file, "lidar", np.eye(4), problems, stamp_s=find_epoch(name))
     path = folder / "label" / f"{name}.json"
     with records.named_damage(path, "list of labels"):
         labels = records.as_list(records.load_json(path)) if lexists(path) else []
@@ -43,7 +45,7 @@ def _sample(folder: Path, name: str, file: Path) -> Frame:
         names = [str(entry(each, "obj_type")) for each in labels]
         ids = [each.get("obj_id", k) for k, each in enumerate(labels)]
     found = records.labelled(np.array(boxes).reshape(-1, 7), names, ids, problems)
-    return Frame.of_clouds(name, (cloud,), *found, problems=problems)
+    return Frame.of_clouds(name, (cloud,), *found, time=records.frame_time([cloud]), problems=problems)
 
 
 def write_sustech(samples: Iterable[Frame], folder: Path) -> None:

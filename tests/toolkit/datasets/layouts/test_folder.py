@@ -3,7 +3,8 @@ import json
 import numpy as np
 import pytest
 
-from toolkit.datasets.layouts.folder import folder, parse_epoch
+from toolkit.datasets.clock_times import parse_epoch
+from toolkit.datasets.layouts.folder import folder
 from toolkit.geometry import pose
 
 
