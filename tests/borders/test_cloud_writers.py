@@ -6,6 +6,7 @@ that its header states; trimesh and Open3D take floating colours of a PLY for sh
 import json
 import re
 import warnings
+from typing import Any
 
 import numpy as np
 import open3d as o3d
@@ -68,7 +69,7 @@ def test_ply(tmp_path, places):
     save(some_cloud(places), path)
     legacy = o3d.io.read_point_cloud(str(path))
     tensor = o3d.t.io.read_point_cloud(str(path))
-    other = trimesh.load(path)
+    other: Any = trimesh.load(path)
     for points in (np.asarray(legacy.points), tensor.point.positions.numpy(), other.vertices):
         np.testing.assert_allclose(points, places, atol=1e-6)
     np.testing.assert_allclose(np.asarray(legacy.colors) * 255, np.tile([255, 0, 51], (COUNT, 1)), atol=0.5)
