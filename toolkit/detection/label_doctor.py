@@ -14,6 +14,7 @@ import numpy as np
 from toolkit.arrays import BoxRows, Float64, Pose
 from toolkit.boxes import count_points
 from toolkit.datasets import records
+from toolkit.datasets.dataset import UnknownSite
 from toolkit.datasets.doctor import Finding, diagnose_file, suspect_times
 from toolkit.datasets.layouts.hdf5 import holds_clouds
 from toolkit.datasets.recordings import Part, guess_layout, open_recording
@@ -184,7 +185,8 @@ def diagnose(path: str | Path, layout: str | None = None, *, site: Site | None =
         except (OSError, ValueError):
             clouds = False  # the file's own doctor says what is wrong
         if not clouds:
-            return Diagnosis(diagnose_file(path, site))
+            stored = diagnose_file(path, site)
+            return Diagnosis(stored or diagnose_images(path, site, frames))
     samples = list(Part(open_recording(path, layout, site=site), frames))
     findings = [*find_impossible(samples), *diagnose_times(samples)]
     if not any(len(sample.objects) for sample in samples):
@@ -193,6 +195,15 @@ def diagnose(path: str | Path, layout: str | None = None, *, site: Site | None =
     mislabelled = diagnose_boxes(seen)
     sensors = [] if mislabelled else diagnose_sensors(seen)
     return Diagnosis([*findings, *mislabelled, *sensors])
+
+
+def diagnose_images(path: str | Path, site: Site | None, frames: int) -> list[Finding]:
+    """Return what looks wrong with the sensors of a sound file of images, one against another."""
+    try:
+        recording = open_recording(path, "hdf5", site=site)
+    except UnknownSite:  # points are compared with boxes in the site's frame
+        return []
+    return diagnose_sensors([Seen.of(sample) for sample in Part(recording, frames)])
 
 
 def find_impossible(samples: Sequence[Frame]) -> Iterator[Finding]:
