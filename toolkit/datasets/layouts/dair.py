@@ -51,15 +51,16 @@ def dair(path: Path) -> records.Listing:
 
     def load(name: str) -> Frame:
         problems: records.Problems = {}
-        file = path / "velodyne" / f"{name}.pcd"
-        cloud = records.read_cloud(file, "lidar", np.eye(4), problems, stamp_s=stamps.get(name), middles=middles)
+        recorded = path / "velodyne" / f"{name}.pcd"
+        cloud = records.read_cloud(recorded, "lidar", np.eye(4), problems, stamp_s=stamps.get(name), middles=middles)
         file = _first(path, _LABELS, name)
         found = read_annotations(file, np.eye(4), problems)
         complete: Region = Everywhere()
         if file is not None and file.parent.name == "camera":  # nobody labelled what the camera does not show
             complete = _read_camera(path / "calib", name, problems)
-        more = {"time": records.frame_time([cloud]), "map_SE3_world": _read_place(path / "calib", name, problems)}
-        return Frame.of_clouds(name, (cloud,), *found, **more, complete=complete, problems=problems)
+        place, time = _read_place(path / "calib", name, problems), records.frame_time([cloud])
+        labelled = name, (cloud,), *found
+        return Frame.of_clouds(*labelled, time=time, complete=complete, map_SE3_world=place, problems=problems)
 
     return records.Listing(names, load, labelled=_labelled(path, _LABELS))
 

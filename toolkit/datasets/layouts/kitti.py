@@ -73,8 +73,8 @@ def _sample(folder: Path, name: str, middles: Middles) -> Frame:
     wedge = ImageWedge(projection @ camera_SE3_lidar, width, height, ignored)
     if len(found.objects) and not wedge.covers(found.objects.boxes).any():
         records.add_problem(problems, NONE_SHOWN, len(found.objects))
-    more = {"complete": wedge, "map_SE3_world": map_SE3_lidar, "problems": problems}
-    return Frame.of_clouds(name, (cloud,), *found, **more)
+    place = map_SE3_lidar
+    return Frame.of_clouds(name, (cloud,), *found, complete=wedge, map_SE3_world=place, problems=problems)
 
 
 def _boxes(values: np.ndarray, lidar_SE3_camera: np.ndarray) -> BoxRows:
