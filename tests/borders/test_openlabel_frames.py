@@ -244,6 +244,18 @@ def test_a_clouds_sensor_is_told_by_uri_folder_or_name_and_not_by_order(tmp_path
     assert frame.problems == {layout.BY_ORDER: 2}
 
 
+def test_a_cloud_beside_its_labels_is_of_the_files_only_sensor(tmp_path):
+    content = document(CUBOIDS["in lidar1"], POSES["matrix"])
+    content["openlabel"]["frames"]["0"]["frame_properties"] = {}
+    columns = dict(zip("xyz", car().astype(np.float32).T, strict=True))
+    (tmp_path / "7.pcd").write_bytes(pcd_bytes(columns))
+    (tmp_path / "7.json").write_text(json.dumps(content))
+    (frame,) = open_recording(tmp_path, "openlabel")
+    assert frame.clouds[0].name == "lidar1"
+    assert count_points(frame.points(), frame.objects.boxes).tolist() == [300]
+    assert frame.problems == {layout.ONLY_SENSOR: 1}
+
+
 def test_what_is_written_is_the_standards_own_form(tmp_path):
     """Read by hand: type at the top, a list of cuboids that name their system, and only members of the schema."""
     frame = read(tmp_path, document(CUBOIDS["in lidar1"], POSES["matrix"]))

@@ -41,6 +41,7 @@ UNPLACED_SENSOR = "clouds whose sensor is none of the file's coordinate systems,
 UNCONNECTED_SENSOR = "clouds whose coordinate system nothing connects with the first cloud's, taken in its root"
 NO_POSE = "coordinate systems without a pose in their parent, taken as being at its origin"
 OTHER_SHAPES = "objects of other shapes than cuboids"
+ONLY_SENSOR = "clouds whose sensor nothing tells, taken as the file's only one"
 BY_ORDER = "clouds whose stream only its place in the list tells"
 _NAMES = {"vehicle": "CAR", "cyclist": "BICYCLE", "pedestrian": "PEDESTRIAN", "heavy": "TRUCK"}
 _SHAPES = ("bbox", "rbbox", "mesh", "poly2d", "poly3d", "mat", "binary", "point2d", "point3d", "area_reference")
@@ -161,10 +162,20 @@ def _name_sensors(
         elif place < len(streams):
             name = list(streams)[place]
             add_problem(problems, BY_ORDER, 1)
+        elif len(files) == 1 and len(alone := _list_sensors(systems)) == 1:
+            (name,) = alone
+            add_problem(problems, ONLY_SENSOR, 1)
         else:
             name = file.parent.name
         sensors[name if name not in sensors else file.stem] = file
     return sensors
+
+
+def _list_sensors(systems: Mapping[str, Unchecked]) -> list[str]:
+    """Names of the coordinate systems that are sensors by their type, else of those that are nobody's parent."""
+    of_type = [name for name, system in systems.items() if "sensor" in str(system.get("type")).lower()]
+    parents = {system.get("parent") for system in systems.values()}
+    return of_type or [name for name, system in systems.items() if system.get("parent") and name not in parents]
 
 
 @dataclass(frozen=True)
