@@ -84,6 +84,10 @@ class Region:
         """Mask of the boxes inside the region, world frame."""
         raise NotImplementedError
 
+    def counted_from(self, origin: Float64[np.ndarray, "3"]) -> "Region":
+        """Return the region in a world frame that begins at `origin` (m) of this one."""
+        raise NotImplementedError
+
     def record(self) -> dict[str, object]:
         """Return kind and numbers for JSON and `parse_region`."""
         return {"kind": self.kind, **{name: np.asarray(value).tolist() for name, value in vars(self).items()}}
@@ -99,6 +103,10 @@ class Everywhere(Region):
         """Mask of all boxes."""
         return np.ones(len(boxes), bool)
 
+    def counted_from(self, origin: Float64[np.ndarray, "3"]) -> "Everywhere":
+        """Return the region itself."""
+        return self
+
 
 @dataclass(frozen=True)
 class Rectangle(Region):
@@ -110,6 +118,12 @@ class Rectangle(Region):
     def covers(self, boxes: BoxRows) -> Mask:
         """Mask of the boxes with their centre in the area."""
         return np.asarray(((boxes[:, :2] >= self.area[:2]) & (boxes[:, :2] <= self.area[2:])).all(axis=1))
+
+    def counted_from(self, origin: Float64[np.ndarray, "3"]) -> "Rectangle":
+        """Return the rectangle counted from another origin."""
+        x, y, _ = origin.tolist()
+        xmin, ymin, xmax, ymax = self.area
+        return Rectangle((xmin - x, ymin - y, xmax - x, ymax - y))
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,6 +147,12 @@ class ImageWedge(Region):
             area = (rectangles[:, 2:] - rectangles[:, :2]).prod(axis=1)
             shown &= np.clip(overlap, 0, None).prod(axis=1) / np.where(area > 0, area, 1.0) <= IGNORED_SHARE
         return shown
+
+    def counted_from(self, origin: Float64[np.ndarray, "3"]) -> "ImageWedge":
+        """Return the wedge whose projection begins at another origin."""
+        moved = self.projection.copy()
+        moved[:, 3] += self.projection[:, :3] @ origin
+        return replace(self, projection=moved)
 
     def rectangles(self, boxes: BoxRows) -> Float64[np.ndarray, "n 4"]:
         """Left, top, right, bottom of boxes, 0 behind the camera."""

@@ -12,14 +12,13 @@ from collections.abc import Iterable
 import numpy as np
 
 from toolkit.arrays import Float, Float32, Float64, ImageRanges, Pose, Shaped
-from toolkit.geometry import check_pose, invert, transform
+from toolkit.geometry import MAX_COORDINATE_M, check_pose, invert, transform
 from toolkit.objects import LABELS, Objects
 from toolkit.sensors.models import DepthCamera
 
 OBJECT_COLUMNS = ("x", "y", "z", "pitch", "roll", "yaw", "half length", "half width", "half height", "class")
 NO_RETURN = 1000.0  # m, CARLA's far plane, the depth of the sky
 DEPTH_STEP = 1 / 1024  # m: stored depth is rounded to it, so that it compresses
-FARTHEST_OBJECT = 1e6  # m from the map's origin
 LARGEST_EXTENT = 500.0  # m, half of a length, width or height
 MOST_TURNED = 1e6  # degrees of yaw
 
@@ -107,8 +106,8 @@ def parse_rows(
 
 def wrong_rows(rows: Shaped[np.ndarray, "..."]) -> Shaped[np.ndarray, " n"]:
     """Fault of each row in words, "" for none; tables of another width have no wrong rows. Faults are NaN or infinity,
-    an unknown class, a size that is not positive or above `LARGEST_EXTENT`, a place beyond `FARTHEST_OBJECT`, and a yaw
-    beyond `MOST_TURNED`."""
+    an unknown class, a size that is not positive or above `LARGEST_EXTENT`, a place beyond `MAX_COORDINATE_M`, and a
+    yaw beyond `MOST_TURNED`."""
     words = np.full(len(rows) if np.ndim(rows) else 0, "", dtype=object)
     if np.ndim(rows) != 2 or np.shape(rows)[1] != len(OBJECT_COLUMNS):
         return words
@@ -116,11 +115,11 @@ def wrong_rows(rows: Shaped[np.ndarray, "..."]) -> Shaped[np.ndarray, " n"]:
     extents = f"has half extents {{}}: they must be positive and at most {LARGEST_EXTENT:g} m"
     classes = f"has class {{}}: there are classes 0..{len(LABELS) - 1} {LABELS}"
     with np.errstate(invalid="ignore"):
-        half, far = rows[:, 6:9], np.abs(rows[:, :3]) > FARTHEST_OBJECT
+        half, far = rows[:, 6:9], np.abs(rows[:, :3]) > MAX_COORDINATE_M
         rules = (
             (~np.isfinite(rows).all(axis=1), slice(None), "holds NaN or infinity: {}"),
             (~((half > 0) & (half <= LARGEST_EXTENT)).all(axis=1), slice(6, 9), extents),
-            (far.any(axis=1), slice(3), f"lies at {{}}, beyond {FARTHEST_OBJECT:g} m"),
+            (far.any(axis=1), slice(3), f"lies at {{}}, beyond {MAX_COORDINATE_M:g} m"),
             (np.abs(rows[:, 5]) > MOST_TURNED, slice(5, 6), f"has yaw {{}}, beyond {MOST_TURNED:g} degrees"),
             (~np.isin(rows[:, 9], range(len(LABELS))), slice(9, 10), classes),
         )

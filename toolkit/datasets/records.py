@@ -15,9 +15,9 @@ import numpy as np
 
 from toolkit.arrays import Float64, Int64, Pose, Shaped
 from toolkit.datasets.cloud_files import check_extent, read_recorded
-from toolkit.datasets.published_layout import FARTHEST_OBJECT
+from toolkit.datasets.origins import MAX_SAMPLE, Middles, find_middle, translation
 from toolkit.frame import DisplayedRecording, Frame, Frames, OtherObjects, RecordingView, SensorCloud
-from toolkit.geometry import check_pose, transform
+from toolkit.geometry import MAX_COORDINATE_M, check_pose, invert, transform
 from toolkit.objects import LABELS, Detections, Objects, label_index
 from toolkit.point_files import pcd_bytes
 from toolkit.runtime.files import parse_json, read_bytes, read_own_table, replace_infinite, write_bytes, write_text
@@ -217,7 +217,7 @@ def labelled(
     classes = np.array([CATEGORIES.get(name, -1) for name in names], np.int64)
     finite = np.isfinite(boxes).all(axis=1)
     sized = (boxes[:, 3:6] >= THINNEST_BOX).all(axis=1)
-    there = ((boxes[:, 3:6] <= LONGEST_BOX) & (np.abs(boxes[:, :3]) <= FARTHEST_OBJECT)).all(axis=1)
+    there = ((boxes[:, 3:6] <= LONGEST_BOX) & (np.abs(boxes[:, :3]) <= MAX_COORDINATE_M)).all(axis=1)
     keep = np.ones(len(boxes), bool)
     for problem, sound in ((NOT_FINITE, finite), (NO_SIZE, sized), (TOO_LARGE, there)):
         add_problem(problems, problem, int((keep & ~sound).sum()))
@@ -286,7 +286,10 @@ NOT_FINITE_POINTS = "points with NaN or infinite numbers"
 NO_RETURN_POINTS = "points of no return"
 FAR_POINTS = "points a kilometre from the middle of their cloud"
 EMPTY = "clouds without points"
-FARTHEST_POINT = 1e5  # m from the sensor; farther out float32 loses centimetres
+UNPLACED = "clouds far from their sensor's origin: the sensor counts as in their middle"
+COARSE = "clouds in float32 so far from their origin that it holds no centimetres"
+FARTHEST_POINT = 1e5  # m from the sensor or the cloud's middle; farther out float32 loses centimetres
+COARSE_STEP_M = 0.01
 _FAR = 1000.0  # m from the middle, where no sensor for traffic measures
 _INTENSITIES = ("intensity", "reflectivity", "i", "colors")
 _RINGS = ("ring", "laser_number", "laser_id", "channel", "line", "beam")
@@ -295,10 +298,18 @@ _TIMES = ("offset_ns", "t", "time", "timestamp", "time_stamp", "offset_time")
 
 
 def read_cloud(
-    path: str | Path, name: str, world_SE3_sensor: Pose, problems: Problems, *, stamp_s: float | None = None
+    path: str | Path,
+    name: str,
+    world_SE3_sensor: Pose,
+    problems: Problems,
+    *,
+    stamp_s: float | None = None,
+    middles: Middles | None = None,
 ) -> SensorCloud:
-    """Read the cloud of a file. Raises FileNotFoundError, and ValueError for a file without readable points."""
-    return build_cloud(read_recorded(path), name, world_SE3_sensor, problems, stamp_s=stamp_s)
+    """Read the cloud of a file, as `build_cloud`. Raises FileNotFoundError, and ValueError for a file without readable
+    points."""
+    attributes = read_recorded(path)
+    return build_cloud(attributes, name, world_SE3_sensor, problems, stamp_s=stamp_s, middles=middles)
 
 
 def build_cloud(
@@ -309,13 +320,29 @@ def build_cloud(
     *,
     frame: Literal["sensor", "world"] = "sensor",
     stamp_s: float | None = None,
+    middles: Middles | None = None,
 ) -> SensorCloud:
-    """A cloud of `positions` and other columns. Raises ValueError for points that lie too far apart to be metres."""
+    """Build a cloud of `positions` and other columns.
+
+    Points kilometres from their origin, such as those in UTM without their sensor's pose, are counted from the middle
+    of the sensor's first cloud, which moves into the pose. middles: of the recording's sensors. Raises ValueError for
+    points that are too far apart to be metres."""
     recorded = np.asarray(attributes["positions"], np.float64)
     check_extent(recorded)
+    returned = (recorded != 0).any(axis=1) if frame == "sensor" else np.ones(len(recorded), bool)
+    middle = find_middle(recorded)
+    if middle.any():
+        add_problem(problems, COARSE, int(_is_coarse(recorded, middle)))
+        if frame == "world":
+            recorded, frame = transform(invert(world_SE3_sensor), recorded), "sensor"
+            middle = find_middle(recorded)
+    if middle.any():
+        add_problem(problems, UNPLACED, 1)
+        origin = (middles or Middles()).find(name, middle)
+        recorded = recorded - origin
+        world_SE3_sensor = world_SE3_sensor @ translation(origin)
     with np.errstate(invalid="ignore"):
         sound = (np.abs(recorded) <= FARTHEST_POINT).all(axis=1)  # NaN is not
-    returned = (recorded != 0).any(axis=1) if frame == "sensor" else np.ones(len(recorded), bool)
     keep = sound & returned
     add_problem(problems, NOT_FINITE_POINTS, int((~sound).sum()))
     add_problem(problems, NO_RETURN_POINTS, int((sound & ~returned).sum()))
@@ -338,6 +365,13 @@ def build_cloud(
     seconds = None if time is None else _seconds(time)
     intensity = None if intensity is None else intensity.astype(np.float32)
     return SensorCloud(name, *kept, seconds, intensity, None if ring is None else ring.astype(np.int64), stamp_s)
+
+
+def _is_coarse(points: Float64[np.ndarray, "n 3"], middle: Float64[np.ndarray, "3"]) -> bool:
+    """True if points were float32, whose steps at the cloud's middle exceed a centimetre."""
+    sample = points[:: len(points) // MAX_SAMPLE + 1]
+    step = float(np.spacing(np.float32(np.abs(middle).max())))
+    return step > COARSE_STEP_M and np.array_equal(sample, sample.astype(np.float32), equal_nan=True)
 
 
 def _seconds(time: np.ndarray) -> np.ndarray:

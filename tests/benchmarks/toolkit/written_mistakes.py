@@ -189,12 +189,12 @@ def _openlabel() -> Terms:
         return list(content["openlabel"]["frames"]["0"]["objects"].items())
 
     def numbers(pair: Any) -> list[float]:
-        value = pair[1]["object_data"]["cuboid"]["val"]
+        value = pair[1]["object_data"]["cuboid"][0]["val"]
         return [*value[:3], *value[7:10], _angle(value[5], value[6])]
 
     def changed(pair: Any, row: np.ndarray) -> Any:
         half = row[YAW] / 2
-        pair[1]["object_data"]["cuboid"]["val"] = [*row[:3].tolist(), 0, 0, np.sin(half), np.cos(half), *row[3:6]]
+        pair[1]["object_data"]["cuboid"][0]["val"] = [*row[:3].tolist(), 0, 0, np.sin(half), np.cos(half), *row[3:6]]
         return pair
 
     def replaced(content: Any, pairs: list[Any]) -> Any:

@@ -68,7 +68,7 @@ def test_labels_doubled_impossible_or_without_counts():
     for column, value, problem in (
         *((0, np.nan, "labels with NaN or infinite numbers"), (6, np.inf, "labels with NaN or infinite numbers")),
         *((4, 0.0018, "boxes of no size"), (5, -1.0, "boxes of no size")),
-        *((3, 101.0, "boxes too large or too far away to be"), (1, 1.1e6, "boxes too large or too far away to be")),
+        *((3, 101.0, "boxes too large or too far away to be"), (1, 1.1e8, "boxes too large or too far away to be")),
     ):
         found, problems = made(BOX, [*BOX[:column], value, *BOX[column + 1 :]])
         assert len(found.objects) == 1
@@ -246,7 +246,8 @@ def test_points_that_are_no_metres_none_or_at_the_sensor_are_counted_or_refused(
         return met
 
     in_map = points + np.array([5e5, 5e6, 0])
-    assert problems(points) == problems(np.concatenate([points, [[500, 0, 0]]])) == problems(in_map / 100) == {}
+    assert problems(points) == problems(np.concatenate([points, [[500, 0, 0]]])) == {}
+    assert problems(in_map) == problems(in_map / 100) == {records.UNPLACED: 1}
     deep = points * [1, 1, 200.0]
     away = np.linalg.norm(deep - np.median(deep, axis=0), axis=1)
     assert problems(deep) == {records.FAR_POINTS: (away > 1000).sum()}

@@ -17,6 +17,7 @@ from toolkit.boxes import count_points
 from toolkit.datasets import records
 from toolkit.datasets.cloud_files import quaternion_pose, read_table
 from toolkit.datasets.layouts.nuscenes import compute_quaternion
+from toolkit.datasets.origins import near_frames
 from toolkit.datasets.records import add_problem, named_damage
 from toolkit.frame import Frame, SensorCloud
 from toolkit.objects import LABELS
@@ -156,7 +157,7 @@ def write_argoverse(samples: Iterable[Frame], folder: Path) -> None:
     stamps: list[int] = []
     cities: list[np.ndarray] = []
     mounted: dict[str, np.ndarray] = {}
-    for k, sample in enumerate(samples):
+    for k, sample in enumerate(near_frames(samples)):
         if len(sample.clouds) > len(LASERS):
             count = len(sample.clouds)
             raise ValueError(f"an Argoverse log has two lidars, but {sample.name!r} has {count}: fuse some")

@@ -24,6 +24,7 @@ import numpy as np
 from toolkit.arrays import Pose
 from toolkit.datasets import records
 from toolkit.datasets.clock_times import parse_time
+from toolkit.datasets.origins import Middles, near_frames
 from toolkit.datasets.records import as_number, entry, named_damage
 from toolkit.frame import Everywhere, Frame, ImageWedge, Region
 from toolkit.geometry import invert
@@ -31,6 +32,7 @@ from toolkit.runtime.files import write_text
 
 _LABELS = "label/virtuallidar", "label/lidar", "label/camera"
 _IMAGE = 1920, 1080  # pixels
+NO_PLACE = "calibrations that say where the lidar is in the map and cannot be read"
 NO_CAMERA = "labels of a camera without its calibration: what it does not show counts as empty"
 _COOPERATIVE = "cooperative/label_world", "cooperative/label"
 
@@ -45,20 +47,39 @@ def dair(path: Path) -> records.Listing:
         raise FileNotFoundError(f"{path} is no DAIR-V2X folder: it has neither velodyne/*.pcd nor infrastructure-side/")
 
     stamps = _read_stamps(path)
+    middles = Middles({"lidar": path / "velodyne" / f"{names[0]}.pcd"})
 
     def load(name: str) -> Frame:
         problems: records.Problems = {}
-        file = path / "velodyne" / f"{name}.pcd"
-        cloud = records.read_cloud(file, "lidar", np.eye(4), problems, stamp_s=stamps.get(name))
+        recorded = path / "velodyne" / f"{name}.pcd"
+        cloud = records.read_cloud(recorded, "lidar", np.eye(4), problems, stamp_s=stamps.get(name), middles=middles)
         file = _first(path, _LABELS, name)
         found = read_annotations(file, np.eye(4), problems)
         complete: Region = Everywhere()
         if file is not None and file.parent.name == "camera":  # nobody labelled what the camera does not show
             complete = _read_camera(path / "calib", name, problems)
-        time = records.frame_time([cloud])
-        return Frame.of_clouds(name, (cloud,), *found, time=time, complete=complete, problems=problems)
+        place, time = _read_place(path / "calib", name, problems), records.frame_time([cloud])
+        labelled = name, (cloud,), *found
+        return Frame.of_clouds(*labelled, time=time, complete=complete, map_SE3_world=place, problems=problems)
 
     return records.Listing(names, load, labelled=_labelled(path, _LABELS))
+
+
+def _read_place(folder: Path, name: str, problems: records.Problems) -> Pose:
+    """Pose of a side's lidar in the map: of calib/virtuallidar_to_world, or through the vehicle's novatel."""
+    map_SE3_lidar = np.eye(4)
+    for kinds in (("virtuallidar_to_world",), ("novatel_to_world", "lidar_to_novatel")):
+        files = [folder / kind / f"{name}.json" for kind in kinds]
+        if not all(map(lexists, files)):
+            continue
+        try:
+            for file in files:
+                map_SE3_lidar = map_SE3_lidar @ read_transform(file)
+        except (ValueError, OSError):
+            records.add_problem(problems, NO_PLACE, 1)
+            return np.eye(4)
+        return map_SE3_lidar
+    return map_SE3_lidar
 
 
 def _read_stamps(side: Path) -> dict[str, float]:
@@ -174,7 +195,7 @@ def written_labels(sample: Frame) -> list[dict[str, object]]:
 def write_dair(samples: Iterable[Frame], folder: Path) -> None:
     """Write frames as one infrastructure side. The clouds of each become one, in its world frame."""
     index = []
-    for number, sample in enumerate(samples):
+    for number, sample in enumerate(near_frames(samples)):
         name, placed = f"{number:06d}", sample.map_SE3_world
         cloud = records.one_cloud(sample)
         records.write_cloud(folder / "velodyne" / f"{name}.pcd", cloud)

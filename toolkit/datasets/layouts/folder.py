@@ -23,6 +23,7 @@ from toolkit.arrays import Pose
 from toolkit.datasets import records
 from toolkit.datasets.clock_times import find_epoch
 from toolkit.datasets.cloud_files import read_poses
+from toolkit.datasets.origins import Middles
 from toolkit.frame import Frame
 from toolkit.runtime.files import write_text
 
@@ -56,6 +57,7 @@ def folder(path: Path, *, poses: Path | None = None, inverted: bool = False) -> 
     if poses and not placed.keys() & {key for sensor, stem in files for key in (sensor, stem, f"{sensor}/{stem}")}:
         sensors = ", ".join(sorted({sensor for sensor, _ in files}))
         raise ValueError(f"{poses} has poses {', '.join(placed)}, but the sensors are {sensors}")
+    middles = Middles({sensor: files[0] for sensor, files in clouds.items()})
     labels = base / LABELS_FILE
     entries = records.read_entries(labels) if lexists(labels) else {}
     with records.named_damage(labels, "file of boxes"):
@@ -64,15 +66,16 @@ def folder(path: Path, *, poses: Path | None = None, inverted: bool = False) -> 
     def load(name: str) -> Frame:
         problems: records.Problems = {}
         seconds, stamps = times.get(name, (None, {}))
-        clouds = []
+        measured = []
         for sensor, file in names[name].items():
             stem = file.stem.removesuffix(".pcd")
             stamp = next((time for time in (find_epoch(stem), stamps.get(sensor)) if time is not None), None)
             pose = _pose(placed, sensor, stem)
-            clouds.append(records.read_cloud(file, sensor, pose, problems, stamp_s=stamp))
+            cloud = records.read_cloud(file, sensor, pose, problems, stamp_s=stamp, middles=middles)
+            measured.append(cloud)
         found = records.parse_objects(labels, entries[name], problems) if name in entries else records.no_labels()
         known = next((time for time in (find_epoch(name), seconds) if time is not None), float("nan"))
-        return Frame.of_clouds(name, clouds, *found, time=known, problems=problems)
+        return Frame.of_clouds(name, measured, *found, time=known, problems=problems)
 
     return records.Listing(tuple(names), load, labelled=entries if path.is_dir() else ())
 

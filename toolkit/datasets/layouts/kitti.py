@@ -8,6 +8,8 @@ World frame: the lidar's, x forward, y left, z up, about 1.73 m above the ground
 - Rectified camera ← lidar is R0_rect · Tr_velo_to_cam, and neither rotation is exactly one.
 - Only what camera 2 shows is labelled, the lidar sees all round. `DontCare` marks regions of the image in which nobody
   labelled: its box is -1 -1 -1 -1000 -1000 -1000 -10 and no object.
+- KITTI has no place for the lidar's pose in a map. coview writes it as the last line of calib, Tr_velo_to_world, which
+  other readers pass over: they take lines by number or by name.
 - calib names differ between the benchmarks (R0_rect: and R_rect, Tr_velo_to_cam: and Tr_velo_cam)."""
 
 import struct
@@ -17,13 +19,16 @@ from pathlib import Path
 
 import numpy as np
 
-from toolkit.arrays import BoxRows
+from toolkit.arrays import BoxRows, Pose
 from toolkit.datasets import records
+from toolkit.datasets.origins import Middles, near_frames
 from toolkit.frame import Frame, ImageWedge, Region
 from toolkit.geometry import BODY_SE3_CAMERA, invert, transform
 from toolkit.objects import LABELS, Detections
 from toolkit.runtime.files import read_bytes, write_bytes, write_text
 
+SENSOR = "velodyne"
+_PLACE = "Tr_velo_to_world"
 _OTHER_NAMES = {"R_rect": "R0_rect", "R_rect_00": "R0_rect", "Tr_velo_cam": "Tr_velo_to_cam"}
 IMAGE = 1242, 375  # pixels, used without an image
 NONE_SHOWN = "labels lie all outside the image: P2, R0_rect or Tr_velo_to_cam are of another camera"
@@ -40,17 +45,19 @@ def kitti(path: Path) -> records.Listing:
     if not names:
         raise FileNotFoundError(f"{folder / 'velodyne'} holds no *.bin")
     labelled = [file.stem for file in sorted((folder / "label_2").glob("*.txt"))]
-    return records.Listing(names, lambda name: _sample(folder, name), labelled=labelled)
+    middles = Middles({SENSOR: folder / "velodyne" / f"{names[0]}.bin"})
+    return records.Listing(names, lambda name: _sample(folder, name, middles), labelled=labelled)
 
 
-def _sample(folder: Path, name: str) -> Frame:
+def _sample(folder: Path, name: str, middles: Middles) -> Frame:
     problems: records.Problems = {}
-    cloud = records.read_cloud(folder / "velodyne" / f"{name}.bin", "velodyne", np.eye(4), problems)
+    file = folder / "velodyne" / f"{name}.bin"
+    cloud = records.read_cloud(file, SENSOR, np.eye(4), problems, middles=middles)
     labels, calib = folder / "label_2" / f"{name}.txt", folder / "calib" / f"{name}.txt"
     if not lexists(labels):
         return Frame.of_clouds(name, (cloud,), *records.no_labels(), problems=problems)
     with records.named_damage(calib, "calibration"):
-        camera_SE3_lidar, projection = _parse_calibration(read_bytes(calib).decode("utf-8-sig"))
+        camera_SE3_lidar, projection, map_SE3_lidar = _parse_calibration(read_bytes(calib).decode("utf-8-sig"))
     with records.named_damage(labels, "list of labels"):
         rows = [line.split() for line in read_bytes(labels).decode("utf-8-sig").splitlines() if line.strip()]
         for row in rows:
@@ -66,7 +73,8 @@ def _sample(folder: Path, name: str) -> Frame:
     wedge = ImageWedge(projection @ camera_SE3_lidar, width, height, ignored)
     if len(found.objects) and not wedge.covers(found.objects.boxes).any():
         records.add_problem(problems, NONE_SHOWN, len(found.objects))
-    return Frame.of_clouds(name, (cloud,), *found, complete=wedge, problems=problems)
+    place = map_SE3_lidar
+    return Frame.of_clouds(name, (cloud,), *found, complete=wedge, map_SE3_world=place, problems=problems)
 
 
 def _boxes(values: np.ndarray, lidar_SE3_camera: np.ndarray) -> BoxRows:
@@ -79,8 +87,8 @@ def _boxes(values: np.ndarray, lidar_SE3_camera: np.ndarray) -> BoxRows:
     return np.column_stack([transform(lidar_SE3_camera, centre), length, width, height, yaw])
 
 
-def _parse_calibration(text: str) -> tuple[np.ndarray, np.ndarray]:
-    """camera_SE3_lidar, and the projection (3, 4) of camera 2, rectified camera → pixels."""
+def _parse_calibration(text: str) -> tuple[Pose, np.ndarray, Pose]:
+    """Return camera_SE3_lidar, the projection (3, 4) of camera 2 (rectified camera → pixels), and map_SE3_lidar."""
     lines = [line.split() for line in text.splitlines() if line.strip()]
     named = ((words[0].removesuffix(":"), words[1:]) for words in lines)
     entries = {_OTHER_NAMES.get(name, name): rest for name, rest in named}
@@ -89,7 +97,8 @@ def _parse_calibration(text: str) -> tuple[np.ndarray, np.ndarray]:
     projection = records.numbers(records.entry(entries, "P2"), 12, "P2").reshape(3, 4)
     if not np.isfinite(projection).all():
         raise ValueError("P2 holds NaN or infinite numbers")
-    return rectification @ unrectified_SE3_lidar, projection
+    map_SE3_lidar = records.rigid_matrix(entries[_PLACE], _PLACE) if _PLACE in entries else np.eye(4)
+    return rectification @ unrectified_SE3_lidar, projection, map_SE3_lidar
 
 
 def _image_size(image: Path) -> tuple[int, int]:
@@ -105,7 +114,7 @@ def write_kitti(samples: Iterable[Frame], folder: Path) -> None:
     """Write frames as training/ of KITTI, numbered from 000000. The clouds of a frame become one, in its world frame.
     The camera is that of the frame's labels, else one at the origin that looks along x."""
     place = folder / "training"
-    for number, sample in enumerate(samples):
+    for number, sample in enumerate(near_frames(samples)):
         name = f"{number:06d}"
         points = [np.column_stack([cloud.in_world(), records.get_intensity(cloud)]) for cloud in sample.clouds]
         cloud = np.concatenate([np.zeros((0, 4)), *points]).astype("<f4")
@@ -114,6 +123,8 @@ def write_kitti(samples: Iterable[Frame], folder: Path) -> None:
         projection = _camera(sample.complete)[1]
         entries = {f"P{k}": projection for k in range(4)}
         entries |= {"R0_rect": np.eye(3), "Tr_velo_to_cam": _CAMERA[:3], "Tr_imu_to_velo": np.eye(4)[:3]}
+        if not np.array_equal(sample.map_SE3_world, np.eye(4)):
+            entries[_PLACE] = sample.map_SE3_world[:3]
         lines = [f"{key}: {' '.join(f'{v:.12e}' for v in matrix.ravel())}\n" for key, matrix in entries.items()]
         write_text(place / "calib" / f"{name}.txt", "".join(lines))
 

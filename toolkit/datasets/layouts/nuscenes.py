@@ -20,6 +20,7 @@ import numpy as np
 from toolkit.arrays import Float64, Pose
 from toolkit.datasets import records
 from toolkit.datasets.cloud_files import quaternion_pose
+from toolkit.datasets.origins import near_frames
 from toolkit.datasets.records import as_number, entry, named_damage, numbers
 from toolkit.frame import Frame
 from toolkit.geometry import invert, transform
@@ -120,7 +121,7 @@ def write_nuscenes(samples: Iterable[Frame], folder: Path) -> None:
     tables["category"] = [{"token": label, "name": name, "description": ""} for label, name in named]
     instances: dict[str, str] = {}  # category by token
     alone = {"prev": "", "next": ""}
-    for number, sample in enumerate(samples, 1):
+    for number, sample in enumerate(near_frames(samples), 1):
         token = f"{number - 1:06d}"
         seconds = records.clock_time(sample, number)
         stamp = round(seconds * 1e6)

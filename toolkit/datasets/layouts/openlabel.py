@@ -1,33 +1,53 @@
-"""ASAM OpenLABEL, as the TUM Traffic (A9) sets write it: one JSON file per cloud; *.pcd lies beside or below it.
+"""ASAM OpenLABEL 1.0.0, and what TUM Traffic (A9) makes of it: JSON files of frames; clouds are beside or below them.
 
-World frame: that of the cuboids, which in TUM Traffic is the lidar's own, z roughly up. Clouds are placed by the file's
-coordinate systems if these give a sensor's pose.
+World frame: the root of the coordinate systems that the first cloud's sensor hangs from, z roughly up. In a file that
+places no sensor it is the lidar's, as in TUM Traffic.
 
-- A cuboid's `val` is x y z, then the quaternion **x y z w**, then length, width, height; x y z is the centre. The
-  standard also has 9 numbers, with Euler angles about x, y and z in place of the quaternion.
-- `cuboid` is one object in TUM Traffic and a list in the standard.
-- The class is object_data.type in TUM Traffic and `type` of the object itself in the standard, whose `objects` at the
-  top say it for all frames.
-- num_points among the attributes is the set's own count, -1 if nobody counted.
+- A cuboid's `val` is x y z, then the quaternion **x y z w** of any length, then length, width, height; x y z is the
+  centre. With 9 numbers it has Euler angles about x, y and z, turned in the order ZYX, in place of the quaternion.
+- A cuboid, or its object, may name its `coordinate_system`; one that names none is in the world's.
+- pose_wrt_parent places a system in its parent: matrix4x4 by rows, quaternion x y z w and translation, or euler_angles
+  in their `sequence` (ZYX) and translation. A frame's `transforms` replace it: X_dst = transform_src_to_dst X_src.
+- `cuboid` is a list, in TUM Traffic a single object. The class is `type` of the object at the top, or, in TUM Traffic,
+  of object_data. Objects at the top may have cuboids too, which hold in their frame_intervals.
+- A frame's clouds are point_cloud_file_names (TUM Traffic), or the `uri` of its streams, or those of the file's name. A
+  cloud's sensor is the stream whose uri it is, else one that its folder or its name tells.
+- num_points among the attributes is the set's count, -1 if nobody counted.
 - An object seen by two lidars has a label in each lidar's file: they are different frames here, not doubled labels."""
 
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import partial
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 import numpy as np
 
+from toolkit.arrays import Float64, Pose
 from toolkit.datasets import records
 from toolkit.datasets.clock_times import find_epoch, parse_time
-from toolkit.datasets.cloud_files import quaternion_pose
-from toolkit.datasets.records import as_number, entry, named_damage, numbers
+from toolkit.datasets.origins import Middles
+from toolkit.datasets.records import Problems, Unchecked, add_problem, as_number, entry, named_damage, numbers
 from toolkit.frame import Frame
-from toolkit.geometry import pose
+from toolkit.geometry import invert, pose
 from toolkit.objects import LABELS, Detections, Objects
 from toolkit.runtime.files import write_text
 
+WORLD = "world"  # name of the root system that is written
+MAX_SYSTEMS_DEEP = 64  # of a chain of coordinate systems; longer ones run in a circle
+NO_FRAME = "boxes that name no coordinate system, taken in the root of the sensors'"
+UNKNOWN_FRAME = "boxes in a coordinate system that nothing connects with the clouds'"
+UNPLACED_SENSOR = "clouds whose sensor is none of the file's coordinate systems, taken in their root"
+UNCONNECTED_SENSOR = "clouds whose coordinate system nothing connects with the first cloud's, taken in its root"
+NO_POSE = "coordinate systems without a pose in their parent, taken as being at its origin"
+OTHER_SHAPES = "objects of other shapes than cuboids"
+ONLY_SENSOR = "clouds whose sensor nothing tells, taken as the file's only one"
+BY_ORDER = "clouds whose stream only its place in the list tells"
 _NAMES = {"vehicle": "CAR", "cyclist": "BICYCLE", "pedestrian": "PEDESTRIAN", "heavy": "TRUCK"}
+_SHAPES = ("bbox", "rbbox", "mesh", "poly2d", "poly3d", "mat", "binary", "point2d", "point3d", "area_reference")
+_OTHER_STREAMS = ("camera", "radar", "gps_imu", "other")
+
+_Clouds = Mapping[str, Sequence[Path]]  # cloud files below a folder by name
 
 
 def openlabel(path: Path) -> records.Listing:
@@ -36,111 +56,373 @@ def openlabel(path: Path) -> records.Listing:
     if not files:
         raise FileNotFoundError(f"{path} holds no OpenLABEL files (*.json)")
     root = path.parent if path.is_file() else path
-    clouds = {file.name: file for file in sorted(root.rglob("*")) if file.suffix.lower() in records.ENDINGS}
+    clouds: dict[str, list[Path]] = {}
+    for file in sorted(root.rglob("*")):
+        if file.suffix.lower() in records.ENDINGS:
+            clouds.setdefault(file.name, []).append(file)
     frames: dict[str, tuple[Path, str]] = {}
     known: list[str] = []
+    first_clouds: dict[str, Path] = {}
     for file in files:
         with named_damage(file, "OpenLABEL file"):
-            some = entry(records.load_json(file), "openlabel", "frames")
+            content = entry(records.load_json(file), "openlabel")
+            described = _frames(content)
             stem = file.relative_to(root).with_suffix("").as_posix()
-            named = {stem if len(some) == 1 else f"{stem}#{key}": key for key in some}
-            known += [name for name, key in named.items() if _clouds(file, some[key], clouds)]
+            named = {stem if len(described) == 1 else f"{stem}#{key}": key for key in described}
+            for name, key in named.items():
+                sensors = _find_sensors(file, content, described[key], clouds, {})
+                known += [name] * bool(sensors)
+                first_clouds = sensors | first_clouds
         frames |= {name: (file, key) for name, key in named.items()}
-    load = partial(_sample, frames, clouds)
+    load = partial(_sample, frames, clouds, Middles(first_clouds))
     return records.Listing(tuple(frames), load, labelled=frames, known=known)
 
 
-def _clouds(file: Path, frame: records.Unchecked, clouds: dict[str, Path]) -> list[Path]:
-    """Files of a frame's clouds, by the names it gives them or by its own file's."""
-    names = frame.get("frame_properties", {}).get("point_cloud_file_names")
-    names = [Path(str(each)).name for each in names or [f"{file.stem}{ending}" for ending in records.ENDINGS]]
-    return [clouds[name] for name in names if name in clouds]
+def _frames(content: Unchecked) -> dict[str, Unchecked]:
+    """Frames by key; a file of objects alone, whose cuboids hold always, is one frame."""
+    if "frames" not in content and content.get("objects"):
+        return {"0": {}}
+    return dict(entry({"openlabel": content}, "openlabel", "frames"))
 
 
-def _sample(frames: dict[str, tuple[Path, str]], clouds: dict[str, Path], name: str) -> Frame:
-    problems: records.Problems = {}
+def _streams(content: Unchecked, frame: Unchecked) -> dict[str, Unchecked]:
+    """Streams that may be lidars, as the file and the frame describe them together."""
+    of_frame = (frame.get("frame_properties") or {}).get("streams") or {}
+    of_file = content.get("streams") or {}
+    together = {}
+    for name in [*of_frame, *(name for name in of_file if name not in of_frame)]:
+        together[name] = {**(of_file.get(name) or {}), **(of_frame.get(name) or {})}
+    return {name: stream for name, stream in together.items() if stream.get("type") not in _OTHER_STREAMS}
+
+
+def _find_sensors(
+    file: Path, content: Unchecked, frame: Unchecked, clouds: _Clouds, problems: Problems
+) -> dict[str, Path]:
+    """Cloud file of each sensor of a frame."""
+    of_streams = _find_stream_clouds(file, content, frame, clouds)
+    files = _find_clouds(file, frame, of_streams, clouds)
+    return _name_sensors(content, frame, files, of_streams, problems)
+
+
+def _find_clouds(file: Path, frame: Unchecked, of_streams: Mapping[Path, str], clouds: _Clouds) -> list[Path]:
+    """Files of a frame's clouds: those it names, those of its streams, else those of its file's name."""
+    listed = [str(name) for name in (frame.get("frame_properties") or {}).get("point_cloud_file_names") or ()]
+    if listed:
+        chosen = [_find_cloud(name, file, clouds) for name in listed]
+        return list(dict.fromkeys(cloud for cloud in chosen if cloud is not None))
+    if of_streams:
+        return list(of_streams)
+    candidates = [cloud for ending in records.ENDINGS for cloud in clouds.get(f"{file.stem}{ending}", ())]
+    of_folder = [cloud for cloud in candidates if cloud.parent.name == file.parent.name]
+    return of_folder[:1] or candidates
+
+
+def _find_stream_clouds(file: Path, content: Unchecked, frame: Unchecked, clouds: _Clouds) -> dict[Path, str]:
+    """Streams by the cloud files that their uri names."""
+    streams: dict[Path, str] = {}
+    for name, stream in _streams(content, frame).items():
+        cloud = _find_cloud(str(stream.get("uri") or ""), file, clouds)
+        if cloud is not None:
+            streams.setdefault(cloud, name)
+    return streams
+
+
+def _find_cloud(place: str, labels: Path, clouds: _Clouds) -> Path | None:
+    """File that a label file names: of several of one name the one with most folders in common."""
+    candidates = clouds.get(PurePosixPath(place).name, ())
+    return max(candidates, key=lambda cloud: _common_tail(cloud, place, labels), default=None)
+
+
+def _common_tail(cloud: Path, place: str, labels: Path) -> tuple[int, bool]:
+    """How well a file fits a place that a label file names: path components in common, and the folder's name."""
+    pairs = zip(reversed(cloud.parts), reversed(PurePosixPath(place).parts), strict=False)
+    common = 0
+    for ours, theirs in pairs:
+        if ours != theirs:
+            break
+        common += 1
+    return common, cloud.parent.name == labels.parent.name
+
+
+def _name_sensors(
+    content: Unchecked, frame: Unchecked, files: Sequence[Path], of_streams: Mapping[Path, str], problems: Problems
+) -> dict[str, Path]:
+    """Cloud of each sensor, named by the stream or coordinate system that the file, its folder or its name tells."""
+    streams = _streams(content, frame)
+    systems = content.get("coordinate_systems") or {}
+    sensors: dict[str, Path] = {}
+    for place, file in enumerate(files):
+        told = [name for name in (*streams, *systems) if name in file.stem]
+        if file in of_streams:
+            name = of_streams[file]
+        elif file.parent.name in streams or file.parent.name in systems:
+            name = file.parent.name
+        elif told:
+            name = max(told, key=len)
+        elif place < len(streams):
+            name = list(streams)[place]
+            add_problem(problems, BY_ORDER, 1)
+        elif len(files) == 1 and len(alone := _list_sensors(systems)) == 1:
+            (name,) = alone
+            add_problem(problems, ONLY_SENSOR, 1)
+        else:
+            name = file.parent.name
+        sensors[name if name not in sensors else file.stem] = file
+    return sensors
+
+
+def _list_sensors(systems: Mapping[str, Unchecked]) -> list[str]:
+    """Names of the coordinate systems that are sensors by their type, else of those that are nobody's parent."""
+    of_type = [name for name, system in systems.items() if "sensor" in str(system.get("type")).lower()]
+    parents = {system.get("parent") for system in systems.values()}
+    return of_type or [name for name, system in systems.items() if system.get("parent") and name not in parents]
+
+
+@dataclass(frozen=True)
+class _Systems:
+    """Coordinate systems of one frame.
+
+    Attributes:
+        parents: parent of each system that has one, and the system's pose in it.
+        known: names of all systems.
+        unplaced: systems whose pose in their parent nothing states."""
+
+    parents: dict[str, tuple[str, Pose]]
+    known: frozenset[str]
+    unplaced: frozenset[str] = field(default_factory=frozenset)
+
+    def find_root(self, name: str) -> tuple[str, Pose]:
+        """Return the root that a system hangs from, and the system's pose in it."""
+        placed = np.eye(4)
+        for _ in range(MAX_SYSTEMS_DEEP):
+            if name not in self.parents:
+                return name, placed
+            name, in_parent = self.parents[name]
+            placed = in_parent @ placed
+        raise ValueError(f"its coordinate systems run in a circle, through {name!r}")
+
+
+def _parse_systems(content: Unchecked, frame: Unchecked) -> _Systems:
+    parents: dict[str, tuple[str, Pose]] = {}
+    unplaced = set()
+    systems = content.get("coordinate_systems") or {}
+    for name, system in systems.items():
+        parent, placed = str(system.get("parent") or ""), system.get("pose_wrt_parent")
+        if placed:
+            parents[name] = parent, parse_transform(placed, f"pose of {name}")
+        elif parent:
+            parents[name] = parent, np.eye(4)
+            unplaced.add(name)
+    known = {*systems, *(parent for parent, _ in parents.values())}
+    for title, transform in ((frame.get("frame_properties") or {}).get("transforms") or {}).items():
+        source, target = str(entry(transform, "src")), str(entry(transform, "dst"))
+        dst_SE3_src = parse_transform(entry(transform, "transform_src_to_dst"), f"transform {title}")
+        known |= {source, target}
+        if parents.get(target, ("",))[0] == source or (source in parents and parents[source][0] != target):
+            parents[target] = source, invert(dst_SE3_src)
+            unplaced.discard(target)
+        else:
+            parents[source] = target, dst_SE3_src
+            unplaced.discard(source)
+    return _Systems(parents, frozenset(known), frozenset(unplaced))
+
+
+def parse_transform(value: Unchecked, name: str) -> Pose:
+    """Parse OpenLABEL's transform data: a matrix, or a rotation and a translation. Raises ValueError for neither."""
+    if isinstance(value, list):  # TUM Traffic, without a name
+        return records.rigid_matrix(value, name)
+    if "matrix4x4" in value:
+        return records.rigid_matrix(value["matrix4x4"], name)
+    if "quaternion" in value:
+        turned = turn_by_quaternion(numbers(value["quaternion"], 4, f"quaternion of {name}"))
+    elif "euler_angles" in value:
+        turned = turn_by_angles(value, name)
+    else:
+        forms = "matrix4x4, quaternion and translation, or euler_angles and translation"
+        raise ValueError(f"{name} must be {forms}, got {', '.join(value)[:60]}")
+    translation = numbers(entry(value, "translation"), 3, f"translation of {name}")
+    return records.rigid(turned, translation, name)
+
+
+def turn_by_angles(value: Unchecked, name: str) -> Float64[np.ndarray, "3 3"]:
+    """Rotation of euler_angles (rad), each about the turned axes of those before it in `sequence`."""
+    from scipy.spatial.transform import Rotation
+
+    angles = numbers(value["euler_angles"], 3, f"euler_angles of {name}")
+    sequence = str(value.get("sequence") or "ZYX").upper()
+    if len(sequence) != 3 or not set(sequence) <= set("XYZ") or not np.isfinite(angles).all():
+        raise ValueError(
+            f"{name} must turn by three finite angles about a sequence of X, Y and Z, got {sequence!r:.40}"
+        )
+    return np.asarray(Rotation.from_euler(sequence, angles).as_matrix())
+
+
+def turn_by_quaternion(xyzw: Float64[np.ndarray, "4"]) -> Float64[np.ndarray, "3 3"]:
+    """Rotation of a quaternion of any length but 0, whose rotation is NaN."""
+    from scipy.spatial.transform import Rotation
+
+    norm = np.linalg.norm(xyzw)
+    if not (np.isfinite(norm) and norm > 0):
+        return np.full((3, 3), np.nan)
+    return np.asarray(Rotation.from_quat(xyzw / norm).as_matrix())
+
+
+def _sample(frames: dict[str, tuple[Path, str]], clouds: _Clouds, middles: Middles, name: str) -> Frame:
+    problems: Problems = {}
     file, key = frames[name]
     with named_damage(file, "OpenLABEL file"):
         content = entry(records.load_json(file), "openlabel")
-        frame = entry(content, "frames", key)
-        properties = frame.get("frame_properties", {})
+        frame = _frames(content)[key]
+        properties = frame.get("frame_properties") or {}
         seconds = parse_time(properties.get("timestamp"), "timestamp")
-        files = _clouds(file, frame, clouds)
-        # a cloud's sensor is the stream that the frame names in its place, else the cloud's folder
-        streams = list(properties.get("streams", {}))
-        sensors = [streams[k] if k < len(streams) else each.parent.name for k, each in enumerate(files)]
-        stamps = [_stamp(properties, sensor, each) for sensor, each in zip(sensors, files, strict=True)]
-        if len(files) == 1 and stamps[0] is None:
-            stamps = [seconds]
-        poses = [_pose(content, sensor) for sensor in sensors]
-        boxes, kinds, ids, counts = [], [], [], []
-        for track, each in frame.get("objects", {}).items():
-            kind = entry(content, "objects", track, "type") if "type" not in entry(each, "object_data") else None
-            cuboids = each["object_data"].get("cuboid", [])
-            for cuboid in cuboids if isinstance(cuboids, list) else [cuboids]:
-                boxes.append(_box(cuboid["val"]))
-                kinds.append(str(kind or each["object_data"]["type"]))
-                ids.append(track)
-                nums = [num for num in cuboid.get("attributes", {}).get("num", []) if num.get("name") == "num_points"]
-                counts.append(int(as_number(nums[0]["val"], "num_points")) if nums else -1)
-    found = records.labelled(np.array(boxes).reshape(-1, 7), kinds, ids, problems, counts)
-    clouds = []
-    for each, sensor, where, stamp in zip(files, sensors, poses, stamps, strict=True):
-        clouds.append(records.read_cloud(each, sensor, where, problems, stamp_s=stamp))
-    known = records.frame_time(clouds) if seconds is None else seconds
-    return Frame.of_clouds(name, clouds, *found, time=known, problems=problems)
+        sensors = _find_sensors(file, content, frame, clouds, problems)
+        stamps = {sensor: _stamp(properties, sensor, cloud) for sensor, cloud in sensors.items()}
+        if list(stamps.values()) == [None]:
+            stamps = dict.fromkeys(stamps, seconds)
+        systems = _parse_systems(content, frame)
+        root, poses = _place_sensors(systems, list(sensors), problems)
+        rows = _Rows.parse(content, frame, key, systems, root, problems)
+        moved = any(not np.array_equal(in_root, np.eye(4)) for in_root in poses.values())
+        add_problem(problems, NO_FRAME, rows.unnamed * moved)
+        add_problem(problems, NO_POSE, len(systems.unplaced) * bool(sensors))
+    found = records.labelled(np.array(rows.boxes).reshape(-1, 7), rows.kinds, rows.ids, problems, rows.counts)
+    measured = []
+    for sensor, cloud in sensors.items():
+        stamp, placed = stamps[sensor], poses[sensor]
+        measured.append(records.read_cloud(cloud, sensor, placed, problems, stamp_s=stamp, middles=middles))
+    known = records.frame_time(measured) if seconds is None else seconds
+    return Frame.of_clouds(name, measured, *found, time=known, problems=problems)
 
 
-def _stamp(properties: records.Unchecked, stream: str, file: Path) -> float | None:
+def _stamp(properties: Unchecked, stream: str, file: Path) -> float | None:
     """Time of a stream's cloud (s), as the frame or the file's name states it."""
-    described = properties.get("streams", {}).get(stream) or {}
+    described = (properties.get("streams") or {}).get(stream) or {}
     sync = (described.get("stream_properties") or {}).get("sync") or {}
     stated = parse_time(sync.get("timestamp"), f"timestamp of {stream}")
     return find_epoch(file.stem) if stated is None else stated
 
 
-def _pose(content: records.Unchecked, sensor: str) -> np.ndarray:
-    """Pose of a sensor, if the coordinate systems name it."""
-    system = content.get("coordinate_systems", {}).get(sensor, {})
-    if not system.get("pose_wrt_parent"):
+def _place_sensors(systems: _Systems, sensors: list[str], problems: Problems) -> tuple[str | None, dict[str, Pose]]:
+    """Root system of the clouds, None if the file does not place their sensors, and the sensors' poses in it."""
+    placed = {sensor: systems.find_root(sensor) for sensor in sensors if sensor in systems.known}
+    roots = [root for root, _ in placed.values()]
+    if not roots:
+        of_file = {systems.find_root(name)[0] for name in systems.known}
+        roots = list(of_file) if len(of_file) == 1 else []
+    root = roots[0] if roots else None
+    poses = {}
+    for sensor in sensors:
+        found, in_root = placed.get(sensor, (None, np.eye(4)))
+        if systems.known and found is None:
+            add_problem(problems, UNPLACED_SENSOR, 1)
+        elif found != root:
+            add_problem(problems, UNCONNECTED_SENSOR, 1)
+        poses[sensor] = in_root
+    return root, poses
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """Cuboids of one frame in the world frame: boxes, classes, ids, the set's counts of points, and how many of them
+    name no coordinate system."""
+
+    boxes: list[np.ndarray]
+    kinds: list[str]
+    ids: list[str]
+    counts: list[int]
+    unnamed: int
+
+    @staticmethod
+    def parse(
+        content: Unchecked, frame: Unchecked, key: str, systems: _Systems, root: str | None, problems: Problems
+    ) -> "_Rows":
+        """Parse the cuboids that the frame has or that hold in it."""
+        boxes, kinds, ids, counts = list[np.ndarray](), list[str](), list[str](), list[int]()
+        unnamed = 0
+        described = content.get("objects") or {}
+        for track, data in _list_object_data(described, frame, key):
+            cuboids = data.get("cuboid") or []
+            add_problem(problems, OTHER_SHAPES, int(not cuboids and any(data.get(shape) for shape in _SHAPES)))
+            about = described.get(track) or {}
+            for cuboid in cuboids if isinstance(cuboids, list) else [cuboids]:
+                system = cuboid.get("coordinate_system") or data.get("coordinate_system")
+                system = system or about.get("coordinate_system")
+                in_root = _place_box(systems, system, root)
+                if in_root is None:
+                    add_problem(problems, UNKNOWN_FRAME, 1)
+                    continue
+                unnamed += not system
+                boxes.append(records.move_boxes(in_root, _box(entry(cuboid, "val"))[None])[0])
+                kinds.append(str(data.get("type") or entry({"objects": described}, "objects", track, "type")))
+                ids.append(track)
+                counts.append(_count(cuboid))
+        return _Rows(boxes, kinds, ids, counts, unnamed)
+
+
+def _list_object_data(described: Unchecked, frame: Unchecked, key: str) -> Iterable[tuple[str, Unchecked]]:
+    """Yield id and object_data of the objects of a frame, then of those at the top that hold in it."""
+    for track, found in (frame.get("objects") or {}).items():
+        about = found or {}
+        yield track, {"coordinate_system": about.get("coordinate_system"), **(about.get("object_data") or {})}
+    for track, about in described.items():
+        data = (about or {}).get("object_data") or {}
+        intervals = about.get("frame_intervals") or [] if data else []
+        limits = [(int(as_number(each["frame_start"])), int(as_number(each["frame_end"]))) for each in intervals]
+        if data and (not limits or any(first <= int(key) <= last for first, last in limits)):
+            yield track, data
+
+
+def _place_box(systems: _Systems, system: Unchecked, root: str | None) -> Pose | None:
+    """Pose in the world frame of the system that a cuboid names, None if nothing connects them."""
+    if not system or (root is None and system not in systems.known):
         return np.eye(4)
-    return records.rigid_matrix(entry(system, "pose_wrt_parent", "matrix4x4"), f"pose of {sensor}")
+    found, in_root = systems.find_root(str(system))
+    return in_root if found == root else None
 
 
-def _box(value: records.Unchecked) -> np.ndarray:
+def _count(cuboid: Unchecked) -> int:
+    """The set's count of points in a cuboid, -1 without one."""
+    for number in (cuboid.get("attributes") or {}).get("num") or ():
+        if number.get("name") == "num_points":
+            return int(as_number(entry(number, "val"), "num_points"))
+    return -1
+
+
+def _box(value: Unchecked) -> np.ndarray:
     if np.size(np.array(value, dtype=object)) == 9:
         x, y, z, roll, pitch, yaw, *sizes = numbers(value, 9, "cuboid val")
-        turned = pose(roll=roll, pitch=pitch, yaw=yaw)
+        turned = pose(roll=roll, pitch=pitch, yaw=yaw)[:3, :3]
     else:
         x, y, z, qx, qy, qz, qw, *sizes = numbers(value, 10, "cuboid val")
-        finite = np.isfinite([qx, qy, qz, qw]).all()
-        turned = quaternion_pose(np.array([qw, qx, qy, qz]), np.zeros(3)) if finite else np.full((4, 4), np.nan)
+        turned = turn_by_quaternion(np.array([qx, qy, qz, qw]))
     return np.array([x, y, z, *sizes, np.arctan2(turned[1, 0], turned[0, 0])])
 
 
 def write_openlabel(samples: Iterable[Frame], folder: Path) -> None:
-    """Write frames as label files and clouds. Every sensor's cloud is in its own frame."""
+    """Write frames as label files and clouds. Every sensor's cloud is in its sensor's frame."""
     for number, sample in enumerate(samples):
         name = f"{number:06d}"
         content = openlabel_content(sample)
-        frame, systems = content["openlabel"]["frames"]["0"], content["openlabel"]["coordinate_systems"]
+        document = content["openlabel"]
+        systems, properties = document["coordinate_systems"], document["frames"]["0"]["frame_properties"]
         for cloud in sample.clouds:
-            place = f"{name}_{cloud.name}.pcd"
-            records.write_cloud(folder / "point_clouds" / cloud.name / place, cloud.in_own_frame())
+            file = f"{name}_{cloud.name}.pcd"
+            records.write_cloud(folder / "point_clouds" / cloud.name / file, cloud.in_own_frame())
             placed = {"pose_wrt_parent": {"matrix4x4": cloud.world_SE3_sensor.ravel().tolist()}}
-            systems[cloud.name] = {"type": "sensor", "parent": "world", "children": [], **placed}
-            systems["world"]["children"].append(cloud.name)
-            frame["frame_properties"]["point_cloud_file_names"].append(place)
+            systems[cloud.name] = {"type": "sensor_cs", "parent": WORLD, "children": [], **placed}
+            systems[WORLD]["children"].append(cloud.name)
             sync = {} if cloud.stamp_s is None else {"stream_properties": {"sync": {"timestamp": cloud.stamp_s}}}
-            frame["frame_properties"]["streams"][cloud.name] = sync
+            stream = {"type": "lidar", "uri": f"../point_clouds/{cloud.name}/{file}", **sync}
+            properties["point_cloud_file_names"].append(file)
+            properties["streams"][cloud.name] = stream
         write_text(folder / "labels_point_clouds" / f"{name}.json", json.dumps(content, indent=1))
 
 
-def openlabel_content(sample: Frame, found: Detections | None = None) -> records.Unchecked:
+def openlabel_content(sample: Frame, found: Detections | None = None) -> Unchecked:
     """Return a frame's objects, or the detections `found` with scores as attributes, as one OpenLABEL document."""
     shown: Objects | Detections = sample.objects if found is None else found
     ids = sample.objects.ids if found is None else np.arange(len(found))
-    objects = {}
+    described, objects = {}, {}
     for k, (box, label) in enumerate(zip(shown.boxes, shown.labels, strict=True)):
         if found is not None:
             nums = [{"name": "score", "val": float(found.scores[k])}]
@@ -148,10 +430,13 @@ def openlabel_content(sample: Frame, found: Detections | None = None) -> records
             nums = [] if sample.counts is None else [{"name": "num_points", "val": int(sample.counts[k])}]
         kind, half = _NAMES[LABELS[label]], box[6] / 2
         value = [*box[:3].tolist(), 0.0, 0.0, float(np.sin(half)), float(np.cos(half)), *box[3:6].tolist()]
-        cuboid = {"name": "shape3D", "val": value, "attributes": {"num": nums}}
-        objects[str(ids[k])] = {"object_data": {"name": f"{kind}_{ids[k]}", "type": kind, "cuboid": cuboid}}
-    properties: records.Unchecked = {"point_cloud_file_names": [], "streams": {}}
+        cuboid = {"name": "shape3D", "coordinate_system": WORLD, "val": value, "attributes": {"num": nums}}
+        track = str(ids[k])
+        described[track] = {"name": f"{kind}_{track}", "type": kind}
+        objects[track] = {"object_data": {"cuboid": [cuboid]}}
+    properties: Unchecked = {"point_cloud_file_names": [], "streams": {}}
     properties |= {"timestamp": sample.time} if np.isfinite(sample.time) else {}
-    world = {"type": "scene_cs", "parent": "", "children": [], "pose_wrt_parent": {}}
-    content = {"metadata": {"schema_version": "1.0.0"}, "coordinate_systems": {"world": world}}
+    systems = {WORLD: {"type": "scene_cs", "parent": "", "children": []}}
+    content = {"metadata": {"schema_version": "1.0.0"}, "coordinate_systems": systems, "objects": described}
+    content |= {"frame_intervals": [{"frame_start": 0, "frame_end": 0}]}
     return {"openlabel": content | {"frames": {"0": {"frame_properties": properties, "objects": objects}}}}

@@ -18,6 +18,7 @@ import numpy as np
 
 from toolkit.datasets import records
 from toolkit.datasets.clock_times import find_epoch
+from toolkit.datasets.origins import Middles, near_frames, warn_of_origin
 from toolkit.datasets.records import ENDINGS, Listing, entry, xyz
 from toolkit.frame import Frame
 from toolkit.runtime.files import write_text
@@ -31,12 +32,13 @@ def sustech(path: Path) -> Listing:
     if not files:
         raise FileNotFoundError(f"{path} is no SUSTechPOINTS scene: it has no lidar/*.pcd")
     labelled = [file.stem for file in sorted((path / "label").glob("*.json"))]
-    return Listing(tuple(files), lambda name: _sample(path, name, files[name]), labelled=labelled)
+    middles = Middles({"lidar": next(iter(files.values()))})
+    return Listing(tuple(files), lambda name: _sample(path, name, files[name], middles), labelled=labelled)
 
 
-def _sample(folder: Path, name: str, file: Path) -> Frame:
+def _sample(folder: Path, name: str, file: Path, middles: Middles) -> Frame:
     problems: records.Problems = {}
-    cloud = records.read_cloud(file, "lidar", np.eye(4), problems, stamp_s=find_epoch(name))
+    cloud = records.read_cloud(file, "lidar", np.eye(4), problems, stamp_s=find_epoch(name), middles=middles)
     path = folder / "label" / f"{name}.json"
     with records.named_damage(path, "list of labels"):
         labels = records.as_list(records.load_json(path)) if lexists(path) else []
@@ -49,9 +51,13 @@ def _sample(folder: Path, name: str, file: Path) -> Frame:
 
 
 def write_sustech(samples: Iterable[Frame], folder: Path) -> None:
-    """Write frames as a scene, numbered from 000000. The clouds of a frame become one."""
-    for number, sample in enumerate(samples):
+    """Write frames as a scene, numbered from 000000. The clouds of a frame become one.
+
+    A scene has no place for an origin: a warning says which was taken off coordinates that are far from zero."""
+    for number, sample in enumerate(near_frames(samples)):
         name = f"{number:06d}"
+        if not number:
+            warn_of_origin(sample, "SUSTechPOINTS")
         records.write_cloud(folder / "lidar" / f"{name}.pcd", records.one_cloud(sample))
         content = []
         for box, kind, track in records.list_rows(sample.objects, _NAMES):

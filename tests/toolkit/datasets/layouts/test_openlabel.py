@@ -64,17 +64,22 @@ def test_sensors_stand_somewhere_and_detections_have_scores(tmp_path):
     assert sample.points()[0].tolist() == [6, 7, 8]
     found = Detections(np.array([[1, 2, 3, 4, 2, 1, 0.0]]), np.array([0.75]), np.array([1]))
     document = openlabel_content(Frame.of_clouds("a", (), Objects.empty()), found)
+    assert document["openlabel"]["objects"]["0"]["type"] == "BICYCLE"
     (each,) = document["openlabel"]["frames"]["0"]["objects"].values()
-    assert each["object_data"]["type"] == "BICYCLE"
-    assert each["object_data"]["cuboid"]["val"] == [1, 2, 3, 0, 0, 0, 1, 4, 2, 1]
-    assert each["object_data"]["cuboid"]["attributes"]["num"] == [{"name": "score", "val": 0.75}]
+    (cuboid,) = each["object_data"]["cuboid"]
+    assert cuboid["val"] == [1, 2, 3, 0, 0, 0, 1, 4, 2, 1]
+    assert cuboid["attributes"]["num"] == [{"name": "score", "val": 0.75}]
 
 
 @pytest.mark.parametrize(
     ("change", "names"),
     [
         (lambda d: d["openlabel"].pop("frames"), "no entry openlabel.frames"),
-        (lambda d: d["openlabel"]["frames"]["0"]["objects"]["b1d0-44"].clear(), "object_data"),
+        (
+            lambda d: d["openlabel"]["frames"]["0"]["objects"]["b1d0-44"]["object_data"]["cuboid"].pop("val"),
+            "no entry val",
+        ),
+        (lambda d: d["openlabel"]["frames"]["0"]["objects"]["b1d0-44"]["object_data"].pop("type"), "no entry objects"),
         (
             lambda d: d["openlabel"]["frames"]["0"]["objects"]["b1d0-44"]["object_data"]["cuboid"]["val"].append(1),
             "must be 10 numbers",

@@ -1,0 +1,112 @@
+"""Origins of recordings whose coordinates are far from zero, such as those of UTM.
+
+float32 holds a tenth of a millimetre at a kilometre, but half a metre at a northing of 5336 km. Clouds are float32, so
+an origin goes into their sensors' poses, which are float64. Layouts that keep clouds in one world frame get frames that
+are counted from one origin for the whole recording (`near_frames`); `map_SE3_world` holds it."""
+
+import warnings
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from itertools import chain
+from pathlib import Path
+
+import numpy as np
+
+from toolkit.arrays import Float64, Pose
+from toolkit.datasets.cloud_files import read_recorded
+from toolkit.frame import Frame, SensorCloud
+from toolkit.geometry import transform
+from toolkit.point_writing import NEAR_ORIGIN_M
+
+MAX_SAMPLE = 1000  # points that a middle or an origin is found from
+
+
+def translation(place: Float64[np.ndarray, "3"]) -> Pose:
+    """Return the pose at a place (m) that does not turn."""
+    moved = np.eye(4)
+    moved[:3, 3] = place
+    return moved
+
+
+def find_middle(points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "3"]:
+    """Return the median of points to the metre, zeros unless most of them are far from the origin.
+
+    Points that are not finite or all 0, which some drivers write for no return, do not count."""
+    sample = points[:: len(points) // MAX_SAMPLE + 1]
+    sample = sample[np.isfinite(sample).all(axis=1) & (sample != 0).any(axis=1)]
+    far = np.abs(sample).max(axis=1, initial=0) > NEAR_ORIGIN_M
+    if 2 * np.count_nonzero(far) <= len(sample):
+        return np.zeros(3)
+    return np.asarray(np.round(np.median(sample, axis=0)))
+
+
+@dataclass(frozen=True)
+class Middles:
+    """Middles of the sensors' first clouds, from which all their clouds are counted if they are far away.
+
+    files: each sensor's first cloud by its name; of a sensor without one it is the first cloud that is asked for."""
+
+    files: Mapping[str, Path] = field(default_factory=dict)
+    _by_sensor: dict[str, Float64[np.ndarray, "3"]] = field(default_factory=dict, repr=False, compare=False)
+
+    def find(self, sensor: str, middle: Float64[np.ndarray, "3"]) -> Float64[np.ndarray, "3"]:
+        """Return a sensor's middle (m); `middle` is its cloud's that is being read."""
+        if sensor not in self._by_sensor:
+            file = self.files.get(sensor)
+            first = middle if file is None else find_middle(read_recorded(file)["positions"])
+            self._by_sensor[sensor] = first
+        return self._by_sensor[sensor]
+
+
+def find_origin(frame: Frame) -> Float64[np.ndarray, "3"]:
+    """Return an origin (m, world frame) near a frame's sensors, else its points or objects; zeros if all are near."""
+    positions = np.array([sensor.position for sensor in frame.sensors]).reshape(-1, 3)
+    for places in (positions, frame.points(), frame.objects.boxes[:, :3]):
+        middle = find_middle(places)
+        if middle.any():
+            return middle
+    return np.zeros(3)
+
+
+def rebase(frame: Frame, origin: Float64[np.ndarray, "3"]) -> Frame:
+    """Return a frame whose world frame begins at `origin` (m) of what was its world frame."""
+    if not origin.any():
+        return frame
+    old_SE3_new, new_SE3_old = translation(origin), translation(-origin)
+    clouds = [_rebase_cloud(cloud, new_SE3_old) for cloud in frame.clouds]
+    rows = np.array([*origin, 0, 0, 0, 0])
+    return replace(
+        frame.with_clouds(clouds),
+        objects=replace(frame.objects, boxes=frame.objects.boxes - rows),
+        others=replace(frame.others, boxes=frame.others.boxes - rows),
+        complete=frame.complete.counted_from(origin),
+        map_SE3_world=frame.map_SE3_world @ old_SE3_new,
+    )
+
+
+def near_frames(frames: Iterable[Frame]) -> Iterator[Frame]:
+    """Yield frames counted from the origin of the first, so that float32 holds their clouds in the world frame."""
+    remaining = iter(frames)
+    first = next(remaining, None)
+    if first is None:
+        return
+    origin = find_origin(first)
+    for frame in chain([first], remaining):
+        yield rebase(frame, origin)
+
+
+def warn_of_origin(frame: Frame, layout: str) -> None:
+    """Warn of an origin that was taken off a frame and that the layout has no place for."""
+    place = frame.map_SE3_world[:3, 3]
+    if np.abs(place).max() > NEAR_ORIGIN_M:
+        numbers = " ".join(f"{value:.3f}" for value in place)
+        lost = f"{layout} has no place for an origin: points and boxes are counted from {numbers} m"
+        warnings.warn(f"{lost}, add it to get back to the map", stacklevel=3)
+
+
+def _rebase_cloud(cloud: SensorCloud, new_SE3_old: Pose) -> SensorCloud:
+    placed = new_SE3_old @ cloud.world_SE3_sensor
+    if cloud.frame == "sensor":
+        return replace(cloud, world_SE3_sensor=placed)
+    points = transform(new_SE3_old, cloud.in_world()).astype(np.float32)
+    return replace(cloud, world_SE3_sensor=placed, points=points)
