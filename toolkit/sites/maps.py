@@ -20,7 +20,7 @@ from toolkit.arrays import Float, Float64, Pose, Rng
 from toolkit.geometry import STEEPEST, pose
 from toolkit.runtime.files import name_errors
 from toolkit.sites import furniture as f, network as nets, opendrive, osm, surroundings
-from toolkit.sites.georeference import projection
+from toolkit.sites.georeference import doubt_place, projection
 from toolkit.sites.site import Furnishing, Mount, Relief, Site, Solid
 
 CRACK = 0.3  # m, half the width of cracks between polygons of a map that are closed
@@ -429,9 +429,18 @@ def _finish(site: Site, piece: MapPiece, solids: Sequence[Solid], *, lamps: np.n
     else:
         made, note = furnish_site(site, mounts, [*solids, *stones], piece.seed, piece.density)
         notes = [*notes, note]
-    for note in notes:
+    for note in [*notes, *_doubt_place(site.geo_reference)]:
         warnings.warn(f"{piece.path.name}: {note}", stacklevel=3)
     return made
+
+
+def _doubt_place(geo_reference: str | None) -> list[str]:
+    """Notes of what is uncertain about a map's place on earth."""
+    try:
+        doubt = doubt_place(geo_reference)
+    except ValueError as error:
+        return [f"its geoReference {error}, so nothing can be placed on earth"]
+    return [] if doubt is None else [doubt]
 
 
 def _convert(options: Sequence[str], piece: MapPiece) -> str:
