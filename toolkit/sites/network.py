@@ -86,6 +86,11 @@ def build_network(nodes: _Rows, edges: _Rows, *, roundabouts: _Rows = ()) -> str
 
 def convert(options: Sequence[str]) -> str:
     """Run netconvert; return the net.xml text without its comments."""
+    return convert_with_warnings(options)[0]
+
+
+def convert_with_warnings(options: Sequence[str]) -> tuple[str, list[str]]:
+    """Run netconvert; return the net.xml text without its comments, and what netconvert warns of, a line each."""
     command = [str(netconvert()), *_OPTIONS, *options]
     with tempfile.TemporaryDirectory() as folder:
         output = Path(folder, "net.xml")
@@ -97,7 +102,8 @@ def convert(options: Sequence[str]) -> str:
         if run.returncode or not output.is_file():
             said = [text for text in run.stderr.splitlines() if text.startswith("Error")] or ["Error: no network made"]
             raise ValueError(f"netconvert: {said[0].removeprefix('Error: ')}")
-        return _COMMENT.sub("", output.read_text(encoding="utf-8"))
+        lines = [line.removeprefix("Warning: ") for line in run.stderr.splitlines() if line.startswith("Warning: ")]
+        return _COMMENT.sub("", output.read_text(encoding="utf-8")), lines
 
 
 def netconvert() -> Path:
