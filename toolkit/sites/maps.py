@@ -5,6 +5,7 @@ leads back to the map's coordinates: those of the OpenDRIVE file, or metres of a
 (`geo_reference`) about the centre. The site has no sensors yet; mounts on lamp posts are real, mounts along the kerbs
 are suggestions, all at the price of one. Where the map is silent, surroundings are drawn from a seed."""
 
+import re
 import tempfile
 import warnings
 from collections.abc import Sequence
@@ -15,12 +16,14 @@ from xml.etree import ElementTree
 
 import numpy as np
 import shapely
+import shapely.affinity
 
 from toolkit.arrays import Float, Float64, Pose, Rng
 from toolkit.geometry import STEEPEST, pose
 from toolkit.runtime.files import name_errors
-from toolkit.sites import furniture as f, network as nets, opendrive, osm, surroundings
+from toolkit.sites import furniture as f, network as nets, opendrive, osm, plain_map, surroundings
 from toolkit.sites.georeference import doubt_place, projection
+from toolkit.sites.netconvert_warnings import describe_warnings
 from toolkit.sites.site import Furnishing, Mount, Relief, Site, Solid
 
 CRACK = 0.3  # m, half the width of cracks between polygons of a map that are closed
@@ -90,7 +93,8 @@ def whole_road(
     carriageway = shapely.union_all([closed, stubs, *islets])
     carriageway = shapely.set_precision(carriageway, OUTLINE_GRID)  # off the grid an overlay may lose a whole lane
     between = _open_shape(carriageway.difference(shapely.union_all(list(lanes))), 0.01)
-    pieces = nets.cut_polygons([lane.intersection(carriageway) for lane in lanes] + [between], window)
+    near = [lane for lane in lanes if lane.intersects(window)]
+    pieces = nets.cut_polygons([lane.intersection(carriageway) for lane in near] + [between], window)
     carriageway = nets.unite(pieces)
     walk = _open_shape(walk.difference(carriageway), SLIVER).difference(carriageway)
     return pieces, nets.cut_polygons([walk], window)
@@ -236,10 +240,8 @@ LEAST_SLOPE = 0.005  # m per m; flatter ground counts as level
 SAME_LEVEL = 3.5  # m; a road higher or lower than that is another storey, and left out
 BRACKET = 0.45  # m from a lamp post's axis to the sensor it carries
 
-_USED_LANES = {"driving": (13.89, 5, nets.MOTOR), "sidewalk": (2.78, 0, nets.FOOT), "walking": (2.78, 0, nets.FOOT)}
-_USED_LANES["biking"] = (5.56, 0, "bicycle")
-_UNUSED_LANES = ("none", "parking", "shoulder", "border", "curb", "median", "restricted")
 _OPENDRIVE_OPTIONS = ("--opendrive.import-all-lanes", "--opendrive.curve-resolution=1", "--junctions.endpoint-shape")
+_CROSSINGS = ("--crossings.guess", "--crossings.guess.speed-threshold=100")  # whatever the limit is
 _OSM_OPTIONS = (
     *("--osm.sidewalks", "--crossings.guess", "--geometry.remove", "--roundabouts.guess", "--junctions.join"),
     *("--tls.guess-signals", "--tls.discard-simple", "--tls.join", "--output.street-names"),
@@ -286,7 +288,7 @@ class MapPiece:
 
     def no_road(self) -> ValueError:
         """Error for a piece without a road."""
-        where = f"{self.centre[0]:g} {self.centre[1]:g}"
+        where = f"{self.centre[0]:.10g} {self.centre[1]:.10g}"
         return ValueError(f"{self.path}: no road within the area about {where}: move --centre onto a road")
 
 
@@ -301,21 +303,25 @@ def import_opendrive(piece: MapPiece) -> Site:
     path, (x, y), heading = piece.path, map(float, piece.centre), piece.heading
     with name_errors(path):
         root = opendrive.read_opendrive(path, (x, y))
+        placement = opendrive.find_placement(root)
+        plain = plain_map.write_plain(root)
     geo_reference = opendrive.find_projection(root, path.name)
     window = opendrive.in_map(piece.around(REACH), pose(x, y, yaw=heading))
-    rows = [{"id": k, "speed": s, "priority": p, "allow": u} for k, (s, p, u) in _USED_LANES.items()]
-    rows += [{"id": kind, "speed": 1, "priority": 0, "disallow": "all"} for kind in _UNUSED_LANES]
+    driving = ["--lefthand"] if plain.lefthand else []
     with tempfile.TemporaryDirectory() as folder:
-        types, whole = Path(folder, "types.xml"), Path(folder, "net.xml")
-        types.write_text(nets.format_xml("types", (nets.format_element("type", row) for row in rows)), "utf-8")
-        options = [f"--opendrive-files={path}", f"--type-files={types}", *_OPENDRIVE_OPTIONS, "--no-warnings"]
-        network = _convert(options, piece)
+        types, roads_only, whole, cut = (Path(folder, name) for name in ("types.xml", "plain.xodr", "net.xml", "cut"))
+        types.write_text(nets.format_xml("types", (nets.format_element("type", row) for row in plain.types)), "utf-8")
+        roads_only.write_text(plain.text, "utf-8")
+        options = [f"--opendrive-files={roads_only}", f"--type-files={types}", *_OPENDRIVE_OPTIONS, *driving]
+        network, warned = _convert(options, piece)
         level, elsewhere, is_near = _elsewhere(network, window)
         if not is_near:
             raise piece.no_road()
         whole.write_text(network, "utf-8")  # netconvert cuts networks, but not OpenDRIVE maps
-        cut = [f"--sumo-net-file={whole}", f"--remove-edges.explicit={','.join(elsewhere)}"]
-        network = _convert([*cut, "--junctions.endpoint-shape", "--crossings.guess", "--no-warnings"], piece)
+        cut.write_text("".join(f"edge:{edge}\n" for edge in elsewhere), "utf-8")
+        options = [f"--sumo-net-file={whole}", f"--remove-edges.input-file={cut}", *driving]
+        options += ["--junctions.endpoint-shape", *_CROSSINGS, "--no-warnings"]
+        network, _ = _convert(options, piece)
     map_SE3_site = pose(x, y, level, yaw=heading)
     network = _in_site_frame(network, map_SE3_site)
     with name_errors(path):
@@ -343,7 +349,9 @@ def import_opendrive(piece: MapPiece) -> Site:
     elif steepest > LEAST_SLOPE:
         notes.append(f"the steepest road in the area rises by {100 * steepest:.1f} %; the site is level")
     parking = free_bays(there.bays, reach, solids, tracks)
-    make = partial(Site, path.stem, piece.area, map_SE3_site=map_SE3_site, geo_reference=geo_reference)
+    notes += [*plain_map.describe_problems(plain, roads), *_describe_warnings(warned, network)]
+    placed = placement @ map_SE3_site
+    make = partial(Site, path.stem, piece.area, map_SE3_site=placed, geo_reference=geo_reference)
     site = make(lanes=lanes, footways=footways, parking=parking, network=network, relief=relief)
     lamps = np.array(there.lamps).reshape(-1, 2)
     return _finish(site, piece, solids, lamps=lamps, notes=notes)
@@ -371,7 +379,7 @@ def import_osm(piece: MapPiece, *, lefthand: bool = False) -> Site:
         types.write_text(osm.road_types(), "utf-8")
         options = [f"--osm-files={streets}", f"--type-files={types}", f"--proj={on_earth}", *_OSM_OPTIONS, *driving]
         options += [f"--plain-output-prefix={Path(folder, 'plain')}"]
-        network = _in_site_frame(_convert(options, piece), map_SE3_site)
+        network = _in_site_frame(_convert(options, piece)[0], map_SE3_site)
         if parking and (strips := osm.find_parking_strips(network, parking)):
             options = [*osm.widen_network(Path(folder), strips), "--output.street-names", "--no-warnings"]
             options += driving
@@ -443,29 +451,50 @@ def _doubt_place(geo_reference: str | None) -> list[str]:
     return [] if doubt is None else [doubt]
 
 
-def _convert(options: Sequence[str], piece: MapPiece) -> str:
+def _convert(options: Sequence[str], piece: MapPiece) -> tuple[str, list[str]]:
     with name_errors(piece.path):
-        network = nets.convert(options)
+        network, warned = nets.convert_with_warnings(options)
     if ElementTree.fromstring(network).find("edge") is None:
         raise piece.no_road()
-    return network
+    return network, warned
+
+
+def _describe_warnings(warned: Sequence[str], network: str) -> list[str]:
+    """Notes of what netconvert warns of on roads and junctions of a network."""
+    root = ElementTree.fromstring(network)
+    names = {element.get("id", "") for kind in ("edge", "junction") for element in root.iter(kind)}
+    names |= {name.strip("-").partition("#")[0] for name in names}
+    return describe_warnings(
+        warning for warning in warned if any(name in names for name in re.findall(r"'([^']*)'", warning))
+    )
 
 
 def _elsewhere(network: str, window: shapely.Polygon) -> tuple[float, list[str], bool]:
     """Height of the nearest road, edges to remove, and True if any edge is left. Edges to remove lie outside `window`,
     or on another storey than the road nearest to its middle."""
-    heights, near = {}, set()
+    lines: dict[str, list[shapely.LineString]] = {}
     nearest, level = np.inf, 0.0
     for edge, lane in nets.list_lanes(network):
-        name = edge.get("id", "")
         points = [(*map(float, p.split(",")), 0.0)[:3] for p in lane.get("shape", "").split()]
         line = shapely.LineString(points)
-        distance, heights[name] = line.distance(window.centroid), float(np.mean([z for _, _, z in points]))
-        near |= {name} if line.intersects(window) else set()
+        lines.setdefault(edge.get("id", ""), []).append(line)
+        distance = line.distance(window.centroid)
         if distance < nearest:
             nearest, level = distance, line.interpolate(line.project(window.centroid)).z
-    far = [name for name, height in heights.items() if name not in near or abs(height - level) > SAME_LEVEL]
-    return round(level, 3), far, len(far) < len(heights)
+    far = [name for name, parts in lines.items() if not _is_on_level(parts, window, level)]
+    return round(level, 3), far, len(far) < len(lines)
+
+
+def _is_on_level(lines: Sequence[shapely.LineString], window: shapely.Geometry, level: float) -> bool:
+    """True if lines (x, y, z) come within `SAME_LEVEL` of a height in `window`, and on the mean in its inner half."""
+    parts = shapely.intersection(lines, window)
+    heights = shapely.get_coordinates(parts, include_z=True)[:, 2]
+    if not len(heights) or np.abs(heights - level).min() > SAME_LEVEL:
+        return False
+    x, y = window.centroid.coords[0]
+    inner = shapely.affinity.scale(window, 0.5, 0.5, origin=(x, y))
+    heights = shapely.get_coordinates(shapely.intersection(lines, inner), include_z=True)[:, 2]
+    return not len(heights) or bool(np.abs(heights.mean() - level) <= SAME_LEVEL)
 
 
 def _in_site_frame(network: str, map_SE3_site: Pose) -> str:

@@ -4,7 +4,7 @@ netconvert goes on without what it cannot read and writes a line "Warning: ..." 
 tell how a shape was rounded, or what this computer lacks, are dropped; all others become notes, one for each kind."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable
 
 PREFIX = "Warning: "
 MAX_NOTES = 12  # kinds that are written out; more are counted
@@ -38,30 +38,28 @@ SHAPE_ONLY = (  # the road remains as the map has it
     r"Failed to create transformation",
     r"geoReference format '.*' currently not supported",
     r"Could not set projection",
+    r".*as it connects same junctions",
 )
 _SHAPE_ONLY = re.compile("|".join(SHAPE_ONLY))
 _VALUES = re.compile(r"'[^']*'|-?\d+(\.\d+)?")
 
 
-def describe_warnings(messages: str) -> list[str]:
-    """Notes, one for each kind of warning that tells of something unread, left out or changed.
+def list_warnings(messages: str) -> list[str]:
+    """Return the warnings among what netconvert wrote to its standard error."""
+    lines = [line.strip() for line in messages.splitlines() if line.startswith(PREFIX)]
+    return [line.removeprefix(PREFIX) for line in lines if " total messages of type:" not in line]
 
-    messages: what netconvert wrote to its standard error."""
+
+def describe_warnings(warnings: Iterable[str]) -> list[str]:
+    """Notes, one for each kind of warning that tells of something unread, left out or changed."""
     kinds: dict[str, list[str]] = {}
-    for warning in _list_warnings(messages):
+    for warning in warnings:
         if not _SHAPE_ONLY.match(warning):
             kinds.setdefault(_VALUES.sub("_", warning), []).append(warning)
     notes = [_describe_kind(warnings) for warnings in list(kinds.values())[:MAX_NOTES]]
     if len(kinds) > MAX_NOTES:
         notes.append(f"netconvert warned of {len(kinds) - MAX_NOTES} kinds of things more")
     return notes
-
-
-def _list_warnings(messages: str) -> Iterator[str]:
-    for line in messages.splitlines():
-        warning = line.strip().removeprefix(PREFIX)
-        if line.startswith(PREFIX) and " total messages of type:" not in warning:
-            yield warning
 
 
 def _describe_kind(warnings: list[str]) -> str:
