@@ -2,17 +2,31 @@
 
 A name is a whole number, a number of seconds with decimals, or seconds and their fraction of 3, 6 or 9 digits with `_`
 between them (`1688625741_047447463`, as TUM Traffic has them). Only times between 1973 and 2100 are believed, so that
-neither a frame's number nor a date such as 20230515101530 is taken for one."""
+neither a frame's number nor a date such as 20230515101530 is taken for one.
+
+Clouds of several sensors are one frame if they were measured together (`group_by_time`), whatever their order and
+number. Sensors that run freely are apart by a lag that stays; each cloud belongs to the one that it follows by it."""
 
 import math
 import re
+from collections.abc import Mapping
 from datetime import UTC, datetime
+
+import numpy as np
+
+from toolkit.arrays import Float64, Int64
 
 _WHOLE = re.compile(r"\d{9,19}")
 _DECIMAL = re.compile(r"\d{9,10}\.\d+")
 _PARTED = re.compile(r"(\d{9,10})_(\d{3}|\d{6}|\d{9})(?:_[A-Za-z].*)?")
 _TICKS_PER_SECOND = (1, 10**3, 10**6, 10**9)
 EARLIEST_S, LATEST_S = 1e8, 4.1e9  # since 1970
+MAX_JITTER_SHARE = 0.5  # of the fastest sensor's period that two clouds of one frame differ from their sensors' lag
+MAX_PERIOD_S = 0.2  # of a sensor that measures all the time; slower recordings are samples of one
+UNPAIRED = "frames that lack the cloud of some sensor at their time"
+BY_ORDER = "frames put together by the order of their clouds, whose names are no times"
+
+Group = dict[str, int]  # of the sensors of a frame the number of its cloud, in order of the times given
 
 
 def parse_epoch(name: str) -> float:
@@ -69,3 +83,79 @@ def find_epoch(name: str) -> float | None:
     """Return the time of a name (s since 1970), None for a name without a time."""
     seconds = parse_epoch(name)
     return None if math.isnan(seconds) else seconds
+
+
+def group_by_time(times_s: Mapping[str, Float64[np.ndarray, " n"]]) -> list[Group]:
+    """Group the clouds of several sensors by time, in order of time.
+
+    times_s: times (s, one clock) of each sensor's clouds, in any order. A group has at most one cloud of each sensor;
+    a cloud that no other was measured with is a group of its own.
+
+    >>> group_by_time({"north": np.array([0.0, 0.1, 0.3]), "south": np.array([0.104, 0.204, 0.304])})
+    [{'north': 0}, {'north': 1, 'south': 0}, {'south': 1}, {'north': 2, 'south': 2}]
+    """
+    order = {sensor: np.argsort(times, kind="stable") for sensor, times in times_s.items() if len(times)}
+    if not order:
+        return []
+    periods = {sensor: _find_period(times_s[sensor][rows]) for sensor, rows in order.items()}
+    reference = min(order, key=lambda sensor: periods[sensor])
+    period = periods[reference]
+    groups: list[Group] = [{reference: int(row)} for row in order[reference]]
+    centres = times_s[reference][order[reference]]
+    for sensor, rows in order.items():
+        if sensor == reference:
+            continue
+        times = times_s[sensor][rows]
+        partners = _find_partners(times, centres, period)
+        for row, partner in zip(rows.tolist(), partners.tolist(), strict=True):
+            if partner >= 0:
+                groups[partner][sensor] = row
+        alone = rows[partners < 0]
+        centres = np.concatenate([centres, times_s[sensor][alone]])
+        groups += [{sensor: row} for row in alone.tolist()]
+        in_order = np.argsort(centres, kind="stable")
+        centres, groups = centres[in_order], [groups[place] for place in in_order]
+    return [{sensor: group[sensor] for sensor in times_s if sensor in group} for group in groups]
+
+
+def _find_period(times: Float64[np.ndarray, " n"]) -> float:
+    """Median time between two clouds of a sensor, at most `MAX_PERIOD_S`."""
+    steps = np.diff(times)
+    steps = steps[steps > 0]
+    return min(float(np.median(steps)), MAX_PERIOD_S) if len(steps) else MAX_PERIOD_S
+
+
+def _find_partners(
+    times: Float64[np.ndarray, " n"], centres: Float64[np.ndarray, " m"], period: float
+) -> Int64[np.ndarray, " n"]:
+    """Number of the group that each cloud belongs to, of each group one at most, -1 for none; times ascend."""
+    lag = _find_lag(times - centres[_find_nearest(times, centres)], period)
+    nearest = _find_nearest(times - lag, centres)
+    away = np.abs(times - lag - centres[nearest])
+    partners = np.where(away < MAX_JITTER_SHARE * period, nearest, -1)
+    closest_first = np.argsort(away, kind="stable")
+    taken: set[int] = set()
+    for row in closest_first.tolist():
+        partner = int(partners[row])
+        if partner in taken:
+            partners[row] = -1
+        taken.add(partner)
+    return partners
+
+
+def _find_nearest(times: Float64[np.ndarray, " n"], centres: Float64[np.ndarray, " m"]) -> Int64[np.ndarray, " n"]:
+    """Number of the centre nearest to each time; the earlier of two."""
+    after = np.clip(np.searchsorted(centres, times), 1, max(1, len(centres) - 1))
+    before = after - 1
+    if len(centres) == 1:
+        return np.zeros(len(times), np.int64)
+    return np.where(times - centres[before] <= centres[after] - times, before, after)
+
+
+def _find_lag(differences: Float64[np.ndarray, " n"], period: float) -> float:
+    """Lag (s) that a sensor's clouds usually have, at most half a period."""
+    near = differences[np.abs(differences) <= period]
+    if not len(near):
+        return 0.0
+    turns = np.exp(2j * np.pi * near / period)
+    return float(np.angle(turns.mean()) * period / (2 * np.pi))

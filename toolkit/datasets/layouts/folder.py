@@ -3,10 +3,12 @@
 World frame: that of the poses, world_SE3_sensor; without a pose file the clouds are taken to be in it already.
 
 - Clouds are any of .pcd .bin .ply .npy .npz .feather .xyz .csv (`toolkit.datasets.cloud_files`).
-- Sensors' files of one name are one frame. If no two sensors share a name and all have equally many files, the k-th
-  files of each are one frame, in the order of their names.
+- Sensors' files of one time are one frame if all names are times (`toolkit.datasets.clock_times`), else those of one
+  name. If names are no times, no two sensors share one and all have equally many files, the k-th files of each are one
+  frame, in the order of their names. A frame that lacks a sensor, or goes by order, is counted in its problems.
 - A pose goes by the name of the sensor, or of SENSOR/NAME or NAME if it moves.
-- labels.json is `toolkit.datasets.records`, by the names of the frames.
+- labels.json is `toolkit.datasets.records`, by the names of the frames: those of their first clouds; it may have
+  another cloud's.
 - A name that is a number of seconds, milli-, micro- or nanoseconds since 1970 gives the time. Without one it is that of
   labels.json, whose `clouds` has the times of the sensors' clouds."""
 
@@ -21,7 +23,7 @@ import numpy as np
 
 from toolkit.arrays import Pose
 from toolkit.datasets import records
-from toolkit.datasets.clock_times import find_epoch
+from toolkit.datasets.clock_times import BY_ORDER, UNPAIRED, find_epoch, group_by_time, parse_epoch
 from toolkit.datasets.cloud_files import read_poses
 from toolkit.datasets.origins import Middles
 from toolkit.frame import Frame
@@ -29,6 +31,7 @@ from toolkit.runtime.files import write_text
 
 POSES = ("poses.json", "poses.txt", "poses.csv")
 LABELS_FILE = "labels.json"
+OTHER_NAME = "labels by the name of a second cloud of a labelled frame"
 RECORDED = ("*.hdf5", "*.h5", "*.bag", "*.mcap")  # recordings in single files
 ALONE = "lidar"  # name of the sensor of clouds that lie in the folder itself
 _ONE_WORD = re.compile(r"[\w.-]+/\d+")  # SENSOR/NAME in a line of poses.txt
@@ -44,7 +47,7 @@ def folder(path: Path, *, poses: Path | None = None, inverted: bool = False) -> 
         clouds = {name: files for name, files in {ALONE: _files(path), **below}.items() if files}
     else:
         raise FileNotFoundError(f"no such folder or cloud file: {path}")
-    names = _match(clouds)
+    names, by_order = _match(clouds)
     if not names:
         recorded = sorted(each for kind in RECORDED for each in path.glob(kind))
         recorded += [each.parent for each in sorted(path.glob("*/metadata.yaml"))]
@@ -63,21 +66,31 @@ def folder(path: Path, *, poses: Path | None = None, inverted: bool = False) -> 
     with records.named_damage(labels, "file of boxes"):
         times = _written_times(entries)
 
+    stems = {name: [_stem(file) for file in files.values()] for name, files in names.items()}
+    labelled = {name: [stem for stem in each if stem in entries] for name, each in stems.items()}
+
     def load(name: str) -> Frame:
         problems: records.Problems = {}
-        seconds, stamps = times.get(name, (None, {}))
+        records.add_problem(problems, UNPAIRED, int(len(names[name]) < len(clouds)))
+        records.add_problem(problems, BY_ORDER, int(by_order))
+        records.add_problem(problems, OTHER_NAME, max(0, len(set(labelled[name])) - 1))
+        title = next(iter(labelled[name]), name)
+        seconds, stamps = times.get(title, (None, {}))
         measured = []
         for sensor, file in names[name].items():
-            stem = file.stem.removesuffix(".pcd")
+            stem = _stem(file)
             stamp = next((time for time in (find_epoch(stem), stamps.get(sensor)) if time is not None), None)
             pose = _pose(placed, sensor, stem)
             cloud = records.read_cloud(file, sensor, pose, problems, stamp_s=stamp, middles=middles)
             measured.append(cloud)
-        found = records.parse_objects(labels, entries[name], problems) if name in entries else records.no_labels()
+        found = records.no_labels()
+        if title in entries:
+            found = records.parse_objects(labels, entries[title], problems)
         known = next((time for time in (find_epoch(name), seconds) if time is not None), float("nan"))
         return Frame.of_clouds(name, measured, *found, time=known, problems=problems)
 
-    return records.Listing(tuple(names), load, labelled=entries if path.is_dir() else ())
+    known = [stem for each in stems.values() for stem in each]
+    return records.Listing(tuple(names), load, labelled=entries if path.is_dir() else (), known=known)
 
 
 def _files(path: Path) -> list[Path]:
@@ -85,17 +98,37 @@ def _files(path: Path) -> list[Path]:
     return sorted(file for file in clouds if not file.name.startswith("."))
 
 
-def _match(clouds: Mapping[str, list[Path]]) -> dict[str, dict[str, Path]]:
-    """Files of each frame by sensor."""
+def _stem(file: Path) -> str:
+    """A cloud's name without its ending, also without that of .pcd.bin."""
+    return file.stem.removesuffix(".pcd")
+
+
+def _match(clouds: Mapping[str, list[Path]]) -> tuple[dict[str, dict[str, Path]], bool]:
+    """Files of each frame by sensor, and whether their order put them together."""
     by_stem: dict[str, dict[str, Path]] = {}
     for sensor, files in clouds.items():
         for file in files:
-            by_stem.setdefault(file.stem.removesuffix(".pcd"), {})[sensor] = file
-    apart = len(clouds) > 1 and all(len(files) == 1 for files in by_stem.values())
+            by_stem.setdefault(_stem(file), {})[sensor] = file
+    if len(clouds) < 2:
+        return dict(sorted(by_stem.items())), False
+    if all(find_epoch(stem) is not None for stem in by_stem):
+        return _match_times(clouds), False
+    apart = all(len(files) == 1 for files in by_stem.values())
     if apart and len({len(files) for files in clouds.values()}) == 1:
         first = next(iter(clouds.values()))
-        return {file.stem: {s: files[k] for s, files in clouds.items()} for k, file in enumerate(first)}
-    return dict(sorted(by_stem.items()))
+        return {_stem(file): {s: files[k] for s, files in clouds.items()} for k, file in enumerate(first)}, True
+    return dict(sorted(by_stem.items())), False
+
+
+def _match_times(clouds: Mapping[str, list[Path]]) -> dict[str, dict[str, Path]]:
+    """Files of each frame by sensor, whose names are times; a frame has the name of its first."""
+    times = {sensor: np.array([parse_epoch(_stem(file)) for file in files]) for sensor, files in clouds.items()}
+    matched = {}
+    for group in group_by_time(times):
+        files = {sensor: clouds[sensor][row] for sensor, row in group.items()}
+        first, name = next(iter(files.items())), _stem(next(iter(files.values())))
+        matched[name if name not in matched else f"{first[0]}/{name}"] = files
+    return matched
 
 
 def _written_times(entries: Mapping[str, records.Unchecked]) -> dict[str, tuple[float | None, dict[str, float]]]:

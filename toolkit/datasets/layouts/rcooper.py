@@ -5,10 +5,11 @@ are in its own lidar's frame and say what that agent sees; label/SCENE/coop is n
 agent for itself: boxes of one class that two agents list and that overlap are one object, the first agent's.
 
 - SCENE lists its agents, "117-118-120-119"; files are named by their time in seconds and differ by milliseconds between
-  agents: the k-th of one belongs to the k-th of the others.
+  agents: those of one time are one frame. Only if names are no times, the k-th of one belongs to the k-th of others.
 - Labels are as those of DAIR-V2X: centre, l w h, yaw about z in radians, numbers or strings.
 - lidar2world turns by a matrix that is not quite a rotation."""
 
+from collections.abc import Mapping, Sequence
 from os.path import lexists
 from pathlib import Path
 
@@ -16,7 +17,7 @@ import numpy as np
 
 from toolkit.arrays import Int64
 from toolkit.boxes import iou_bev
-from toolkit.datasets.clock_times import find_epoch
+from toolkit.datasets.clock_times import BY_ORDER, UNPAIRED, find_epoch, group_by_time
 from toolkit.datasets.layouts.dair import read_annotations, read_transform
 from toolkit.datasets.records import ENDINGS, Listing, Problems, frame_time, read_cloud
 from toolkit.frame import Frame, SensorCloud
@@ -28,6 +29,7 @@ SAME_OBJECT = 0.3  # BEV IoU; two agents' labels of one class above it are one o
 def rcooper(path: Path) -> Listing:
     """Frames of the whole set, each of all agents. Raises FileNotFoundError if the folder is not such a set."""
     names: dict[str, list[tuple[str, Path]]] = {}
+    noted: dict[str, Problems] = {}
     labelled, known = list[str](), list[str]()
     for scene in sorted((path / "data").glob("*")):
         agents = [name for name in scene.name.split("-") if (scene / name).is_dir()]
@@ -37,11 +39,26 @@ def rcooper(path: Path) -> Listing:
                 own = f"{scene.name}/{name}/{sequence}"
                 known += [f"{own}/{file.stem}" for file in some]
                 labelled += [f"{own}/{file.stem}" for file in sorted((path / "label" / own).glob("*.json"))]
-            for k in range(min((len(some) for _, some in files), default=0)):
-                names[f"{scene.name}/{sequence}/{k:05d}"] = [(name, some[k]) for name, some in files]
+            groups, by_order = _match(dict(files))
+            for k, group in enumerate(groups):
+                name = f"{scene.name}/{sequence}/{k:05d}"
+                names[name] = list(group.items())
+                noted[name] = {UNPAIRED: int(len(group) < len(agents)), BY_ORDER: int(by_order)}
     if not names:
         raise FileNotFoundError(f"{path} is no RCooper folder: it has no data/SCENE/AGENT/SEQUENCE/lidar/*.pcd")
-    return Listing(tuple(names), lambda name: _sample(path, name, names[name]), labelled=labelled, known=known)
+    return Listing(
+        tuple(names), lambda name: _sample(path, name, names[name], noted[name]), labelled=labelled, known=known
+    )
+
+
+def _match(files: Mapping[str, Sequence[Path]]) -> tuple[list[dict[str, Path]], bool]:
+    """Clouds of each frame by agent, and whether their order put them together."""
+    times = {agent: np.array([_time(file)[0] for file in some]) for agent, some in files.items()}
+    if all(np.isfinite(each).all() for each in times.values()):
+        groups = group_by_time(times)
+        return [{agent: files[agent][row] for agent, row in group.items()} for group in groups], False
+    count = min((len(some) for some in files.values()), default=0)
+    return [{agent: some[k] for agent, some in files.items()} for k in range(count)], len(files) > 1
 
 
 def _clouds(folder: Path) -> list[Path]:
@@ -55,8 +72,8 @@ def _time(file: Path) -> tuple[float, str]:
         return float("inf"), file.stem
 
 
-def _sample(root: Path, name: str, files: list[tuple[str, Path]]) -> Frame:
-    problems: Problems = {}
+def _sample(root: Path, name: str, files: list[tuple[str, Path]], noted: Problems) -> Frame:
+    problems = {kind: count for kind, count in noted.items() if count}
     scene, sequence, _ = name.split("/")
     clouds: list[SensorCloud] = []
     parts: list[Objects] = []
