@@ -171,7 +171,7 @@ def _parse_limit(text: str | None, unit: str | None, problems: Counter[str]) -> 
     except (ValueError, KeyError):
         value = 0.0
     if not 0.0 < value < 1000.0:
-        problems[f"limits of {text[:20]!r} in {str(unit)[:10]!r} are no speeds and were left out"] += 1
+        problems[f"limits of {text[:20]!r} in {(unit or 'm/s')[:10]!r} are no speeds and were left out"] += 1
         return None
     if value > MAX_LIKELY_SPEED_MPS:
         problems[f"limits of {text[:20]} {unit or 'm/s (no unit is given)'} are {value * 3.6:.0f} km/h"] += 1

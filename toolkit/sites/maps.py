@@ -16,7 +16,6 @@ from xml.etree import ElementTree
 
 import numpy as np
 import shapely
-import shapely.affinity
 
 from toolkit.arrays import Float, Float64, Pose, Rng
 from toolkit.geometry import STEEPEST, pose
@@ -91,6 +90,8 @@ def whole_road(
     islets = [s for s in small if s.boundary.intersection(border).length > 0.85 * s.boundary.length]
     carriageway = shapely.union_all([closed, stubs, *islets])
     carriageway = shapely.set_precision(carriageway, OUTLINE_GRID)  # off the grid an overlay may lose a whole lane
+    if carriageway.geom_type == "GeometryCollection":  # whose overlays are slow
+        carriageway = shapely.MultiPolygon(nets.list_polygons(carriageway))
     between = _open_shape(carriageway.difference(shapely.union_all(list(lanes))), 0.01)
     near = [lane for lane in lanes if lane.intersects(window)]
     pieces = nets.cut_polygons([lane.intersection(carriageway) for lane in near] + [between], window)
@@ -291,10 +292,18 @@ class MapPiece:
         """Ground up to `margin` m around the area."""
         return shapely.box(*(self.area + margin * np.array([-1, -1, 1, 1])))
 
-    def no_road(self) -> ValueError:
-        """Error for a piece without a road."""
+    def no_road(self, nearest: tuple[float, float] | None = None) -> ValueError:
+        """Error for a piece without a road. nearest: place on the nearest one, in the map's coordinates."""
         where = f"{self.centre[0]:.10g} {self.centre[1]:.10g}"
-        return ValueError(f"{self.path}: no road within the area about {where}: move --centre onto a road")
+        onto = "" if nearest is None else f", as --centre {nearest[0]:.10g} {nearest[1]:.10g}"
+        return ValueError(f"{self.path}: no road within the area about {where}: move --centre onto a road{onto}")
+
+    def no_carriageway(self, kinds: Sequence[str]) -> ValueError:
+        """Error for a piece whose roads have no carriageway. kinds: types of their lanes."""
+        listed = ", ".join(kind[:30] for kind in kinds[:12])
+        where = f"{self.centre[0]:.10g} {self.centre[1]:.10g}"
+        only = f"the roads within the area about {where} have no carriageway, but lanes of the types {listed}"
+        return ValueError(f"{self.path}: {only}: give --centre X Y on another road")
 
 
 def import_opendrive(piece: MapPiece) -> Site:
@@ -320,8 +329,9 @@ def import_opendrive(piece: MapPiece) -> Site:
         options = [f"--opendrive-files={roads_only}", f"--type-files={types}", *_OPENDRIVE_OPTIONS, *driving]
         network, warned = _convert([*options, _ALL_WARNINGS], piece)
         level, elsewhere, is_near = _elsewhere(network, window)
+        nearest = _nearest_road(network, shapely.Point(x, y))
         if not is_near:
-            raise piece.no_road()
+            raise piece.no_road(nearest)
         whole.write_text(network, "utf-8")  # netconvert cuts networks, but not OpenDRIVE maps
         cut.write_text("".join(f"edge:{edge}\n" for edge in elsewhere), "utf-8")
         options = [f"--sumo-net-file={whole}", f"--remove-edges.input-file={cut}", *driving]
@@ -330,16 +340,19 @@ def import_opendrive(piece: MapPiece) -> Site:
     map_SE3_site = pose(x, y, level, yaw=heading)
     network = _in_site_frame(network, map_SE3_site)
     with name_errors(path):
-        roads = opendrive.roads_near(root, window, level, SAME_LEVEL)
+        roads, others = opendrive.roads_near(root, window, level, SAME_LEVEL)
         there = opendrive.move_to_site(opendrive.read_standing(roads), map_SE3_site)
         found = [lane for road in roads for lane in opendrive.lanes(road)]
     shapes = [(lane.kind, opendrive.in_site(lane.outline, map_SE3_site)) for lane in found]
     paved = [shape for kind, shape in shapes if kind not in opendrive.UNPAVED]
     walked = [shape for kind, shape in shapes if kind in opendrive.FOOTWAY]
     if not paved:
-        raise piece.no_road()
+        kinds = sorted({lane.kind for lane in found})
+        raise piece.no_carriageway(kinds) if kinds else piece.no_road(nearest)
     reach, tracks = piece.around(SURROUNDINGS), find_tracks(network)
     lanes, footways = whole_road(paved, walked, tracks, reach, fillings=junction_corners(network))
+    if not nets.unite(lanes).intersects(shapely.box(*piece.area)):
+        raise piece.no_road(nearest)
     for lane in found:
         if lane.kind == "parking" and lane.width >= 1.8:
             middle = opendrive.in_site(shapely.LineString(lane.middle), map_SE3_site)
@@ -354,6 +367,8 @@ def import_opendrive(piece: MapPiece) -> Site:
     elif steepest > LEAST_SLOPE:
         notes.append(f"the steepest road in the area rises by {100 * steepest:.1f} %; the site is level")
     parking = free_bays(there.bays, reach, solids, tracks)
+    if others:
+        notes.append(f"{others} roads more than {SAME_LEVEL:g} m above or below the site were left out")
     notes += [*plain_map.describe_problems(plain, roads), *_describe_warnings(warned, network)]
     placed = placement @ map_SE3_site
     make = partial(Site, path.stem, piece.area, map_SE3_site=placed, geo_reference=geo_reference)
@@ -469,6 +484,17 @@ def _describe_warnings(warned: Sequence[str], network: str) -> list[str]:
     return [f"netconvert warns {len(alike)} times, as: {alike[0][:200]}" for alike in shown]
 
 
+def _nearest_road(network: str, place: shapely.Point) -> tuple[float, float] | None:
+    """Place on the nearest lane of a network that vehicles use, to 0.1 m."""
+    users = ((lane, nets.list_users(lane)) for _, lane in nets.list_lanes(network))
+    lines = [shapely.LineString(nets.parse_shape(lane)) for lane, allowed in users if "passenger" in allowed]
+    if not lines:
+        return None
+    nearest = shapely.MultiLineString(lines)
+    x, y = shapely.get_coordinates(shapely.shortest_line(nearest, place))[0].round(1).tolist()
+    return x, y
+
+
 def _elsewhere(network: str, window: shapely.Polygon) -> tuple[float, list[str], bool]:
     """Height of the nearest road, edges to remove, and True if any edge is left. Edges to remove lie outside `window`,
     or on another storey than the road nearest to its middle."""
@@ -481,20 +507,8 @@ def _elsewhere(network: str, window: shapely.Polygon) -> tuple[float, list[str],
         distance = line.distance(window.centroid)
         if distance < nearest:
             nearest, level = distance, line.interpolate(line.project(window.centroid)).z
-    far = [name for name, parts in lines.items() if not _is_on_level(parts, window, level)]
+    far = [name for name, parts in lines.items() if not opendrive.is_on_level(parts, window, level, SAME_LEVEL)]
     return round(level, 3), far, len(far) < len(lines)
-
-
-def _is_on_level(lines: Sequence[shapely.LineString], window: shapely.Geometry, level: float) -> bool:
-    """True if lines (x, y, z) come within `SAME_LEVEL` of a height in `window`, and on the mean in its inner half."""
-    parts = shapely.intersection(lines, window)
-    heights = shapely.get_coordinates(parts, include_z=True)[:, 2]
-    if not len(heights) or np.abs(heights - level).min() > SAME_LEVEL:
-        return False
-    x, y = window.centroid.coords[0]
-    inner = shapely.affinity.scale(window, 0.5, 0.5, origin=(x, y))
-    heights = shapely.get_coordinates(shapely.intersection(lines, inner), include_z=True)[:, 2]
-    return not len(heights) or bool(np.abs(heights.mean() - level) <= SAME_LEVEL)
 
 
 def _in_site_frame(network: str, map_SE3_site: Pose) -> str:

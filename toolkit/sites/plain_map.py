@@ -7,7 +7,7 @@ is in metres and nothing beside the road stops it."""
 
 import re
 from collections import Counter, defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from xml.etree import ElementTree
 
@@ -21,6 +21,8 @@ from toolkit.sites.opendrive import MapRoad
 
 _SAFE_NAME = re.compile(r"[A-Za-z0-9_][\w.]*")
 _WHOLE = re.compile(r"[-+]?\d{1,9}")
+_NO_LIMIT = f"roads without a limit in the map are driven at {lane_rules.USUAL_SPEED_MPS * 3.6:.0f} km/h"
+MAX_KERB_M = 0.25
 _STRAIGHT = 1e-10  # 1/m; less curvature is none
 _TRAFFIC_LIGHTS = (  # those that netconvert takes for traffic lights
     *("1000001", "1000002", "1000003", "1000004", "1000005", "1000006", "1000007", "1000009"),
@@ -87,6 +89,8 @@ def write_plain(root: ElementTree.Element) -> PlainMap:
         if name in left_out:
             _note_left_out(writer, name, junction)
         else:
+            if junction.find("priority") is not None:
+                writer.problems[f"junction {name}"]["junctions have priorities, which are not read"] += 1
             elements.append(_write_junction(writer, name, junction, is_direct=kinds[name] == "direct"))
     types = [
         {
@@ -106,9 +110,48 @@ def describe_problems(plain: PlainMap, roads: Sequence[MapRoad]) -> list[str]:
     names = {road.element.get("id", "") for road in roads}
     junctions = {link.get("elementId", "") for road in roads for link in road.element.findall("link/*")}
     counted: Counter[str] = Counter()
-    for name in ("", *sorted(names), *sorted(f"junction {junction}" for junction in junctions)):
+    for name in sorted({"", *names, *(f"junction {junction}" for junction in junctions)}):
         counted.update(plain.problems.get(name, {}))
-    return [f"{count} {text}" for text, count in counted.items()]
+    for road in roads:
+        counted["lanes may be left where road marks forbid it"] += _count_marks(road.element)
+        for path, (text, matters) in UNREAD.items():
+            counted[text] += sum(matters(element) for element in road.element.findall(path))
+    return [f"{count} {text}" for text, count in counted.items() if count]
+
+
+def _is_high(height: ElementTree.Element) -> bool:
+    return max(abs(number(height, key, 0.0)) for key in ("inner", "outer")) > MAX_KERB_M
+
+
+def _count_marks(road: ElementTree.Element) -> int:
+    """Number of lanes from which road marks forbid a change to the driving lane outside them."""
+    count = 0
+    for side in road.findall("lanes/laneSection/*"):
+        lanes = {lane.get("id", ""): lane for lane in side.findall("lane") if lane.get("type") == "driving"}
+        for name, lane in lanes.items():
+            is_inside = _WHOLE.fullmatch(name) and str(int(name) + (1 if side.tag == "left" else -1)) in lanes
+            marks = lane.findall("roadMark")
+            count += bool(is_inside) and any(mark.get("laneChange", "both") != "both" for mark in marks)
+    return count
+
+
+def _is_plate(signal: ElementTree.Element) -> bool:
+    return signal.get("type", "") not in (*_TRAFFIC_LIGHTS, *_PRIORITY_SIGNS)
+
+
+def _always(element: ElementTree.Element) -> bool:
+    return True
+
+
+_LANE = "lanes/laneSection/*/lane"
+UNREAD: dict[str, tuple[str, Callable[[ElementTree.Element], bool]]] = {  # of a road, by path: what a note says
+    "signals/signal": ("signs are plates, which traffic does not obey", _is_plate),
+    "objects/tunnel": ("tunnels have no walls and roof in the site", _always),
+    "surface/CRG": ("surfaces in OpenCRG files are not read", _always),
+    "lateralProfile/crossSectionSurface": ("cross sections of strips are not read", _always),
+    f"{_LANE}/height": (f"heights of lanes beyond a kerb's {MAX_KERB_M:g} m are not read", _is_high),
+    f"{_LANE}/rule": ("rules of lanes in words are not read", _always),
+}
 
 
 def _usual_speed(users: Sequence[str]) -> float:
@@ -276,6 +319,8 @@ def _find_kind(
 ) -> str:
     """Name of the type of a lane that netconvert is handed."""
     use = lane_rules.find_use(road.element, section, lane, dict(defaults), problems)
+    if use.limit is None and "passenger" in use.users and road.element.get("junction", "-1") == "-1":
+        problems[_NO_LIMIT] = 1  # of one road, however many lanes it has
     if road.is_odd and use.users:
         problems["lanes of roads that keep to the other side than most are closed"] += 1
         use = lane_rules.LaneUse((), None)
