@@ -321,22 +321,12 @@ def import_opendrive(piece: MapPiece) -> Site:
         plain = plain_map.write_plain(root)
     geo_reference = opendrive.find_projection(root, path.name)
     window = opendrive.in_map(piece.around(REACH), pose(x, y, yaw=heading))
-    driving = ["--lefthand"] if plain.lefthand else []
-    with tempfile.TemporaryDirectory() as folder:
-        types, roads_only, whole, cut = (Path(folder, name) for name in ("types.xml", "plain.xodr", "net.xml", "cut"))
-        types.write_text(nets.format_xml("types", (nets.format_element("type", row) for row in plain.types)), "utf-8")
-        roads_only.write_text(plain.text, "utf-8")
-        options = [f"--opendrive-files={roads_only}", f"--type-files={types}", *_OPENDRIVE_OPTIONS, *driving]
-        network, warned = _convert([*options, _ALL_WARNINGS], piece)
-        level, elsewhere, is_near = _elsewhere(network, window)
-        nearest = _nearest_road(network, shapely.Point(x, y))
-        if not is_near:
-            raise piece.no_road(nearest)
-        whole.write_text(network, "utf-8")  # netconvert cuts networks, but not OpenDRIVE maps
-        cut.write_text("".join(f"edge:{edge}\n" for edge in elsewhere), "utf-8")
-        options = [f"--sumo-net-file={whole}", f"--remove-edges.input-file={cut}", *driving]
-        options += ["--junctions.endpoint-shape", *_CROSSINGS, "--no-warnings"]
-        network, _ = _convert(options, piece)
+    network, warned = _make_network(plain, piece)
+    nearest = _nearest_road(network, shapely.Point(x, y))
+    level, elsewhere, is_near = _elsewhere(network, window)
+    if not is_near:
+        raise piece.no_road(nearest)
+    network = _cut_network(network, elsewhere, piece, lefthand=plain.lefthand)
     map_SE3_site = pose(x, y, level, yaw=heading)
     network = _in_site_frame(network, map_SE3_site)
     with name_errors(path):
@@ -482,6 +472,27 @@ def _describe_warnings(warned: Sequence[str], network: str) -> list[str]:
             kinds.setdefault(re.sub(r"'[^']*'|[-+.\d]+", "…", warning), []).append(warning)
     shown = list(kinds.values())[:MAX_WARNINGS]
     return [f"netconvert warns {len(alike)} times, as: {alike[0][:200]}" for alike in shown]
+
+
+def _make_network(plain: plain_map.PlainMap, piece: MapPiece) -> tuple[str, list[str]]:
+    """Network of a whole map, in its coordinates, and netconvert's warnings."""
+    with tempfile.TemporaryDirectory() as folder:
+        types, roads = Path(folder, "types.xml"), Path(folder, "plain.xodr")
+        types.write_text(nets.format_xml("types", (nets.format_element("type", row) for row in plain.types)), "utf-8")
+        roads.write_text(plain.text, "utf-8")
+        options = [f"--opendrive-files={roads}", f"--type-files={types}", *_OPENDRIVE_OPTIONS, _ALL_WARNINGS]
+        return _convert([*options, *(["--lefthand"] if plain.lefthand else [])], piece)
+
+
+def _cut_network(network: str, edges: Sequence[str], piece: MapPiece, *, lefthand: bool) -> str:
+    """Network without some edges, and with crossings; netconvert cuts networks, but not OpenDRIVE maps."""
+    with tempfile.TemporaryDirectory() as folder:
+        whole, cut = Path(folder, "net.xml"), Path(folder, "edges.txt")
+        whole.write_text(network, "utf-8")
+        cut.write_text("".join(f"edge:{edge}\n" for edge in edges), "utf-8")
+        options = [f"--sumo-net-file={whole}", f"--remove-edges.input-file={cut}", *_CROSSINGS, "--no-warnings"]
+        options += ["--junctions.endpoint-shape", *(["--lefthand"] if lefthand else [])]
+        return _convert(options, piece)[0]
 
 
 def _nearest_road(network: str, place: shapely.Point) -> tuple[float, float] | None:

@@ -7,7 +7,7 @@ is in metres and nothing beside the road stops it."""
 
 import re
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from xml.etree import ElementTree
 
@@ -28,12 +28,19 @@ _TRAFFIC_LIGHTS = (  # those that netconvert takes for traffic lights
     *("1000001", "1000002", "1000003", "1000004", "1000005", "1000006", "1000007", "1000009"),
     *("1000010", "1000011", "1000012", "1000013", "1000020"),
 )
+_SHAPE_KEYS: dict[str, tuple[str, ...]] = {
+    "line": (),
+    "arc": ("curvature",),
+    "spiral": ("curvStart", "curvEnd"),
+    "poly3": ("a", "b", "c", "d"),
+    "paramPoly3": ("aU", "bU", "cU", "dU", "aV", "bV", "cV", "dV"),
+}
 _PRIORITY_SIGNS = ("205", "301", "306")  # German signs that netconvert reads
 
 
 @dataclass(frozen=True, eq=False)
 class PlainMap:
-    """What netconvert is handed of a map.
+    """Part of a map that netconvert is handed.
 
     Attributes:
         text: OpenDRIVE 1.4.
@@ -113,14 +120,24 @@ def describe_problems(plain: PlainMap, roads: Sequence[MapRoad]) -> list[str]:
     for name in sorted({"", *names, *(f"junction {junction}" for junction in junctions)}):
         counted.update(plain.problems.get(name, {}))
     for road in roads:
-        counted["lanes may be left where road marks forbid it"] += _count_marks(road.element)
-        for path, (text, matters) in UNREAD.items():
-            counted[text] += sum(matters(element) for element in road.element.findall(path))
+        counted.update(count_unread(road.element))
     return [f"{count} {text}" for text, count in counted.items() if count]
 
 
-def _is_high(height: ElementTree.Element) -> bool:
-    return max(abs(number(height, key, 0.0)) for key in ("inner", "outer")) > MAX_KERB_M
+def count_unread(road: ElementTree.Element) -> dict[str, int]:
+    """Number of things of a road that bear on traffic or the ground and are not read, by what a note says."""
+    plates = [s for s in road.findall("signals/signal") if s.get("type") not in (*_TRAFFIC_LIGHTS, *_PRIORITY_SIGNS)]
+    heights = road.findall("lanes/laneSection/*/lane/height")
+    high = [h for h in heights if max(abs(number(h, key, 0.0)) for key in ("inner", "outer")) > MAX_KERB_M]
+    return {
+        "lanes may be left where road marks forbid it": _count_marks(road),
+        "signs are plates, which traffic does not obey": len(plates),
+        "tunnels have no walls and roof in the site": len(road.findall("objects/tunnel")),
+        "surfaces in OpenCRG files are not read": len(road.findall("surface/CRG")),
+        "cross sections of strips are not read": len(road.findall("lateralProfile/crossSectionSurface")),
+        f"heights of lanes beyond a kerb's {MAX_KERB_M:g} m are not read": len(high),
+        "rules of lanes in words are not read": len(road.findall("lanes/laneSection/*/lane/rule")),
+    }
 
 
 def _count_marks(road: ElementTree.Element) -> int:
@@ -141,17 +158,6 @@ def _is_plate(signal: ElementTree.Element) -> bool:
 
 def _always(element: ElementTree.Element) -> bool:
     return True
-
-
-_LANE = "lanes/laneSection/*/lane"
-UNREAD: dict[str, tuple[str, Callable[[ElementTree.Element], bool]]] = {  # of a road, by path: what a note says
-    "signals/signal": ("signs are plates, which traffic does not obey", _is_plate),
-    "objects/tunnel": ("tunnels have no walls and roof in the site", _always),
-    "surface/CRG": ("surfaces in OpenCRG files are not read", _always),
-    "lateralProfile/crossSectionSurface": ("cross sections of strips are not read", _always),
-    f"{_LANE}/height": (f"heights of lanes beyond a kerb's {MAX_KERB_M:g} m are not read", _is_high),
-    f"{_LANE}/rule": ("rules of lanes in words are not read", _always),
-}
 
 
 def _usual_speed(users: Sequence[str]) -> float:
@@ -211,7 +217,7 @@ def _write_road(writer: _Writer, road: _Road, left_out: set[str], defaults: Mapp
 
 @dataclass(frozen=True)
 class _Link:
-    """What a road's end leads to: the name of a road or junction, and of a road which end, and the lanes there."""
+    """Road or junction that a road leads to, and of a road the end and the ids of the lanes there."""
 
     kind: str
     name: str
@@ -263,15 +269,6 @@ def _write_geometry(road: ElementTree.Element) -> Iterator[str]:
         is_length = shape.get("pRange") == "arcLength"
         parameter = {"pRange": "arcLength" if is_length else "normalized"} if kind == "paramPoly3" else {}
         yield format_element("geometry", row, format_element(kind, {**numbers, **parameter}))
-
-
-_SHAPE_KEYS: dict[str, tuple[str, ...]] = {
-    "line": (),
-    "arc": ("curvature",),
-    "spiral": ("curvStart", "curvEnd"),
-    "poly3": ("a", "b", "c", "d"),
-    "paramPoly3": ("aU", "bU", "cU", "dU", "aV", "bV", "cV", "dV"),
-}
 
 
 def _write_cubics(tag: str, key: str, function: Cubics) -> str:
