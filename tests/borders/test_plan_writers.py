@@ -26,7 +26,7 @@ SITE = Site(
     np.array([-10.0, -10.0, 10.0, 10.0]),
     mounts=(Mount("north", np.array([0.0, 9.0, 0.0])),),
     sensors=(Sensor("n", DepthCamera(), look((0.0, 9.0, 5.0), -np.pi / 2, 0.2)),),
-    map_SE3_site=pose(*CENTRE, 520.0, yaw=TURN),
+    map_SE3_site=pose(CENTRE[0], CENTRE[1], 520.0, yaw=TURN),
     geo_reference=UTM,
 )
 PLACE = (0.0, 9.0, 5.0, 11.58, 48.15, 5.0)

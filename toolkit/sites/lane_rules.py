@@ -58,7 +58,7 @@ Side = Literal["left", "right"]
 
 @dataclass(frozen=True)
 class LaneUse:
-    """Who may use a lane, in SUMO's words, and its limit (m/s), None if the map says none."""
+    """Users of a lane, in SUMO's words, and its limit (m/s), None if the map gives none."""
 
     users: tuple[str, ...]
     limit: float | None
@@ -159,7 +159,7 @@ def _find_limit(
 
 
 def _parse_limit(text: str | None, unit: str | None, problems: Counter[str]) -> float | None:
-    """Limit (m/s) of a text; None for one that says nothing."""
+    """Limit (m/s) of a text; None if it says nothing."""
     text = (text or "").strip()
     if text == "no limit":
         problems[f"limits of 'no limit' count as {NO_LIMIT_MPS * 3.6:.0f} km/h"] += 1
@@ -171,7 +171,7 @@ def _parse_limit(text: str | None, unit: str | None, problems: Counter[str]) -> 
     except (ValueError, KeyError):
         value = 0.0
     if not 0.0 < value < 1000.0:
-        problems[f"limits of {text[:20]!r} in {str(unit)[:10]!r} are no speeds and were left out"] += 1
+        problems[f"limits of {text[:20]!r} in {(unit or 'm/s')[:10]!r} are no speeds and were left out"] += 1
         return None
     if value > MAX_LIKELY_SPEED_MPS:
         problems[f"limits of {text[:20]} {unit or 'm/s (no unit is given)'} are {value * 3.6:.0f} km/h"] += 1

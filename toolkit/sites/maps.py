@@ -16,7 +16,6 @@ from xml.etree import ElementTree
 
 import numpy as np
 import shapely
-import shapely.affinity
 
 from toolkit.arrays import Float, Float64, Pose, Rng
 from toolkit.geometry import STEEPEST, pose
@@ -92,6 +91,8 @@ def whole_road(
     islets = [s for s in small if s.boundary.intersection(border).length > 0.85 * s.boundary.length]
     carriageway = shapely.union_all([closed, stubs, *islets])
     carriageway = shapely.set_precision(carriageway, OUTLINE_GRID)  # off the grid an overlay may lose a whole lane
+    if carriageway.geom_type == "GeometryCollection":  # whose overlays are slow
+        carriageway = shapely.MultiPolygon(nets.list_polygons(carriageway))
     between = _open_shape(carriageway.difference(shapely.union_all(list(lanes))), 0.01)
     near = [lane for lane in lanes if lane.intersects(window)]
     pieces = nets.cut_polygons([lane.intersection(carriageway) for lane in near] + [between], window)
@@ -286,10 +287,18 @@ class MapPiece:
         """Ground up to `margin` m around the area."""
         return shapely.box(*(self.area + margin * np.array([-1, -1, 1, 1])))
 
-    def no_road(self) -> ValueError:
-        """Error for a piece without a road."""
+    def no_road(self, nearest: tuple[float, float] | None = None) -> ValueError:
+        """Error for a piece without a road. nearest: place on the nearest one, in the map's coordinates."""
         where = f"{self.centre[0]:.10g} {self.centre[1]:.10g}"
-        return ValueError(f"{self.path}: no road within the area about {where}: move --centre onto a road")
+        onto = "" if nearest is None else f", as --centre {nearest[0]:.10g} {nearest[1]:.10g}"
+        return ValueError(f"{self.path}: no road within the area about {where}: move --centre onto a road{onto}")
+
+    def no_carriageway(self, kinds: Sequence[str]) -> ValueError:
+        """Error for a piece whose roads have no carriageway. kinds: types of their lanes."""
+        listed = ", ".join(kind[:30] for kind in kinds[:12])
+        where = f"{self.centre[0]:.10g} {self.centre[1]:.10g}"
+        only = f"the roads within the area about {where} have no carriageway, but lanes of the types {listed}"
+        return ValueError(f"{self.path}: {only}: give --centre X Y on another road")
 
 
 def import_opendrive(piece: MapPiece) -> Site:
@@ -307,34 +316,28 @@ def import_opendrive(piece: MapPiece) -> Site:
         plain = plain_map.write_plain(root)
     geo_reference = opendrive.find_projection(root, path.name)
     window = opendrive.in_map(piece.around(REACH), pose(x, y, yaw=heading))
-    driving = ["--lefthand"] if plain.lefthand else []
-    with tempfile.TemporaryDirectory() as folder:
-        types, roads_only, whole, cut = (Path(folder, name) for name in ("types.xml", "plain.xodr", "net.xml", "cut"))
-        types.write_text(nets.format_xml("types", (nets.format_element("type", row) for row in plain.types)), "utf-8")
-        roads_only.write_text(plain.text, "utf-8")
-        options = [f"--opendrive-files={roads_only}", f"--type-files={types}", *_OPENDRIVE_OPTIONS, *driving]
-        network, warned = _convert(options, piece)
-        level, elsewhere, is_near = _elsewhere(network, window)
-        if not is_near:
-            raise piece.no_road()
-        whole.write_text(network, "utf-8")  # netconvert cuts networks, but not OpenDRIVE maps
-        cut.write_text("".join(f"edge:{edge}\n" for edge in elsewhere), "utf-8")
-        options = [f"--sumo-net-file={whole}", f"--remove-edges.input-file={cut}", *driving]
-        options += ["--junctions.endpoint-shape", *_CROSSINGS, "--no-warnings"]
-        network, _ = _convert(options, piece)
+    network, warned = _make_network(plain, piece)
+    nearest = _nearest_road(network, shapely.Point(x, y))
+    level, elsewhere, is_near = _elsewhere(network, window)
+    if not is_near:
+        raise piece.no_road(nearest)
+    network = _cut_network(network, elsewhere, piece, lefthand=plain.lefthand)
     map_SE3_site = pose(x, y, level, yaw=heading)
     network = _in_site_frame(network, map_SE3_site)
     with name_errors(path):
-        roads = opendrive.roads_near(root, window, level, SAME_LEVEL)
+        roads, others = opendrive.roads_near(root, window, level, SAME_LEVEL)
         there = opendrive.move_to_site(opendrive.read_standing(roads), map_SE3_site)
         found = [lane for road in roads for lane in opendrive.lanes(road)]
     shapes = [(lane.kind, opendrive.in_site(lane.outline, map_SE3_site)) for lane in found]
     paved = [shape for kind, shape in shapes if kind not in opendrive.UNPAVED]
     walked = [shape for kind, shape in shapes if kind in opendrive.FOOTWAY]
     if not paved:
-        raise piece.no_road()
+        kinds = sorted({lane.kind for lane in found})
+        raise piece.no_carriageway(kinds) if kinds else piece.no_road(nearest)
     reach, tracks = piece.around(SURROUNDINGS), find_tracks(network)
     lanes, footways = whole_road(paved, walked, tracks, reach, fillings=junction_corners(network))
+    if not nets.unite(lanes).intersects(shapely.box(*piece.area)):
+        raise piece.no_road(nearest)
     for lane in found:
         if lane.kind == "parking" and lane.width >= 1.8:
             middle = opendrive.in_site(shapely.LineString(lane.middle), map_SE3_site)
@@ -349,6 +352,8 @@ def import_opendrive(piece: MapPiece) -> Site:
     elif steepest > LEAST_SLOPE:
         notes.append(f"the steepest road in the area rises by {100 * steepest:.1f} %; the site is level")
     parking = free_bays(there.bays, reach, solids, tracks)
+    if others:
+        notes.append(f"{others} roads more than {SAME_LEVEL:g} m above or below the site were left out")
     notes += [*plain_map.describe_problems(plain, roads), *_describe_warnings(warned, network)]
     placed = placement @ map_SE3_site
     make = partial(Site, path.stem, piece.area, map_SE3_site=placed, geo_reference=geo_reference)
@@ -469,6 +474,38 @@ def _describe_warnings(warned: Sequence[str], network: str) -> list[str]:
     )
 
 
+def _make_network(plain: plain_map.PlainMap, piece: MapPiece) -> tuple[str, list[str]]:
+    """Network of a whole map, in its coordinates, and netconvert's warnings."""
+    with tempfile.TemporaryDirectory() as folder:
+        types, roads = Path(folder, "types.xml"), Path(folder, "plain.xodr")
+        types.write_text(nets.format_xml("types", (nets.format_element("type", row) for row in plain.types)), "utf-8")
+        roads.write_text(plain.text, "utf-8")
+        options = [f"--opendrive-files={roads}", f"--type-files={types}", *_OPENDRIVE_OPTIONS]
+        return _convert([*options, *(["--lefthand"] if plain.lefthand else [])], piece)
+
+
+def _cut_network(network: str, edges: Sequence[str], piece: MapPiece, *, lefthand: bool) -> str:
+    """Network without some edges, and with crossings; netconvert cuts networks, but not OpenDRIVE maps."""
+    with tempfile.TemporaryDirectory() as folder:
+        whole, cut = Path(folder, "net.xml"), Path(folder, "edges.txt")
+        whole.write_text(network, "utf-8")
+        cut.write_text("".join(f"edge:{edge}\n" for edge in edges), "utf-8")
+        options = [f"--sumo-net-file={whole}", f"--remove-edges.input-file={cut}", *_CROSSINGS, "--no-warnings"]
+        options += ["--junctions.endpoint-shape", *(["--lefthand"] if lefthand else [])]
+        return _convert(options, piece)[0]
+
+
+def _nearest_road(network: str, place: shapely.Point) -> tuple[float, float] | None:
+    """Place on the nearest lane of a network that vehicles use, to 0.1 m."""
+    users = ((lane, nets.list_users(lane)) for _, lane in nets.list_lanes(network))
+    lines = [shapely.LineString(nets.parse_shape(lane)) for lane, allowed in users if "passenger" in allowed]
+    if not lines:
+        return None
+    nearest = shapely.MultiLineString(lines)
+    x, y = shapely.get_coordinates(shapely.shortest_line(nearest, place))[0].round(1).tolist()
+    return x, y
+
+
 def _elsewhere(network: str, window: shapely.Polygon) -> tuple[float, list[str], bool]:
     """Height of the nearest road, edges to remove, and True if any edge is left. Edges to remove lie outside `window`,
     or on another storey than the road nearest to its middle."""
@@ -481,20 +518,8 @@ def _elsewhere(network: str, window: shapely.Polygon) -> tuple[float, list[str],
         distance = line.distance(window.centroid)
         if distance < nearest:
             nearest, level = distance, line.interpolate(line.project(window.centroid)).z
-    far = [name for name, parts in lines.items() if not _is_on_level(parts, window, level)]
+    far = [name for name, parts in lines.items() if not opendrive.is_on_level(parts, window, level, SAME_LEVEL)]
     return round(level, 3), far, len(far) < len(lines)
-
-
-def _is_on_level(lines: Sequence[shapely.LineString], window: shapely.Geometry, level: float) -> bool:
-    """True if lines (x, y, z) come within `SAME_LEVEL` of a height in `window`, and on the mean in its inner half."""
-    parts = shapely.intersection(lines, window)
-    heights = shapely.get_coordinates(parts, include_z=True)[:, 2]
-    if not len(heights) or np.abs(heights - level).min() > SAME_LEVEL:
-        return False
-    x, y = window.centroid.coords[0]
-    inner = shapely.affinity.scale(window, 0.5, 0.5, origin=(x, y))
-    heights = shapely.get_coordinates(shapely.intersection(lines, inner), include_z=True)[:, 2]
-    return not len(heights) or bool(np.abs(heights.mean() - level) <= SAME_LEVEL)
 
 
 def _in_site_frame(network: str, map_SE3_site: Pose) -> str:

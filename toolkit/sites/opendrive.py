@@ -15,6 +15,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import shapely
+import shapely.affinity
 
 from toolkit.arrays import Float, Float64, Pose
 from toolkit.geometry import LEVEL, Slope, invert, plane_rotation, pose, transform
@@ -215,14 +216,32 @@ class MapLane:
     width: float
 
 
-def roads_near(root: ElementTree.Element, window: shapely.Geometry, level: float, storey: float) -> list[MapRoad]:
-    """Roads in `window` near the height `level` (m)."""
-    found = []
+def roads_near(
+    root: ElementTree.Element, window: shapely.Geometry, level: float, storey: float
+) -> tuple[list[MapRoad], int]:
+    """Roads in `window` near the height `level` (m), and the number of those there on another storey."""
+    found, others = [], 0
+    around = window.buffer(30.0)
     for road in map(read_road, root.iter("road")):
-        s, _ = road.stations(window.buffer(30.0), 5.0)
-        if len(s) and abs(road.elevation.at(s) - level).min() <= storey:
-            found.append(road)
-    return found
+        s, _ = road.stations(around, 5.0)
+        if not len(s):
+            continue
+        s = np.linspace(0.0, road.length, int(road.length / 5.0) + 2)
+        line = shapely.LineString(np.column_stack([road.at(s)[:, :2], road.elevation.at(s)]))
+        is_near = is_on_level([line], around, level, storey)
+        found += [road] if is_near else []
+        others += not is_near
+    return found, others
+
+
+def is_on_level(lines: Sequence[shapely.LineString], window: shapely.Geometry, level: float, storey: float) -> bool:
+    """True if lines (x, y, z) come within `storey` (m) of a height in `window`, and on the mean in its inner half."""
+    heights = shapely.get_coordinates(shapely.intersection(lines, window), include_z=True)[:, 2]
+    if not len(heights) or np.abs(heights - level).min() > storey:
+        return False
+    inner = shapely.affinity.scale(window, 0.5, 0.5, origin="centroid")
+    heights = shapely.get_coordinates(shapely.intersection(lines, inner), include_z=True)[:, 2]
+    return not len(heights) or bool(np.abs(heights.mean() - level) <= storey)
 
 
 def lanes(road: MapRoad) -> Iterator[MapLane]:

@@ -21,17 +21,26 @@ from toolkit.sites.opendrive import MapRoad
 
 _SAFE_NAME = re.compile(r"[A-Za-z0-9_][\w.]*")
 _WHOLE = re.compile(r"[-+]?\d{1,9}")
+_NO_LIMIT = f"roads without a limit in the map are driven at {lane_rules.USUAL_SPEED_MPS * 3.6:.0f} km/h"
+MAX_KERB_M = 0.25
 _STRAIGHT = 1e-10  # 1/m; less curvature is none
 _TRAFFIC_LIGHTS = (  # those that netconvert takes for traffic lights
     *("1000001", "1000002", "1000003", "1000004", "1000005", "1000006", "1000007", "1000009"),
     *("1000010", "1000011", "1000012", "1000013", "1000020"),
 )
+_SHAPE_KEYS: dict[str, tuple[str, ...]] = {
+    "line": (),
+    "arc": ("curvature",),
+    "spiral": ("curvStart", "curvEnd"),
+    "poly3": ("a", "b", "c", "d"),
+    "paramPoly3": ("aU", "bU", "cU", "dU", "aV", "bV", "cV", "dV"),
+}
 _PRIORITY_SIGNS = ("205", "301", "306")  # German signs that netconvert reads
 
 
 @dataclass(frozen=True, eq=False)
 class PlainMap:
-    """What netconvert is handed of a map.
+    """Part of a map that netconvert is handed.
 
     Attributes:
         text: OpenDRIVE 1.4.
@@ -87,6 +96,8 @@ def write_plain(root: ElementTree.Element) -> PlainMap:
         if name in left_out:
             _note_left_out(writer, name, junction)
         else:
+            if junction.find("priority") is not None:
+                writer.problems[f"junction {name}"]["junctions have priorities, which are not read"] += 1
             elements.append(_write_junction(writer, name, junction, is_direct=kinds[name] == "direct"))
     types = [
         {
@@ -106,9 +117,47 @@ def describe_problems(plain: PlainMap, roads: Sequence[MapRoad]) -> list[str]:
     names = {road.element.get("id", "") for road in roads}
     junctions = {link.get("elementId", "") for road in roads for link in road.element.findall("link/*")}
     counted: Counter[str] = Counter()
-    for name in ("", *sorted(names), *sorted(f"junction {junction}" for junction in junctions)):
+    for name in sorted({"", *names, *(f"junction {junction}" for junction in junctions)}):
         counted.update(plain.problems.get(name, {}))
-    return [f"{count} {text}" for text, count in counted.items()]
+    for road in roads:
+        counted.update(count_unread(road.element))
+    return [f"{count} {text}" for text, count in counted.items() if count]
+
+
+def count_unread(road: ElementTree.Element) -> dict[str, int]:
+    """Number of things of a road that bear on traffic or the ground and are not read, by what a note says."""
+    plates = [s for s in road.findall("signals/signal") if s.get("type") not in (*_TRAFFIC_LIGHTS, *_PRIORITY_SIGNS)]
+    heights = road.findall("lanes/laneSection/*/lane/height")
+    high = [h for h in heights if max(abs(number(h, key, 0.0)) for key in ("inner", "outer")) > MAX_KERB_M]
+    return {
+        "lanes may be left where road marks forbid it": _count_marks(road),
+        "signs are plates, which traffic does not obey": len(plates),
+        "tunnels have no walls and roof in the site": len(road.findall("objects/tunnel")),
+        "surfaces in OpenCRG files are not read": len(road.findall("surface/CRG")),
+        "cross sections of strips are not read": len(road.findall("lateralProfile/crossSectionSurface")),
+        f"heights of lanes beyond a kerb's {MAX_KERB_M:g} m are not read": len(high),
+        "rules of lanes in words are not read": len(road.findall("lanes/laneSection/*/lane/rule")),
+    }
+
+
+def _count_marks(road: ElementTree.Element) -> int:
+    """Number of lanes from which road marks forbid a change to the driving lane outside them."""
+    count = 0
+    for side in road.findall("lanes/laneSection/*"):
+        lanes = {lane.get("id", ""): lane for lane in side.findall("lane") if lane.get("type") == "driving"}
+        for name, lane in lanes.items():
+            is_inside = _WHOLE.fullmatch(name) and str(int(name) + (1 if side.tag == "left" else -1)) in lanes
+            marks = lane.findall("roadMark")
+            count += bool(is_inside) and any(mark.get("laneChange", "both") != "both" for mark in marks)
+    return count
+
+
+def _is_plate(signal: ElementTree.Element) -> bool:
+    return signal.get("type", "") not in (*_TRAFFIC_LIGHTS, *_PRIORITY_SIGNS)
+
+
+def _always(element: ElementTree.Element) -> bool:
+    return True
 
 
 def _usual_speed(users: Sequence[str]) -> float:
@@ -168,7 +217,7 @@ def _write_road(writer: _Writer, road: _Road, left_out: set[str], defaults: Mapp
 
 @dataclass(frozen=True)
 class _Link:
-    """What a road's end leads to: the name of a road or junction, and of a road which end, and the lanes there."""
+    """Road or junction that a road leads to, and of a road the end and the ids of the lanes there."""
 
     kind: str
     name: str
@@ -222,15 +271,6 @@ def _write_geometry(road: ElementTree.Element) -> Iterator[str]:
         yield format_element("geometry", row, format_element(kind, {**numbers, **parameter}))
 
 
-_SHAPE_KEYS: dict[str, tuple[str, ...]] = {
-    "line": (),
-    "arc": ("curvature",),
-    "spiral": ("curvStart", "curvEnd"),
-    "poly3": ("a", "b", "c", "d"),
-    "paramPoly3": ("aU", "bU", "cU", "dU", "aV", "bV", "cV", "dV"),
-}
-
-
 def _write_cubics(tag: str, key: str, function: Cubics) -> str:
     rows = zip(function.starts.tolist(), function.rows.tolist(), strict=True)
     return "".join(format_element(tag, {key: s, **dict(zip("abcd", row, strict=True))}) for s, row in rows)
@@ -276,6 +316,8 @@ def _find_kind(
 ) -> str:
     """Name of the type of a lane that netconvert is handed."""
     use = lane_rules.find_use(road.element, section, lane, dict(defaults), problems)
+    if use.limit is None and "passenger" in use.users and road.element.get("junction", "-1") == "-1":
+        problems[_NO_LIMIT] = 1  # of one road, however many lanes it has
     if road.is_odd and use.users:
         problems["lanes of roads that keep to the other side than most are closed"] += 1
         use = lane_rules.LaneUse((), None)

@@ -179,6 +179,8 @@ def test_an_opendrive_street_with_what_stands_there(tmp_path, of_kind, union, ch
         "1 objects or signals stand on the carriageway and were left out",
         "objects of types that are not known were left out: 1 'dragon'",
         "the site slopes by 1.0 % as its roads do, which leave that plane by up to 0.00 m",
+        "1 roads without a limit in the map are driven at 50 km/h",
+        "1 signs are plates, which traffic does not obey",
     ]
     assert site.relief.slope == pytest.approx((0.01, 0.0))
     (house,), (plate,) = of_kind(site, "building"), of_kind(site, "sign")

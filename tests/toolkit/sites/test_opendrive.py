@@ -148,7 +148,7 @@ WINDOW = shapely.box(-40, -40, 40, 40)
 
 
 def near(path, window, level, storey):
-    return roads_near(read_opendrive(path, (0.0, 0.0)), window, level, storey)
+    return roads_near(read_opendrive(path, (0.0, 0.0)), window, level, storey)[0]
 
 
 def test_lanes_lie_side_by_side_in_windows(street, tmp_path):
