@@ -16,6 +16,7 @@ import numpy as np
 from toolkit.arrays import Float64, Int64, Pose, Shaped
 from toolkit.datasets.cloud_files import check_extent, read_recorded
 from toolkit.datasets.origins import MAX_SAMPLE, Middles, find_middle, translation
+from toolkit.datasets.point_times import is_time, parse_point_times
 from toolkit.frame import DisplayedRecording, Frame, Frames, OtherObjects, RecordingView, SensorCloud
 from toolkit.geometry import MAX_COORDINATE_M, check_pose, invert, transform
 from toolkit.objects import LABELS, Detections, Objects, label_index
@@ -294,7 +295,7 @@ _FAR = 1000.0  # m from the middle, where no sensor for traffic measures
 _INTENSITIES = ("intensity", "reflectivity", "i", "colors")
 _RINGS = ("ring", "laser_number", "laser_id", "channel", "line", "beam")
 _MOST_RINGS = 1 << 16  # that are believed where they are written as floats, as nuScenes does
-_TIMES = ("offset_ns", "t", "time", "timestamp", "time_stamp", "offset_time")
+UNTIMED = "clouds whose points have times of an unknown unit, which were left out"
 
 
 def read_cloud(
@@ -360,9 +361,10 @@ def build_cloud(
     intensity = next(columns(_INTENSITIES, wide=True), None)  # OPV2V keeps it in the red
     rings = (each for each in columns(_RINGS) if each.dtype.kind in "iu" or (np.abs(each) < _MOST_RINGS).all())
     ring = next((each for each in rings if (each % 1 == 0).all()), None)
-    time = next(columns(_TIMES), None)
+    timed = [key for key in attributes if is_time(key) and np.size(attributes[key]) == len(keep)]
+    seconds = parse_point_times(timed[0], next(columns(timed[:1]))) if timed else None
+    add_problem(problems, UNTIMED, int(bool(timed) and seconds is None))
     kept = recorded[keep].astype(np.float32), world_SE3_sensor, frame
-    seconds = None if time is None else _seconds(time)
     intensity = None if intensity is None else intensity.astype(np.float32)
     return SensorCloud(name, *kept, seconds, intensity, None if ring is None else ring.astype(np.int64), stamp_s)
 
@@ -372,14 +374,6 @@ def _is_coarse(points: Float64[np.ndarray, "n 3"], middle: Float64[np.ndarray, "
     sample = points[:: len(points) // MAX_SAMPLE + 1]
     step = float(np.spacing(np.float32(np.abs(middle).max())))
     return step > COARSE_STEP_M and np.array_equal(sample, sample.astype(np.float32), equal_nan=True)
-
-
-def _seconds(time: np.ndarray) -> np.ndarray:
-    """Seconds since the first point. Whole numbers are nanoseconds."""
-    whole = time.dtype.kind in "iu"
-    ticks = time.astype(np.int64) if whole else np.nan_to_num(time.astype(np.float64), posinf=0.0, neginf=0.0)
-    since = ticks - ticks.min() if len(ticks) else ticks
-    return since * (1e-9 if whole else 1.0)
 
 
 def clock_time(frame: Frame, number: int) -> float:
