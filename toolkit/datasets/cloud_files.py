@@ -13,6 +13,7 @@ or text (one pose a line, with or without its name before it, or one pose in fou
 file name without the ending. All is float64, so that map coordinates of a million metres keep their millimetres."""
 
 import csv
+import io
 import re
 import struct
 import warnings
@@ -346,7 +347,7 @@ def _rows(text: str) -> list[list[str]]:
 
 def _uncommented(text: str, number: int) -> str:
     """Line of a text by its number among those that hold more than a comment."""
-    lines = (re.split(_COMMENT, line)[0].strip() for line in text.splitlines())
+    lines = (re.split(_COMMENT, line)[0].strip() for line in io.StringIO(text))
     return next(islice((line for line in lines if line), number, None))
 
 
@@ -374,7 +375,7 @@ def _commented_header(text: str, width: int) -> list[str]:
 def _first_comments(text: str) -> list[str]:
     """Comments above the first row of a text."""
     comments = []
-    for line in text.splitlines():
+    for line in io.StringIO(text):
         marked = re.match(rf"\s*(?:{_COMMENT})+(.*)", line)
         if marked is None and line.strip():
             break
