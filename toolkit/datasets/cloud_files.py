@@ -347,7 +347,7 @@ def _rows(text: str) -> list[list[str]]:
 
 def _uncommented(text: str, number: int) -> str:
     """Line of a text by its number among those that hold more than a comment."""
-    lines = (re.split(_COMMENT, line)[0].strip() for line in io.StringIO(text))
+    lines = (re.split(_COMMENT, line)[0].strip() for line in io.StringIO(text, newline=None))
     return next(islice((line for line in lines if line), number, None))
 
 
@@ -375,7 +375,7 @@ def _commented_header(text: str, width: int) -> list[str]:
 def _first_comments(text: str) -> list[str]:
     """Comments above the first row of a text."""
     comments = []
-    for line in io.StringIO(text):
+    for line in io.StringIO(text, newline=None):
         marked = re.match(rf"\s*(?:{_COMMENT})+(.*)", line)
         if marked is None and line.strip():
             break
