@@ -335,7 +335,7 @@ def _columns_of_text(path: Path) -> dict[str, np.ndarray]:
     return table
 
 
-_DECIMAL_COMMA = r"(?m)^[^#/\n]*\d,\d+[^\S\n]+-?\d"  # with blanks between the cells
+_DECIMAL_COMMA = r"(?m)^[^#/\n]*\d,\d+[^\S\r\n]+-?\d"  # with blanks between the cells
 _COMMENT = "#|//"
 
 
