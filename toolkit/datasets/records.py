@@ -281,6 +281,7 @@ def track_number(name: object) -> int:
     return int.from_bytes(blake2b(text.encode(), digest_size=8).digest(), "big") >> 1
 
 
+BAG_ENDINGS = (".bag", ".mcap", ".db3")
 ENDINGS = (".pcd", ".bin", ".ply", ".npy", ".npz", ".feather", ".xyz", ".csv")
 NOT_FINITE_POINTS = "points with NaN or infinite numbers"
 NO_RETURN_POINTS = "points of no return"
@@ -295,6 +296,11 @@ _INTENSITIES = ("intensity", "reflectivity", "i", "colors")
 _RINGS = ("ring", "laser_number", "laser_id", "channel", "line", "beam")
 _MOST_RINGS = 1 << 16  # that are believed where they are written as floats, as nuScenes does
 _TIMES = ("offset_ns", "t", "time", "timestamp", "time_stamp", "offset_time")
+
+
+def list_bags(folder: Path) -> list[Path]:
+    """Files of ROS bags in a folder, by name."""
+    return [file for file in sorted(folder.iterdir()) if file.suffix.lower() in BAG_ENDINGS]
 
 
 def read_cloud(

@@ -31,12 +31,14 @@ from toolkit.datasets.clock_times import UNPAIRED, group_by_time
 from toolkit.datasets.layouts.nuscenes import compute_quaternion
 from toolkit.datasets.origins import Middles
 from toolkit.datasets.records import (
+    BAG_ENDINGS,
     Problems,
     add_problem,
     build_cloud,
     clock_time,
     cloud_time,
     get_intensity,
+    list_bags,
     named_damage,
 )
 from toolkit.datasets.transform_tree import NS_PER_S, Link, TransformTree, parse_link_pose
@@ -59,7 +61,6 @@ RosObject = Any  # of rosbags, which has no types
 MAX_TF_GAP_S = 1.0
 MAX_CLOCK_OFFSET_S = 1.0  # that one topic's stamps are further from their recording than another's
 FIRST_ENDING = ".bag"  # of ROS 1
-ENDINGS = (".mcap", ".db3", FIRST_ENDING)
 _TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 
 
@@ -193,6 +194,9 @@ def clean_frame(name: object) -> str:
 
 def rosbag(path: Path) -> Bag:
     """Frames of a bag. Raises FileNotFoundError, and ValueError for a bag that is damaged or has no PointCloud2."""
+    if path.is_dir() and not lexists(path / "metadata.yaml") and len(files := list_bags(path)) > 1:
+        names = ", ".join(file.name for file in files[:6])
+        warnings.warn(f"{path}: {names} are read as one recording: give one file for that alone", stacklevel=2)
     stamps: dict[str, list[int]] = {}
     recorded: dict[str, list[int]] = {}
     with_points: dict[str, bool] = {}  # topics that have a readable cloud: whether it has points
@@ -334,15 +338,10 @@ def _list_files(path: Path) -> list[Path]:
         return [plain_file(path)]
     files = list_bags(path)
     if not files:
-        raise ValueError(f"it holds no file of {', '.join(ENDINGS)}")
+        raise ValueError(f"it holds no file of {', '.join(BAG_ENDINGS)}")
     if len({file.suffix.lower() for file in files}) > 1:
         raise ValueError(f"it holds bags of several kinds, {', '.join(file.name for file in files[:6])}: give one file")
     return [plain_file(file) for file in files]
-
-
-def list_bags(folder: Path) -> list[Path]:
-    """Files of bags in a folder, by name."""
-    return [file for file in sorted(folder.iterdir()) if file.suffix.lower() in ENDINGS]
 
 
 def _make_parser(kind: str, readers: Iterable[RosObject], has_seq: bool) -> Callable[[bytes], RosObject]:
