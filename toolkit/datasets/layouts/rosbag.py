@@ -159,8 +159,13 @@ class Bag:
                 continue
             with _damage(self.path):
                 clouds.append(self._cloud(message, cloud, attributes, roots, problems))
-        time = min((cloud.stamp_s for cloud in clouds if cloud.stamp_s is not None), default=np.nan)
+        time = min(self._time(message) for message in messages.values())
         return Frame.of_clouds(f"{number:06d}", clouds, Objects.empty(), time=time, problems=problems)
+
+    def _time(self, message: _Message) -> float:
+        """Time of a cloud (s): its stamp, or that of its recording."""
+        stamp = 0 if message.topic in self.recorded else message.read_stamp()
+        return (stamp or message.recorded_ns) / NS_PER_S
 
     def _cloud(
         self,
@@ -179,10 +184,9 @@ class Bag:
         add_problem(problems, OTHER_TREE, int(is_placed and bool(roots) and placed.root != roots[0]))
         add_problem(problems, FAR_TF, int(placed.gap_s >= MAX_TF_GAP_S))
         roots += [placed.root] * is_placed
-        why = self.recorded.get(message.topic) or (NO_STAMP if not stamp else "")
-        if why:
-            add_problem(problems, why, 1)
-        seconds = (message.recorded_ns if why else stamp) / NS_PER_S
+        why = self.recorded.get(message.topic) or ("" if stamp else NO_STAMP)
+        add_problem(problems, why, int(bool(why)))
+        seconds = self._time(message)
         name = message.topic.strip("/")
         return build_cloud(attributes, name, placed.root_SE3_frame, problems, stamp_s=seconds, middles=self._middles)
 
