@@ -9,7 +9,7 @@ https://pointclouds.org/documentation/tutorials/pcd_file_format.html http://paul
 import math
 import re
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
@@ -18,48 +18,10 @@ import numpy as np
 
 from toolkit.arrays import Shaped
 from toolkit.geometry import MAX_COORDINATE_M
+from toolkit.point_columns import Attributes, find_axes, name_attributes, warn_of_offset
 from toolkit.runtime.files import MOST_CLOUD, check_unpacked, plain_file
 
-Attributes = dict[str, np.ndarray]  # each (n, columns)
-
 ORIGIN_COMMENT = "# coview origin:"  # of a PCD file: what to add to its x, y and z (m)
-NORMALS = (("normal_x", "normal_y", "normal_z"), ("nx", "ny", "nz"))
-COLOURS = (("red", "green", "blue"), ("r", "g", "b"))
-
-
-def name_attributes(columns: Mapping[str, Shaped[np.ndarray, "..."]]) -> Attributes:
-    """Turn named columns into a cloud's attributes: `positions` of x, y and z (float32 or float64), `normals` and
-    `colors` where present, every other column of numbers under its own name."""
-    left = {name: np.asarray(column) for name, column in columns.items()}
-    made: Attributes = {"positions": _together(left, "x", "y", "z")}
-    if made["positions"].dtype not in (np.float32, np.float64):
-        made["positions"] = made["positions"].astype(np.float64)
-    if three := next((each for each in NORMALS if set(each) <= left.keys()), None):
-        made["normals"] = _together(left, *three).astype(made["positions"].dtype)
-    for packed in ("rgb", "rgba"):
-        if packed in left and left[packed].dtype.itemsize == 4 and left[packed].shape[1:] in ((), (1,)):
-            word = np.ascontiguousarray(left.pop(packed)).reshape(-1).view(np.uint32)
-            made["colors"] = np.stack([word >> 16, word >> 8, word], axis=1).astype(np.uint8)
-    if "colors" not in made and (three := next((each for each in COLOURS if set(each) <= left.keys()), None)):
-        values = _together(left, *three)
-        whole = values == np.clip(np.trunc(values.astype(np.float64)), 0, 255)
-        made["colors"] = values.astype(np.uint8 if whole.all() else np.float32)
-    reserved = {"positions", "normals", "colors"}
-    for name, column in left.items():
-        if column.dtype.kind in "fiub" and column.ndim <= 2 and name and name not in reserved:
-            made[name] = column if column.ndim == 2 else column[:, None]
-    return made
-
-
-def _together(left: dict[str, np.ndarray], *names: str) -> np.ndarray:
-    return np.stack([left.pop(name).reshape(-1) for name in names], axis=1)
-
-
-def missing_axes(names: Sequence[str]) -> list[str]:
-    """Axes x, y, z that are not among the names."""
-    return [axis for axis in "xyz" if axis not in names]
-
-
 PADDING = "_"
 _MOST_FIELDS = 1000
 MOST_LZF = 100  # times that LZF can make anything smaller: three bytes stand for 264 at most
@@ -133,7 +95,12 @@ def _header(content: bytes) -> tuple[_Header, bytes]:
             if words[0] in entries:
                 raise ValueError(f"its header has two lines {words[0]:.40}")
             entries[words[0]] = words[1:]
-    names = tuple(name.lower() if len(name) == 1 else name for name in entries.get("FIELDS", ()))
+    if "FIELDS" in entries and "COLUMNS" in entries:
+        raise ValueError("its header has both FIELDS and COLUMNS")
+    fields = entries.get("FIELDS", entries.get("COLUMNS", []))  # COLUMNS until version 0.5
+    names = tuple(name.lower() if len(name) == 1 else name for name in fields)
+    if entries.get("DATA") == ["ascii"] and "SIZE" not in entries and "TYPE" not in entries:
+        entries |= {"SIZE": ["4"] * len(names), "TYPE": ["F"] * len(names)}  # so did version 0.5
     size, count = _whole(entries.get("SIZE", [])), _whole(entries.get("COUNT", ["1"] * len(names)))
     if not len(names) == len(size) == len(count) == len(entries.get("TYPE", ())):
         raise ValueError("FIELDS, SIZE, TYPE and COUNT of its header are not of one length")
@@ -143,17 +110,16 @@ def _header(content: bytes) -> tuple[_Header, bytes]:
     size, count = ([column[k] for k in kept_columns] for column in (size, count))
     if len(names) > _MOST_FIELDS:
         raise ValueError(f"its header names {len(names)} fields, more than {_MOST_FIELDS}")
-    if missing_axes(names):
-        raise ValueError(f"it has no field {', '.join(missing_axes(names))}, but {', '.join(names)[:200]}")
     kept = [name for name in names if name != PADDING]
     if len(set(kept)) < len(kept):
         raise ValueError(f"two fields have one name: {', '.join(names)[:200]}")
+    axes = find_axes(names).names
     kinds = list(zip(entries["TYPE"], size, strict=True))
     if any(kind not in _TYPES for kind in kinds) or any(not 0 < k < 1 << 20 for k in count):
         got = f"{kinds} and COUNT {count}"[:300]
         raise ValueError(f"TYPE and SIZE of a field must be F, I or U and 1, 2, 4 or 8, got {got}")
-    if any(count[names.index(axis)] != 1 for axis in "xyz"):
-        raise ValueError("x, y and z must have COUNT 1")
+    if any(count[names.index(axis)] != 1 for axis in axes):
+        raise ValueError(f"{', '.join(axes)} must have COUNT 1")
     said = [math.prod(_whole(entries[key])) for key in ("POINTS",) if key in entries]
     if "WIDTH" in entries:
         said.append(math.prod(_whole([*entries["WIDTH"], *entries.get("HEIGHT", ["1"])])))
@@ -167,6 +133,9 @@ def _header(content: bytes) -> tuple[_Header, bytes]:
         raise ValueError(f"DATA must be ascii, binary or binary_compressed, got {data!r:.40} of {points} points")
     row = np.dtype([(f"{k}", _TYPES[kind], (count[k],)) for k, kind in enumerate(kinds)])
     origin = _read_origin(content[: data_line.start()])
+    if origin is None:
+        lines = content[: data_line.start()].decode("ascii", "replace").splitlines()
+        warn_of_offset(line for line in lines if line.startswith("#"))
     return _Header(names, row, points, data, origin), content[data_line.end() :]
 
 
@@ -341,6 +310,7 @@ def _ply_header(content: bytes) -> tuple[str, list[_Element], int]:
     for line in content[first.end() : end.start()].decode("ascii", "replace").split(first[1].decode()):
         words = line.split()
         if not words or words[0] in ("comment", "obj_info"):
+            warn_of_offset([line])
             continue
         if words[0] == "format" and len(words) == 3 and words[1] in _PLY_ORDERS and order is None:
             order = _PLY_ORDERS[words[1]]
@@ -356,8 +326,9 @@ def _ply_header(content: bytes) -> tuple[str, list[_Element], int]:
     kept = [name for name, _, _ in elements[names.index("vertex")].properties]
     if sum(len(element.properties) for element in elements) > _MOST_FIELDS:
         raise ValueError(f"its header names more than {_MOST_FIELDS} properties")
-    if missing_axes(kept) or len(set(kept)) < len(kept):
-        raise ValueError(f"its points must have x, y and z, and no name twice, got {', '.join(kept)[:200]}")
+    if len(set(kept)) < len(kept):
+        raise ValueError(f"its points must have no name twice, got {', '.join(kept)[:200]}")
+    find_axes(kept)
     return order, elements, end.end()
 
 

@@ -15,7 +15,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from toolkit.arrays import Float, Float64, Shaped
-from toolkit.point_files import COLOURS, NORMALS, ORIGIN_COMMENT, Attributes, pcd_bytes
+from toolkit.point_columns import COLOURS, NORMALS, Attributes
+from toolkit.point_files import ORIGIN_COMMENT, pcd_bytes
 
 NEAR_ORIGIN_M = 4096.0  # farther out, float32 is off by more than a quarter of a millimetre
 ORIGIN_GRID_M = 1000.0

@@ -66,6 +66,13 @@ def load_poles(path: str | Path, site: Site, catalogue: SensorCatalogue | None =
             warnings.warn(f"{where}: properties that are not understood, so not used: {unknown}", stacklevel=2)
     for place in [place for place, *_, geometry in features if geometry.get("type") == "GeometryCollection"][:1]:
         warnings.warn(f"{place} is a GeometryCollection, not used: export its points", stacklevel=2)
+    placeless = _list_placeless(collection)
+    if placeless and poles:
+        said = f"{len(placeless)} features have no place (geometry null), so they are no poles"
+        warnings.warn(f"{where}: {said}", stacklevel=2)
+    if placeless and not poles:
+        nowhere = f"{where}: features[{placeless[0]}].geometry must be an object {{...}}"
+        raise ValueError(f"{nowhere}: remove features without a place")
     if not poles:
         raise ValueError(f"{where}: holds no pole: give a GeoJSON with Point or MultiPoint features")
     if len(poles) > MOST_POLES:
@@ -126,18 +133,35 @@ def _read(path: Path) -> Json:
     collection = read_json(path)
     if not isinstance(collection, dict) or not isinstance(collection.get("features"), list):
         raise ValueError(f"{path}: must be a GeoJSON FeatureCollection with a list of features: export it again")
-    system = re.sub(r"\W+", ":", str(collection.get("crs") or "CRS84"))
-    if not re.search(r"CRS:?84|EPSG:(0:)?4326\b", system, re.IGNORECASE):
-        raise ValueError(f"{path}: crs must be WGS84, got {str(collection['crs'])[:90]}: export it as EPSG:4326")
+    _check_system(collection, str(path))
     return collection
+
+
+def _check_system(element: Json, where: str) -> None:
+    """Raise ValueError for a collection, feature or geometry that is not in longitude and latitude of WGS84. Before
+    RFC 7946 each of them could name its own system (geojson.org, 2008, section 3)."""
+    system = re.sub(r"\W+", ":", str(element.get("crs") or "CRS84"))
+    if not re.search(r"CRS:?84|EPSG:(0:)?4326\b", system, re.IGNORECASE):
+        raise ValueError(f"{where}: crs must be WGS84, got {str(element['crs'])[:90]}: export it as EPSG:4326")
+
+
+def _list_placeless(collection: Json) -> list[int]:
+    """Numbers of the features without a place, which RFC 7946 allows (section 3.2)."""
+    features = enumerate(collection["features"])
+    return [i for i, feature in features if isinstance(feature, dict) and feature.get("geometry", "") is None]
 
 
 def _features(collection: Json, where: str) -> Iterator[tuple[str, str, Json, Json]]:
     """Yield place in the file, name, properties and geometry, but for the sensors and bays of a site."""
+    placeless = set(_list_placeless(collection))
     for i, feature in enumerate(collection["features"]):
         place = f"{where}: features[{i}]"
+        if i in placeless:
+            continue
         if not isinstance(feature, dict) or not isinstance(feature.get("geometry"), dict):
             raise ValueError(f"{place}.geometry must be an object {{...}}: remove features without a place")
+        _check_system(feature, place)
+        _check_system(feature["geometry"], f"{place}.geometry")
         properties = feature.get("properties") or {}
         if not isinstance(properties, dict):
             raise ValueError(f"{place}.properties must be an object {{...}}, got {str(properties)[:60]}")

@@ -279,6 +279,9 @@ class Surround:
     gains: dict[SensorModel, tuple[np.ndarray, np.ndarray]]
     stills: "dict[SensorModel, Still]"
 
+    def __deepcopy__(self, memo: dict[int, Any]) -> "Surround":
+        return self  # never changed, and up to 10 MB
+
     @staticmethod
     def of(strips: Strips, scored: ScoredItems, stills: "dict[SensorModel, Still]") -> "Surround":
         """Surround of the strips of one place. stills: standing scene seen from there, by sensor model."""
@@ -420,8 +423,14 @@ _Wanted = list[tuple[Place, Mount]]
 Reach = Literal["mount", "own", "nearest"]
 
 
+def _never() -> bool:
+    return False
+
+
 class LiveView:
     """Look at traffic from mounts, with sensors that measure all of the detection area (`seeing.choose_quick`).
+
+    A copy, also one that is pickled, keeps the panoramas and goes on without the original: nobody waits for it.
 
     labels: classes (numbers) of the objects that count; cache: where panoramas are kept and shared with other
     processes, None for this object's memory."""
@@ -431,9 +440,24 @@ class LiveView:
         self._unseen = Visibility.unseen(traffic, (), labels)
         self._scored = ScoredItems.of(traffic, traffic.snapshots, labels)
         self._kept, self._most = Bounded(), MOST_BYTES  # surrounds by place
+        self._stand_alone()
+
+    def _stand_alone(self) -> None:
+        """Begin without threads that cast, wait or are waited for."""
         self.casting = Lock()  # held while rays are cast: others may look at what is there
         self._queue: list[None] = []  # one for each thread that waits to cast; a list, as threads may change it
-        self.hold: Callable[[], bool] = lambda: False  # asked before each frame of a panorama: true to wait
+        self.hold: Callable[[], bool] = _never  # asked before each frame of a panorama: true to wait
+
+    def __getstate__(self) -> dict[str, Any]:
+        with self.casting:  # no panorama is added meanwhile
+            state = {**self.__dict__, "_kept": self._kept.copy()}
+        for name in ("casting", "_queue", "hold"):
+            del state[name]
+        return state
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._stand_alone()
 
     def see(self, candidates: Candidates, *, reach: Reach = "mount") -> Visibility:
         """View of candidates. The first from a mount makes panoramas of all its heights.

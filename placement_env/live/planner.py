@@ -7,6 +7,7 @@ stock, of which `suggest` chooses. One thread may refine while another moves."""
 
 import math
 from collections.abc import Callable, Iterable, Iterator
+from copy import copy
 from dataclasses import dataclass, replace
 from threading import Lock, RLock
 from typing import Any
@@ -61,8 +62,15 @@ class Suggestion:
     considered: int
 
 
+def _tell_nobody(dragging: bool) -> None:
+    pass
+
+
 class LivePlanner:
     """Plan by hand.
+
+    A copy, also one that is pickled, has the same variants, views and steps to undo, and goes on without the original:
+    its changes are told to nobody.
 
     site: a site, its name or file, or a setting: its fidelity must be the surrogate, its candidates are the stock (the
     site's pool without any); frames, seed: of the traffic; run: cache and more, in place of frames and seed;
@@ -86,14 +94,12 @@ class LivePlanner:
         sold = stock if isinstance(stock, Stock) else Stock()
         self.catalogue, self.currency = sold.catalogue, sold.currency
         self.yard = Yard.of(place, _offer(setting), place.sensors, sold.keep_out)
-        self._lock = RLock()
+        self._stand_alone()
         self.first, self.most_sensors = setting, most_sensors
-        self.tell: Callable[[bool], None] = lambda dragging: None  # called after every change, before its answer
         whole = run or Run(frames=frames, seed=seed)
         fewer = first_frames is not None and first_frames < whole.frames_or(FRAMES)
         self._open(setting, replace(whole, frames=first_frames, cache=None) if fewer else whole)
         self._whole = replace(self.preparation, run=whole) if fewer else None  # of all frames, where few are shown
-        self._fetching = Lock()
         start = self.yard.place(place.sensors)
         self.variants: dict[str, Variant] = {"A": start}
         self.picture: GroundPicture | None = None  # under the scene
@@ -102,6 +108,24 @@ class LivePlanner:
         self._future: list[tuple[str, Variant]] = []
         self._before: LiveAnswer | None = None
         self._dragging: str | None = None
+
+    def _stand_alone(self) -> None:
+        """Begin without threads and listeners."""
+        self._lock, self._fetching = RLock(), Lock()
+        self.tell: Callable[[bool], None] = _tell_nobody  # called after every change, before its answer
+
+    def __getstate__(self) -> dict[str, Any]:
+        with self._fetching, self._lock:
+            state = dict(self.__dict__)
+        for name in ("_lock", "_fetching", "tell"):
+            del state[name]
+        for name in ("variants", "_past", "_future", "_views", "_answers"):
+            state[name] = copy(state[name])
+        return state
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._stand_alone()
 
     def _open(self, asked: Setting, run: Run, before: Preparation | None = None) -> None:
         """Prepare for a question, in the traffic of the preparation before."""

@@ -45,6 +45,9 @@ class StockViews:
         for key in self._waiting:
             self._first.setdefault(int(self._stock.mount[key]), key)
 
+    def __getstate__(self) -> dict[str, object]:
+        return {**self.__dict__, "_rows": list(self._rows), "_waiting": dict(self._waiting)}  # threads change both
+
     def look_further(self) -> bool:
         """View of the poses at one more height of a pole; False where all are known."""
         key = next(iter(list(self._waiting)), None)

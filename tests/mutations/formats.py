@@ -341,7 +341,7 @@ def _read_opendrive(path: Path) -> None:
     with name_errors(path):
         root = opendrive.read_opendrive(path, (0.0, 0.0))
         window = shapely.box(-80, -80, 80, 80)
-        roads = opendrive.roads_near(root, window, 0.0, 3.5)
+        roads, _ = opendrive.roads_near(root, window, 0.0, 3.5)
         for road in roads:
             list(opendrive.lanes(road))
         opendrive.find_plane(roads, window, np.eye(4))

@@ -29,6 +29,9 @@ NAMES = (
     "x;=1+1",
     "N" * 10**6,
 )
+UNITS = ("mm", "cm", "m", "km", "ft", "deg", "parsec")
+FRAMES = ("lidar", "map", "utm", "left")
+OFFSET = "692000.5 5336000 -12"
 TIMES = ("2026-11-23T20:00:00Z", 1.7e18, 1.7e15, 1.7e12, -5, "yesterday")
 
 
@@ -229,6 +232,10 @@ def text_change(content: bytes, rng: Rng) -> tuple[str, bytes]:
         "with CR alone": lambda: text.replace("\n", "\r"),
         "with a zero byte": lambda: text[: len(text) // 2] + "\0" + text[len(text) // 2 :],
         "backwards": lambda: "\n".join(lines[::-1]),
+        "columns in another unit": lambda: re.sub(r"\b[xyz]\b", lambda axis: f"{axis[0]}_{pick(rng, UNITS)}", text),
+        "columns of a frame": lambda: re.sub(r"\b[xyz]\b", lambda axis: f"{axis[0]}_{pick(rng, FRAMES)}", text),
+        "an offset in a comment": lambda: f"# offset: {OFFSET}\n{text}",
+        "in UTM": lambda: "\n".join(_shifted_column(line, k % 3) for line in lines),
         "twice": lambda: f"{text}\n{text}",
         "with semicolons": lambda: re.sub(r"[ ,\t]+", ";", text),
         "a row too long": lambda: "\n".join([*lines[:k], f"{lines[k] if lines else ''} 7 7 7", *lines[k + 1 :]]),
@@ -252,6 +259,13 @@ def _scaled_column(line: str, column: int) -> str:
     words = line.split()
     if len(words) > column and _NUMBER.fullmatch(words[column]):
         words[column] = f"{float(words[column]) * 1000:g}"
+    return " ".join(words)
+
+
+def _shifted_column(line: str, column: int) -> str:
+    words = line.split()
+    if len(words) > column and _NUMBER.fullmatch(words[column]):
+        words[column] = f"{float(words[column]) + 5_336_000.0:.3f}"
     return " ".join(words)
 
 
@@ -424,6 +438,8 @@ def ply_change(content: bytes, rng: Rng) -> tuple[str, bytes]:
             for n in (*COUNTS, 0, 3, "many")
         },
         "points twice": [*lines, *lines[vertex : properties[-1] + 1]],
+        "an offset in a comment": [*lines[:2], f"comment offset {OFFSET}", *lines[2:]],
+        "in another unit": [re.sub(r" ([xyz])$", rf" \1_{pick(rng, UNITS)}", line) for line in lines],
     }
     what = pick(rng, list(changes))
     return what, "\n".join(changes[what]).encode() + b"\n" + body
@@ -452,8 +468,12 @@ def pcd_change(content: bytes, rng: Rng) -> tuple[str, bytes]:
         bodies = {"missing": body[:-size], "more": body + bytes(size), "zero": body[:at] + bytes(len(body) - at)}
         what = pick(rng, list(bodies))
         return f"{size} bytes {what}", content[:end] + bodies[what]
-    what = pick(rng, ("other", "gone", "doubled", "swapped", "row"))
-    if what == "other":
+    what = pick(rng, ("other", "gone", "doubled", "swapped", "row", "origin", "unit"))
+    if what == "origin":
+        words = [f"# coview origin: {pick(rng, (OFFSET, '692000 5336000', '1e12 0 0', 'north 0 0'))}"]
+    elif what == "unit":
+        words[j] += f"_{pick(rng, UNITS)}"
+    elif what == "other":
         words[j] = pick(rng, others)
     elif what == "gone":
         del words[j]

@@ -5,7 +5,8 @@ import open3d as o3d
 import pytest
 
 from toolkit.clouds import attributes, from_attributes
-from toolkit.point_files import decompress_lzf, name_attributes, read_pcd, read_ply
+from toolkit.point_columns import name_attributes
+from toolkit.point_files import decompress_lzf, read_pcd, read_ply
 
 RNG = np.random.default_rng(0)
 MADE: dict[str, np.ndarray] = {
@@ -99,7 +100,7 @@ XYZ = [("x", "F", 4, 1), ("y", "F", 4, 1), ("z", "F", 4, 1)]
 @pytest.mark.parametrize(
     ("content", "says"),
     [
-        *((b"junk", "no line DATA"), (header(XYZ[:2], 1, "binary") + bytes(8), "no field z")),
+        *((b"junk", "no line DATA"), (header(XYZ[:2], 1, "binary") + bytes(8), "no column z")),
         (header([*XYZ, ("x", "F", 4, 1)], 1, "binary") + bytes(16), "one name"),
         (header([*XYZ, ("f", "F", 2, 1)], 1, "binary") + bytes(14), "TYPE and SIZE"),
         (header(XYZ, 10**12, "binary") + bytes(12), "cut off, 12 of"),

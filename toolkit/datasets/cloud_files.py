@@ -1,8 +1,8 @@
 """Recorded clouds from point files, and sensor poses to fuse them.
 
     .ply .pcd .npz       with all their attributes
-    .xyz .txt .csv       text, separated by blanks, commas or semicolons: x y z first in each row, or under a line
-                         that names the columns; of the named columns the purely numeric ones are kept
+    .xyz .txt .csv       text, separated by blanks, commas or semicolons: x y z first in each row, or under a line or
+                         comment that names the columns (`toolkit.point_columns`), of which the numeric ones are kept
     .npy                 array (n, 3 or more), x y z first, no other column kept; or one with names
     .bin                 KITTI's: float32 x y z intensity; .pcd.bin, nuScenes': float32 x y z intensity ring
     .feather             columns x, y, z and others, as Argoverse 2 has them (needs pyarrow)
@@ -12,10 +12,12 @@ KITTI) or 7 (qw qx qy qz tx ty tz, metres). A pose file is JSON (one pose, a lis
 or text (one pose a line, with or without its name before it, or one pose in four lines). A pose's name is its cloud's
 file name without the ending. All is float64, so that map coordinates of a million metres keep their millimetres."""
 
+import csv
 import re
 import struct
 import warnings
 from collections.abc import Mapping, Sequence
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,13 +25,14 @@ import numpy as np
 
 from toolkit.arrays import Float64, Pose
 from toolkit.geometry import MAX_COORDINATE_M, check_pose, invert, transform
-from toolkit.point_files import Attributes, missing_axes, name_attributes
+from toolkit.point_columns import Attributes, find_axes, name_attributes, warn_of_offset
 from toolkit.runtime import files
 
 if TYPE_CHECKING:  # Open3D takes long to load, and simulated recordings do without
     from toolkit.clouds import PointCloud
 
 _LEAST = 1e-30  # m; what is nearer to 0 are whole numbers, or parts of others, read as floats
+MIN_ROUNDING_M = 0.02
 _MOST_SPREAD = 5000.0  # m from their middle that half of a sensor's points may lie: they would be millimetres
 
 
@@ -49,6 +52,8 @@ def fuse_files(paths: Sequence[str | Path], poses: Sequence[Pose]) -> "PointClou
         if nothing := int((~returned).sum()):
             warnings.warn(f"{path}: {nothing} points at 0 0 0, of no return, are left out", stacklevel=2)
             recorded = {name: column[returned] for name, column in recorded.items()}
+        if rounded := describe_rounding(recorded["positions"]):
+            warnings.warn(f"{path}: {rounded}", stacklevel=2)
         placed = {"positions": transform(checked, recorded.pop("positions"))}
         if "normals" in recorded:
             placed["normals"] = recorded.pop("normals") @ checked[:3, :3].T.astype(np.float32)
@@ -113,6 +118,18 @@ def check_extent(points: Float64[np.ndarray, "n 3"]) -> None:
     odd = np.unique(finite[(away > _MOST_SPREAD) | tiny.any(axis=1)] if len(finite) else finite, axis=0)
     if len(odd) > max(5, 0.1 * len(finite)):  # a driver's value of no return is always the same
         raise ValueError(f"{len(odd)} of {len(finite)} points, such as {odd[0]}, are no places: repair the file")
+
+
+def describe_rounding(points: Float64[np.ndarray, "n 3"]) -> str | None:
+    """Words on coordinates that lost centimetres before they were read; None if they did not."""
+    if not len(points):
+        return None
+    farthest = np.median(np.abs(points), axis=0).max()
+    step_m = float(np.spacing(np.float32(farthest)))
+    if step_m < MIN_ROUNDING_M or (points != points.astype(np.float32)).any():
+        return None
+    lost = f"its coordinates are rounded to {step_m:g} m, as float32 does near {farthest:.0f} m"
+    return f"{lost}: export them as double, or with an origin taken off"
 
 
 def read_poses(path: str | Path, *, inverted: bool = False) -> dict[str, Pose]:
@@ -251,8 +268,10 @@ def _read(path: Path) -> Attributes:
         table = files.load_arrays(path).get("")
         if table is None:
             raise ValueError(f"{path} is an archive of arrays, not one: call it .npz")
-        if table.dtype.names is not None and table.ndim == 1 and not missing_axes(table.dtype.names):
-            return name_attributes({name: table[name] for name in table.dtype.names if table[name].ndim == 1})
+        if table.dtype.names is not None and table.ndim == 1:
+            fields = {name: table[name] for name in table.dtype.names if table[name].ndim == 1}
+            with files.name_errors(path):
+                return name_attributes(fields)
         if table.ndim != 2 or table.shape[1] < 3:
             raise ValueError(f"{path} must hold rows of x y z, got an array of shape {table.shape}")
         if table.dtype.kind not in "fiu":
@@ -272,45 +291,96 @@ def _read(path: Path) -> Attributes:
         return name_attributes(dict(zip(names, rows.T, strict=True)))
     if ending == ".feather":
         columns = read_table(path)
-        if missing_axes(tuple(columns)):
-            raise ValueError(f"{path} must have columns x, y and z, got {', '.join(columns)}")
-        if any(columns[axis].dtype.kind not in "fiu" for axis in "xyz"):
-            raise ValueError(f"{path} must hold numbers in its columns x, y and z")
+        with files.name_errors(path):
+            axes = find_axes(list(columns)).names
+        if any(columns[name].dtype.kind not in "fiu" for name in axes):
+            raise ValueError(f"{path} must hold numbers in its columns {', '.join(axes)}")
         return name_attributes(columns)
     raise ValueError(f"{path}: a cloud file ends in .ply .pcd .npz .xyz .txt .csv .npy .bin or .feather")
 
 
 def _columns_of_text(path: Path) -> dict[str, np.ndarray]:
-    """Columns of a text file: x, y and z by position or name, others if they are named and purely numeric."""
+    """Columns of a text file: by the names above its rows, else x, y and z first; others if they are named and purely
+    numeric."""
     text = files.read_text(path)
     rows = _rows(text)
-    widths = {len(row) - (not row[-1]) for row in rows}  # a row may end in its separator
-    columns, others = dict(zip("xyz", range(3), strict=True)), {}
+    warn_of_offset(_first_comments(text))
+    names: list[str] = []
     if rows and not any(map(_is_number, rows[0])):
-        names = [name.strip("\"'").lower() for name in rows.pop(0)]
-        columns = {axis: names.index(axis) if axis in names else place for axis, place in columns.items()}
-        others = {name: place for place, name in enumerate(names) if name and place not in columns.values()}
-    if len(widths) > 1 or re.search(_DECIMAL_COMMA, text):
-        raise ValueError(f"{path} must have as many cells in each row as names without blanks, and no decimal commas")
+        names = _split_header(_uncommented(text, 0))
+        rows = rows[1:]
+    elif rows:
+        names = _commented_header(text, len(rows[0]))
+    widths = {len(row) - (not row[-1]) for row in rows}  # a row may end in its separator
+    if len(widths | ({len(names) - (not names[-1])} if names else set())) > 1 or re.search(_DECIMAL_COMMA, text):
+        raise ValueError(f"{path} must have as many cells in each row as names, and no decimal commas")
+    places = dict(zip("xyz", range(3), strict=True))
+    if names:
+        repeated = {name for name in names if name and names.count(name) > 1}
+        if repeated:
+            raise ValueError(f"{path} must have each column once, got {', '.join(sorted(repeated))} again")
+        with files.name_errors(path):
+            axes = find_axes(names).names
+        places = {name: names.index(name) for name in axes}
     try:
-        table = {name: np.array([float(row[place]) for row in rows]) for name, place in columns.items()}
+        table = {name: np.array([float(row[place]) for row in rows]) for name, place in places.items()}
     except (ValueError, IndexError):
         raise ValueError(f"{path} must hold x y z in every row, numbers only") from None
-    if not others and max(widths, default=0) >= 6 and "," in text and "." not in text:
+    if not names and max(widths, default=0) >= 6 and "," in text and "." not in text:
         warnings.warn(f"{path}: all numbers are whole: if its commas are decimal, write points for them", stacklevel=2)
-    for name, place in others.items():
-        if all(len(row) > place and _is_number(row[place]) for row in rows):
-            table[name] = np.array([float(row[place]) for row in rows])
+    for place, name in enumerate(names):
+        if name and name not in places and all(len(row) > place and _is_number(row[place]) for row in rows):
+            table[name.lower()] = np.array([float(row[place]) for row in rows])
     return table
 
 
 _DECIMAL_COMMA = r"(?m)^[^#/\n]*\d,\d+[^\S\n]+-?\d"  # with blanks between the cells
+_COMMENT = "#|//"
 
 
 def _rows(text: str) -> list[list[str]]:
     """The cells of each line that has any, without comments."""
-    lines = (re.split("#|//", line)[0].strip() for line in text.splitlines())
+    lines = (re.split(_COMMENT, line)[0].strip() for line in text.splitlines())
     return [re.split(rf"\s*{';' if ';' in line else ','}\s*|\s+", line) for line in lines if line]
+
+
+def _uncommented(text: str, number: int) -> str:
+    """Line of a text by its number among those that hold more than a comment."""
+    lines = (re.split(_COMMENT, line)[0].strip() for line in text.splitlines())
+    return next(islice((line for line in lines if line), number, None))
+
+
+def _split_header(line: str) -> list[str]:
+    """Names of the columns in a line, without quotes."""
+    joined = re.sub(r"\s+(?=[(\[])", "", line.strip())  # a unit belongs to the name before it
+    separator = next((mark for mark in (";", ",", "\t") if mark in joined), None)
+    if separator is None:
+        return [name.strip("\"'") for name in joined.split()]
+    cells = next(csv.reader([joined], delimiter=separator, skipinitialspace=True))
+    return [cell.strip().strip("'") for cell in cells]
+
+
+def _commented_header(text: str, width: int) -> list[str]:
+    """Names in the last comment above the rows if they are as many as cells and hold coordinates; [] if not."""
+    comments = _first_comments(text)
+    names = _split_header(comments[-1]) if comments else []
+    try:
+        find_axes(names)
+    except ValueError:
+        return []
+    return names if len(names) == width else []
+
+
+def _first_comments(text: str) -> list[str]:
+    """Comments above the first row of a text."""
+    comments = []
+    for line in text.splitlines():
+        marked = re.match(rf"\s*(?:{_COMMENT})+(.*)", line)
+        if marked is None and line.strip():
+            break
+        if marked is not None and marked[1].strip():
+            comments.append(marked[1])
+    return comments
 
 
 def _is_number(cell: str) -> bool:

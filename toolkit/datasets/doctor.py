@@ -6,7 +6,7 @@ evidence is motion. Sensors stand still, so a pixel that is nearer than in other
 pixels must lie on the objects' boxes: inside them, and near their surface rather than in their core. `fit` is the share
 of moving points that do. A mistake is suspected if undoing it raises the fit clearly."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import combinations
@@ -153,16 +153,29 @@ class _Examination:
         for mistake in self.mistakes:
             yield _error("objects", mistake.mistake, mistake.evidence, mistake.remedy)
         yield from self.misplaced
-        kinds = {s.mistake if s else "": s for s in self.doubts.values()}
-        for kind, suspicion in kinds.items():
-            names = [name for name, s in self.doubts.items() if (s.mistake if s else "") == kind]
-            where = f"sensor{'s' * (len(names) > 1)} {', '.join(names)}"
-            if suspicion is not None:
-                yield _error(where, suspicion.mistake, suspicion.evidence, suspicion.remedy)
+        kinds = dict.fromkeys(suspicion and suspicion.mistake for suspicion in self.doubts.values())
+        for kind in kinds:
+            doubts = {
+                name: suspicion for name, suspicion in self.doubts.items() if (suspicion and suspicion.mistake) == kind
+            }
+            where = f"sensor{'s' * (len(doubts) > 1)} {', '.join(doubts)}"
+            evidence = self._evidence(doubts)
+            first = next(iter(doubts.values()))
+            if first is not None:
+                yield _error(where, first.mistake, evidence, first.remedy)
             else:
-                evidence = f"{np.mean([self.fits[name] for name in names]):.0%} of the moving points lie on boxes"
                 remedy = "check the pose, and that images and objects belong to the same frames"
                 yield _error(where, "points and boxes disagree", evidence, remedy)
+
+    def _evidence(self, doubts: "Mapping[str, Suspicion | None]") -> str:
+        """Fits of the sensors in doubt, each under its name if there are several."""
+        words = {
+            name: f"{self.fits[name]:.0%} of the moving points lie on boxes" if doubt is None else doubt.evidence
+            for name, doubt in doubts.items()
+        }
+        if len(words) == 1:
+            return next(iter(words.values()))
+        return "; ".join(f"{name}: {evidence}" for name, evidence in words.items())
 
     def clouds(self) -> Iterator[tuple[Objects, np.ndarray]]:
         """Yield objects and points of some frames, site frame. Sensors in doubt are left out."""

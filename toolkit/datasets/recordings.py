@@ -11,10 +11,11 @@ import zlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, cached_property
 from importlib import import_module
 from importlib.metadata import entry_points
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 
@@ -157,7 +158,43 @@ def open_recording(path: str | Path, layout: str | None = None, **options: objec
         return recording
     if recording.strays:
         warnings.warn(f"{path}: {recording.describe_strays()}", stacklevel=2)
-    return replace(recording, path=path)
+    return replace(recording, path=path, load=_Loader(path, name, given, recording.load))
+
+
+@dataclass(frozen=True, eq=False)
+class _Loader:
+    """Read a frame by its name, also after a copy or in another process, where the recording is opened again.
+
+    Attributes:
+        path: of the recording.
+        layout: its name.
+        options: of the reader.
+        load: the reader's function; None until it is needed in another process.
+    """
+
+    path: Path
+    layout: str
+    options: dict[str, object]
+    load: Callable[[str], Frame] | None = None
+
+    def __call__(self, name: str) -> Frame:
+        return self._load(name)
+
+    @cached_property
+    def _load(self) -> Callable[[str], Frame]:
+        if self.load is not None:
+            return self.load
+        recording = find_layout(self.layout).open(self.path, **self.options)
+        return cast("Listing", recording).load
+
+    def __getstate__(self) -> dict[str, object]:
+        return {"path": self.path, "layout": self.layout, "options": self.options, "load": None}
+
+    def __copy__(self) -> "_Loader":
+        return self
+
+    def __deepcopy__(self, memo: dict[int, object]) -> "_Loader":
+        return self
 
 
 def read(path: str | Path, layout: str | None = None, *, classes: Sequence[str | int] | None = None) -> Iterator[Frame]:

@@ -37,15 +37,22 @@ LOWEST_ROOF = 1.3  # m, least height of a car
 LONGEST_CAR, WIDEST_CAR, TALLEST_CAR = 5.8, 2.4, 2.5  # m, larger is heavy
 LENGTH_SEEN = 0.75 * CAR[0]  # m; a longer car shows both ends and needs no completion
 DOUBT = 10.0  # weight of a cluster's points on a completed side, in points of free ground
+REACH_TOLERANCE = 1e-9  # by which cells at just the reach are neighbours, whatever 0.6 / 0.2 is rounded to
 OVERLAP = 0.1  # IoU above which the worse of two cars is dropped
 
 
 @dataclass(frozen=True)
 class ClusterDetector:
-    """Detector of all classes, learnt from nothing but points of the empty site, world frame. cell: edge of the cells
-    that are clustered (m); reach: greatest distance between neighbouring cells of a cluster, tried from the first to
-    the last while the cluster is too large for a car (m); fewest: points of a cluster; area: xmin ymin xmax ymax (m),
-    below 4 m, to which points are cropped, None for no crop."""
+    """Detector of all classes, learnt from nothing but points of the empty site, world frame.
+
+    Attributes:
+        background: the empty site.
+        cell: edge of the cells that are clustered, m.
+        reach: distances up to which, and at which, cells are neighbours in a cluster, m; the next is tried while the
+            cluster is too large for a car.
+        fewest: points of a cluster.
+        area: xmin ymin xmax ymax, m, below 4 m, to which points are cropped, None for no crop.
+    """
 
     labels: ClassVar[tuple[str, ...]] = LABELS
     background: Background
@@ -106,9 +113,10 @@ class ClusterDetector:
             return []
         index = ((points[:, :2] - points[:, :2].min(axis=0)) / self.cell).astype(np.int64)  # cells seen from above
         keys, which = np.unique(index[:, 0] << 32 | index[:, 1], return_inverse=True)
-        cells = np.column_stack([keys >> 32, keys & 0xFFFFFFFF, np.zeros(len(keys))]) * self.cell
+        cells = np.column_stack([keys >> 32, keys & 0xFFFFFFFF, np.zeros(len(keys))])  # whole numbers: exact distances
         cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(cells))
-        label = np.asarray(cloud.cluster_dbscan(eps=reach[0], min_points=1), np.int64)[which]
+        reach_cells = reach[0] / self.cell * (1 + REACH_TOLERANCE)
+        label = np.asarray(cloud.cluster_dbscan(eps=reach_cells, min_points=1), np.int64)[which]
         order = np.argsort(label, kind="stable")
         parts = np.split(points[order], np.flatnonzero(np.diff(label[order])) + 1)
         clusters = []

@@ -1,81 +1,28 @@
 """Label doctor: label mistakes that points give away. One is reported if undoing it fits better than by chance.
 
-A correct box has points just within its faces, none in its middle and nothing close around it but ground. The fit of a
-box is the share of its points (those at least `CLEARANCE` above the ground) that lie there, of all within the box and
-`SHELL` around it. A box with hardly any points has a fit of 0."""
+How well boxes fit is measured by `toolkit.detection.label_fits`."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from toolkit.arrays import BoxRows, Float, Float64, Int64, Points, Pose
+from toolkit.arrays import BoxRows, Float64, Pose
 from toolkit.boxes import count_points
-from toolkit.calibration.ground import Ground, level
 from toolkit.datasets import records
+from toolkit.datasets.dataset import UnknownSite
 from toolkit.datasets.doctor import Finding, diagnose_file, suspect_times
 from toolkit.datasets.layouts.hdf5 import holds_clouds
 from toolkit.datasets.recordings import Part, guess_layout, open_recording
+from toolkit.detection.label_fits import LEAST_BOXES, SHIFTS_S, Seen, better, find_movers, fits, measure_fits
+from toolkit.detection.sensor_doctor import diagnose_sensors, diagnose_times
 from toolkit.frame import AWAY, Frame
-from toolkit.geometry import invert, transform
+from toolkit.geometry import invert
 from toolkit.sites.site import Site
-
-CLEARANCE = 0.3  # m above the ground
-SHELL = 0.5  # m
-SLACK = 0.1  # m that a point may lie outside its box, as sensors err
-HOLLOW = 0.6  # inner fraction of a box's length and width, where no sensor sees a vehicle
-LEAST_ON_BOX = 15  # points in and around a box; its fit is 0 below this
-LEAST_BOXES = 5  # boxes with a fit; nothing is suspected below this
-STANDARD_ERRORS = 3.0  # least mean change of fits for a suspicion, in standard errors
-GAIN = 0.02  # least gain in mean fit for a suspicion
-GROUND_POINTS = 20_000  # evenly spaced points of a cloud for finding its ground
-
-
-@dataclass(frozen=True, eq=False)
-class Seen:
-    """Frame, its points above the ground, and the ground if found."""
-
-    sample: Frame
-    points: Float64[np.ndarray, "n 3"]
-    ground: Ground | None = None
-
-    @staticmethod
-    def of(sample: Frame) -> "Seen":
-        """Find the ground of a frame."""
-        points = sample.points()
-        try:
-            ground = level(points[:: max(1, len(points) // GROUND_POINTS)], method="map")
-        except ValueError:
-            return Seen(sample, points)
-        standing = points[points[:, 2] - ground.height(points[:, :2]) > CLEARANCE]
-        return Seen(sample, standing, ground)
-
-
-def fits(some: Sequence[Seen], boxes: Sequence[np.ndarray]) -> Float64[np.ndarray, " n"]:
-    """Fit of each frame's boxes (m, 7), one after another."""
-    parts = [measure_fits(each.points, own) for each, own in zip(some, boxes, strict=True) if len(own)]
-    return np.concatenate([np.zeros(0), *parts])
-
-
-def measure_fits(points: Points, boxes: Float[np.ndarray, "m 7"]) -> Float64[np.ndarray, " m"]:
-    """Fit of boxes to points that stand on the ground."""
-    around = np.array([0, 0, 0.5, 2, 2, 1, 0])  # one metre more on all sides and above
-    hollow = boxes * [1, 1, 1, HOLLOW, HOLLOW, 1, 1] - np.array([0, 0, SLACK, 0, 0, 2 * SLACK, 0])
-    hollow[:, 5] = np.maximum(hollow[:, 5], 1e-6)
-    every = np.concatenate([boxes + SHELL * around, boxes + SLACK * around, hollow])
-    near, on, inner = count_points(points, every).reshape(3, -1)
-    return np.where(near >= LEAST_ON_BOX, (on - inner) / np.maximum(near, 1), 0.0)
-
-
-def better(before: Float64[np.ndarray, " n"], after: Float64[np.ndarray, " n"], gain: float = GAIN) -> bool:
-    """True if boxes fit better by `gain` and beyond chance."""
-    change = (after - before)[(after > 0) | (before > 0)]
-    if len(change) < LEAST_BOXES or change.mean() < gain:
-        return False
-    return bool(change.mean() >= STANDARD_ERRORS * change.std() / np.sqrt(len(change)))
 
 
 @dataclass(frozen=True)
@@ -136,11 +83,8 @@ def degrees_of_turns(yaw: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, "k n
     return np.deg2rad(np.mod(yaw, 2 * np.pi)[None] + 2 * np.pi * turns)
 
 
-SHIFTS = (0.05, 0.1, 0.2, 0.3, 0.5, 1.0)  # s; tried delays of labels, late or early
 MOST_SAMPLES = 3  # frames; tried delays where clouds have no times
-MOVING = 2.0  # m/s
 STANDING = 0.2  # m between frames; an object that moves less stands still
-FASTEST = 60.0  # m/s: a faster track has jumped
 ALONG = 0.7  # cosine between heading and way: above this the two agree
 LEAST_TRACKS = 2  # tracks that must need the undoing to head along their way
 
@@ -167,7 +111,7 @@ def find_shift(some: Sequence[Seen]) -> Shift | None:
 
     if sum(len(boxes) for boxes, *_ in movers) >= LEAST_BOXES:
         now = measure_shifted_fits(0.0)
-        shifted = {sign * seconds: measure_shifted_fits(sign * seconds) for seconds in SHIFTS for sign in (1, -1)}
+        shifted = {sign * seconds: measure_shifted_fits(sign * seconds) for seconds in SHIFTS_S for sign in (1, -1)}
         best = max(shifted, key=lambda each: shifted[each].mean())
         if better(now, shifted[best]):
             return Shift(f"{abs(best):g} s", best > 0, now, shifted[best])
@@ -208,31 +152,8 @@ def against_their_way(samples: Sequence[Frame], undo: Callable[..., np.ndarray])
     return len(tracks), mended, total
 
 
-class Movers(NamedTuple):
-    """Moving boxes of a frame, their velocities (m/s) and tracks."""
-
-    boxes: BoxRows
-    velocities: Float64[np.ndarray, "n 2"]
-    ids: Int64[np.ndarray, " n"]
-
-
-def find_movers(samples: Sequence[Frame], k: int) -> Movers:
-    """Find the moving boxes of frame k by neighbours' tracks."""
-    here, rows, velocities = samples[k], list[int](), list[np.ndarray]()
-    for row, track in enumerate(here.objects.ids):
-        for there in (samples[other] for other in (k + 1, k - 1) if 0 <= other < len(samples)):
-            match, seconds = np.flatnonzero(there.objects.ids == track), there.time - here.time
-            if len(match) == 1 and np.isfinite(seconds) and seconds != 0:
-                place = transform(there.map_SE3_world, there.objects.boxes[match, :3])
-                path = transform(invert(here.map_SE3_world), place)[0, :2] - here.objects.boxes[row, :2]
-                if MOVING < np.linalg.norm(path / seconds) < FASTEST:
-                    rows.append(row)
-                    velocities.append(path / seconds)
-                break
-    moving = np.array(rows, np.int64)
-    return Movers(here.objects.boxes[moving], np.array(velocities).reshape(-1, 2), here.objects.ids[moving])
-
-
+MAX_EMPTY_SHARE = 0.5  # of labels that hold no point
+EXPLAINED_EMPTY_SHARE = 0.2
 SUNK = 0.3  # fraction of its height that the median box may be off its place above the ground
 ALIKE = 0.04  # difference in mean fit within which the first mistake in the list is named
 TURNED_TOO_FAR = 0.2  # share of yaws beyond a full turn that is suspected
@@ -264,12 +185,25 @@ def diagnose(path: str | Path, layout: str | None = None, *, site: Site | None =
         except (OSError, ValueError):
             clouds = False  # the file's own doctor says what is wrong
         if not clouds:
-            return Diagnosis(diagnose_file(path, site))
-    some = list(Part(open_recording(path, layout, site=site), frames))
-    findings = [*find_impossible(some)]
-    if not any(len(frame.objects) for frame in some):
-        return Diagnosis(findings, f"{len(some)} frames without a label: there is nothing to be checked")
-    return Diagnosis(findings + diagnose_labels(some))
+            stored = diagnose_file(path, site)
+            return Diagnosis(stored or diagnose_images(path, site, frames))
+    samples = list(Part(open_recording(path, layout, site=site), frames))
+    findings = [*find_impossible(samples), *diagnose_times(samples)]
+    if not any(len(sample.objects) for sample in samples):
+        return Diagnosis(findings, f"{len(samples)} frames without a label: there is nothing to be checked")
+    seen = [Seen.of(sample) for sample in samples]
+    mislabelled = diagnose_boxes(seen)
+    sensors = [] if mislabelled else diagnose_sensors(seen)
+    return Diagnosis([*findings, *mislabelled, *sensors])
+
+
+def diagnose_images(path: str | Path, site: Site | None, frames: int) -> list[Finding]:
+    """Return what looks wrong with the sensors of a sound file of images, one against another."""
+    try:
+        recording = open_recording(path, "hdf5", site=site)
+    except UnknownSite:  # points are compared with boxes in the site's frame
+        return []
+    return diagnose_sensors([Seen.of(sample) for sample in Part(recording, frames)])
 
 
 def find_impossible(samples: Sequence[Frame]) -> Iterator[Finding]:
@@ -289,7 +223,11 @@ def find_impossible(samples: Sequence[Frame]) -> Iterator[Finding]:
 
 def diagnose_labels(samples: Iterable[Frame]) -> list[Finding]:
     """Return what looks wrong with labels of consecutive frames."""
-    some = [Seen.of(sample) for sample in samples]
+    return diagnose_boxes([Seen.of(sample) for sample in samples])
+
+
+def diagnose_boxes(some: Sequence[Seen]) -> list[Finding]:
+    """Return what looks wrong with labels of consecutive frames whose ground is known."""
     total = sum(len(each.sample.objects) for each in some)
     beyond = sum(each.sample.problems.get(records.FULL_TURNS, 0) for each in some)
     if beyond and beyond >= TURNED_TOO_FAR * total:
@@ -312,6 +250,9 @@ def diagnose_labels(samples: Iterable[Frame]) -> list[Finding]:
         findings.append(Finding("error", "labels", where, height, remedy))
     if findings:
         return findings
+    empty = [*suspect_empty(some)]
+    if empty:
+        return empty
     shift = find_shift(some)
     if shift is not None:
         name = f"labels lie about {shift.amount} {'behind' if shift.behind else 'ahead of'} the clouds"
@@ -335,6 +276,71 @@ def diagnose_labels(samples: Iterable[Frame]) -> list[Finding]:
     return []
 
 
+class OtherFrame(NamedTuple):
+    """Mistake of labels that are in another frame than the world, and their boxes in the world if it was made."""
+
+    mistake: LabelMistake
+    choose: Callable[[Frame], list[BoxRows]]
+
+
+def other_frames(samples: Sequence[Frame]) -> list[OtherFrame]:
+    """Return the frames that labels may be in by mistake: each sensor's, and the map's."""
+    names = sorted({cloud.name for sample in samples for cloud in sample.clouds})
+    wrong = []
+    for name in names:
+        pose_of = partial(_pose_of, name)
+        stated = f"labels are in the frame of sensor {name}, not in the world"
+        wrong.append(_moved_by(pose_of, stated, f"move them by the pose of {name}, or name their frame"))
+    for name in names:
+        inverse_of = partial(_inverse_of, name)
+        away = f"labels were moved into the frame of sensor {name}, away from the world"
+        wrong.append(_moved_by(inverse_of, away, "leave them in the world"))
+    in_map = "labels are in the map, not in the world"
+    remedy = "move them by the pose of the vehicle"
+    wrong.append(_moved_by(lambda sample: invert(sample.map_SE3_world), in_map, remedy))
+    return wrong
+
+
+def _pose_of(name: str, sample: Frame) -> Pose:
+    """Pose of a frame's sensor, identity if the frame lacks it."""
+    return next((cloud.world_SE3_sensor for cloud in sample.clouds if cloud.name == name), np.eye(4))
+
+
+def _inverse_of(name: str, sample: Frame) -> Pose:
+    return invert(_pose_of(name, sample))
+
+
+def _moved_by(world_SE3_labels: Callable[[Frame], Pose], name: str, remedy: str) -> OtherFrame:
+    def choose(sample: Frame) -> list[BoxRows]:
+        return [records.move_boxes(world_SE3_labels(sample), sample.objects.boxes)]
+
+    return OtherFrame(LabelMistake(name, remedy), choose)
+
+
+def suspect_empty(some: Sequence[Seen]) -> Iterator[Finding]:
+    """Find labels that mostly hold no point of any sensor, and the frame in which they would."""
+    empty, total = _count_empty(some, [each.sample.objects.boxes for each in some])
+    if not total or empty / total <= MAX_EMPTY_SHARE:
+        return
+    counted = f"{empty} of {total} boxes hold no point above the ground"
+    undone = [_undo_each(wrong.mistake, some, wrong.choose) for wrong in other_frames([each.sample for each in some])]
+    best = max(undone, key=lambda attempt: float(attempt.fits.mean()))
+    left, _ = _count_empty(some, best.boxes)
+    if left / total <= EXPLAINED_EMPTY_SHARE:
+        evidence = f"{counted}, {left} with that undone"
+        yield Finding("error", "labels", best.mistake.name, evidence, best.mistake.remedy)
+        return
+    remedy = "check the frame and unit of labels, the poses of sensors, and that labels and clouds belong together"
+    yield Finding("warning", "labels", "boxes without a point from any sensor", counted, remedy)
+
+
+def _count_empty(some: Sequence[Seen], boxes: Sequence[BoxRows]) -> tuple[int, int]:
+    """Count boxes without a point above the ground, and all boxes."""
+    counts = [count_points(each.points, own) for each, own in zip(some, boxes, strict=True) if len(own)]
+    inside = np.concatenate([np.zeros(0, np.int64), *counts])
+    return int((inside == 0).sum()), len(inside)
+
+
 class _Undone(NamedTuple):
     """Mistake, the boxes without it, and their fits."""
 
@@ -356,10 +362,12 @@ def _find_best(some: Sequence[Seen], current: np.ndarray) -> _Undone | None:
         return [invert(cloud.world_SE3_sensor) for cloud in sample.clouds] or [np.eye(4)]
 
     in_axes = [mistake for mistake in LABEL_MISTAKES if mistake.axes]
+    samples = [each.sample for each in some]
+    frames = [_undo_each(wrong.mistake, some, wrong.choose) for wrong in other_frames(samples)]
     attempts = [undo(mistake, lambda _: [np.eye(4)]) for mistake in LABEL_MISTAKES]
     if any(not np.allclose(each.sample.map_SE3_world, np.eye(4)) for each in some):
         attempts += [undo(mistake, lambda sample: [sample.map_SE3_world]) for mistake in in_axes]
-    plain = _find_most(attempts, current)
+    plain = _find_most([*attempts, *frames], current)
     best = _clearer(plain, _find_most([undo(mistake, in_sensors) for mistake in in_axes], current, FREER), FREER)
     return best if best is None else _clearer(best, _turn_each(some), TURNED_GAIN if best is plain else FREER)
 

@@ -1,8 +1,10 @@
 """Sites on earth: site metres ↔ longitude and latitude, compass bearings, and GeoJSON (RFC 7946) for GIS tools.
 
-Site → map is `map_SE3_site`; map → earth is the PROJ string `geo_reference`. The transverse Mercator maps that coview
-makes of OpenStreetMap extracts (`projection`) are computed here, all others by pyproj. North is the map's +y: its angle
-to true north (grid convergence), 0 at the centre of coview's own maps and up to 3 degrees in UTM, is ignored.
+Site → map is `map_SE3_site`, in metres to the map's east and north; map → earth is `geo_reference`, as PROJ names it. A
+map in feet, or with axes to the west and south, is turned into these metres by what it says of its axes. The transverse
+Mercator maps that coview makes of OpenStreetMap extracts (`projection`) are computed here, all others by pyproj. North
+is the map's +y: its angle to true north (grid convergence), 0 at the centre of coview's own maps and up to 3 degrees in
+UTM, is ignored.
 
 GeoJSON written here is to look at and to draw over; coview itself reads a site's own file (`toolkit.sites.files`).
 Outer rings run counter-clockwise and holes clockwise, coordinates have 8 decimals (about 1 mm), the collection has a
@@ -10,7 +12,9 @@ bbox, and every feature says what it is as `layer`."""
 
 import json
 import re
+import warnings
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
@@ -24,9 +28,14 @@ from toolkit.sensors.models import name_in_words
 from toolkit.sites.site import Mount, Site
 
 if TYPE_CHECKING:
-    from pyproj import Transformer
+    from pyproj import CRS, Transformer
 
 _EQUATOR, _ECCENTRICITY2 = 6378137.0, 6.69437999014e-3  # WGS84: radius (m), first eccentricity squared
+_FLATTENING = 298.257223563  # of WGS84, inverse
+_WGS84_FLATTENING_GAP = 1e-7  # less than between WGS84 and GRS80, the ellipsoid of ETRS89, NAD83 and GDA
+MAX_AXIS_GAP_M, MAX_FLATTENING_GAP = 0.01, 1e-4  # to ellipsoids whose datums lie within 2 m of WGS84
+_DIRECTIONS = {"east": (1.0, 0.0), "west": (-1.0, 0.0), "north": (0.0, 1.0), "south": (0.0, -1.0)}
+_POLAR_AXES = {"E": (1.0, 0.0), "X": (1.0, 0.0), "N": (0.0, 1.0), "Y": (0.0, 1.0)}
 WGS84 = "EPSG:4326"
 
 
@@ -97,20 +106,42 @@ def _meridian(latitude: float | Float64[np.ndarray, "*n"]) -> float | Float64[np
     )
 
 
-def _convert(site: Site, reference: str, points: np.ndarray, *, inverse: bool) -> Float64[np.ndarray, "n 2"]:
-    """Convert degrees to metres of the site's map; `inverse`: back."""
+def doubt_place(geo_reference: str | None) -> str | None:
+    """Return what is uncertain about a map's place on earth, as a note; None for nothing, and without pyproj.
+
+    Raises ValueError, which names the reason, for a reference that is no map in lengths."""
+    if geo_reference is None or _find_centre(geo_reference) is not None:
+        return None
+    try:
+        return _open_map(geo_reference).doubt
+    except ImportError:
+        return None
+
+
+def _find_centre(reference: str) -> tuple[float, float] | None:
+    """Longitude and latitude of the centre of a map of ours, None for other maps."""
     zero = re.search(r"\+lat_0=([-+.\de]+) \+lon_0=([-+.\de]+) ", reference)
     centre = (float(zero[2]), float(zero[1])) if zero else None
-    if centre is not None and projection(*centre) == reference:  # a map of ours
+    return centre if centre is not None and projection(*centre) == reference else None
+
+
+def _convert(site: Site, reference: str, points: np.ndarray, *, inverse: bool) -> Float64[np.ndarray, "n 2"]:
+    """Convert degrees to metres of the site's map; `inverse`: back."""
+    centre = _find_centre(reference)
+    if centre is not None:
         return inverse_project(points, centre) if inverse else project(points, centre)
     try:
-        turned = np.stack(_proj(reference, inverse).transform(*points.T), axis=1)
+        earth_map = _open_map(reference)
     except ImportError:
         needs = "needs pyproj: pip install 'coview[report]'"
         raise ImportError(f"the map of site {site.name!r} ({reference}) {needs}", name="pyproj") from None
-    except ValueError:
-        unknown = f"geo_reference of site {site.name!r} names no projection that PROJ knows, got {reference[:90]!r}"
-        raise ValueError(f"{unknown}: correct it in the site file, or set it to null") from None
+    except ValueError as error:
+        raise ValueError(
+            f"geo_reference of site {site.name!r} {error}: correct it in the site file, or set it to null"
+        ) from None
+    if earth_map.doubt is not None:
+        warnings.warn(f"site {site.name!r}: {earth_map.doubt}", stacklevel=4)
+    turned = earth_map.to_degrees(points) if inverse else earth_map.to_metres(points)
     lost = np.flatnonzero(~np.isfinite(turned).all(axis=1))
     if len(lost):
         far = f"the map of site {site.name!r} ({reference[:90]}) does not reach {points[lost[0]].tolist()}"
@@ -118,19 +149,122 @@ def _convert(site: Site, reference: str, points: np.ndarray, *, inverse: bool) -
     return turned
 
 
+@dataclass(frozen=True, eq=False)
+class _EarthMap:
+    """A projected map of PROJ.
+
+    Attributes:
+        transformer: from the map's coordinates, as it orders them, to latitude and longitude.
+        axes: (2, 2) what turns metres to the east and north into the map's coordinates: directions and units.
+        doubt: what is uncertain about its place on earth, None for nothing.
+    """
+
+    transformer: "Transformer"
+    axes: Float64[np.ndarray, "2 2"]
+    doubt: str | None
+
+    def to_degrees(self, metres: Float[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n 2"]:
+        """Longitude and latitude of places in metres to the east and north."""
+        latitude, longitude = self.transformer.transform(*(self.axes @ metres.T))
+        return np.column_stack([longitude, latitude])
+
+    def to_metres(self, degrees: Float[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n 2"]:
+        """Metres to the east and north of longitude and latitude."""
+        longitude, latitude = degrees.T
+        coordinates = np.column_stack(self.transformer.transform(latitude, longitude, direction="INVERSE"))
+        return np.where(np.isfinite(coordinates), coordinates, np.nan) @ np.linalg.inv(self.axes).T
+
+
 @lru_cache(maxsize=8)  # to make one takes longer than to use it
-def _proj(geo_reference: str, inverse: bool) -> "Transformer":
+def _open_map(geo_reference: str) -> _EarthMap:
+    """Open the map that a reference names. Raises ValueError, which begins with a verb, for one that is no map."""
     from pyproj import CRS, Transformer
     from pyproj.exceptions import ProjError
 
+    shown = geo_reference[:90]
     try:
-        crs = CRS.from_user_input(geo_reference)
-        if not crs.is_projected:
-            raise ValueError("degrees are no map in metres")
-        source, target = (crs, WGS84) if inverse else (WGS84, crs)
-        return Transformer.from_crs(source, target, always_xy=True)
-    except ProjError as error:
-        raise ValueError(str(error)) from None
+        system = CRS.from_user_input(geo_reference)
+    except ProjError:
+        raise ValueError(f"names no projection that PROJ knows, got {shown!r}") from None
+    if system.is_compound:  # heights are not converted
+        system = system.sub_crs_list[0]
+    if not system.is_projected:
+        raise ValueError(f"names no projection that PROJ knows: it is {_describe_system(system)}, got {shown!r}")
+    axes = _find_axes(system, shown)
+    missing = _list_missing_grids(geo_reference)
+    try:
+        return _EarthMap(Transformer.from_crs(system, WGS84, allow_ballpark=False), axes, _doubt_grids(missing))
+    except ProjError:
+        pass
+    if missing and "@" not in geo_reference:
+        raise ValueError(
+            f"needs the grid {', '.join(missing)}, which PROJ has not here (projsync --file), got {shown!r}"
+        )
+    try:
+        transformer = Transformer.from_crs(system, WGS84)
+    except ProjError:
+        raise ValueError(f"names no projection that PROJ can turn into degrees, got {shown!r}") from None
+    return _EarthMap(transformer, axes, _doubt_datum(system, shown))
+
+
+def _describe_system(system: "CRS") -> str:
+    if system.is_geographic:
+        return "a system of degrees, and a map must be in lengths"
+    if system.is_engineering:
+        return "a local system without a place on earth"
+    return f"a {system.type_name}, not a map"
+
+
+def _find_axes(system: "CRS", shown: str) -> Float64[np.ndarray, "2 2"]:
+    """What turns metres to the east and north into a system's coordinates."""
+    rows = []
+    for axis in system.axis_info[:2]:
+        direction = _DIRECTIONS.get(axis.direction)
+        if len({each.direction for each in system.axis_info[:2]}) < 2:  # about a pole, where both lead away from it
+            direction = _POLAR_AXES.get(axis.abbrev.upper())
+        if direction is None or not axis.unit_conversion_factor:
+            raise ValueError(f"has an axis {axis.abbrev or axis.name} towards {axis.direction}, got {shown!r}")
+        rows.append(np.array(direction) / axis.unit_conversion_factor)
+    axes = np.array(rows)
+    if axes.shape != (2, 2) or not np.linalg.det(axes):
+        raise ValueError(f"has no axes to the east and north, got {shown!r}")
+    return axes
+
+
+def _list_missing_grids(geo_reference: str) -> list[str]:
+    """Grids of a PROJ string's datum that are not installed."""
+    from pyproj import Transformer
+    from pyproj.exceptions import ProjError
+
+    missing = []
+    for listed in re.findall(r"\+nadgrids=(\S+)", geo_reference):
+        for grid in listed.split(","):
+            name = grid.removeprefix("@")
+            try:
+                if name != "null":
+                    Transformer.from_pipeline(f"+proj=hgridshift +grids={name}")
+            except ProjError:
+                missing.append(name)
+    return missing
+
+
+def _doubt_grids(missing: list[str]) -> str | None:
+    if not missing:
+        return None
+    return f"the grid {', '.join(missing)} of its map is not installed, so its place on earth may be 200 m off"
+
+
+def _doubt_datum(system: "CRS", shown: str) -> str | None:
+    """Note for a system without a datum, whose place on WGS84 PROJ only guesses."""
+    ellipsoid = system.ellipsoid
+    shape = (ellipsoid.semi_major_metre, ellipsoid.inverse_flattening) if ellipsoid else (0.0, 0.0)
+    if abs(shape[0] - _EQUATOR) > MAX_AXIS_GAP_M or abs(shape[1] - _FLATTENING) > MAX_FLATTENING_GAP:
+        off = "some 100 m"
+    elif abs(shape[1] - _FLATTENING) > _WGS84_FLATTENING_GAP:
+        off = "2 m"
+    else:
+        return None
+    return f"its map ({shown}) names no datum that is known, so its place on earth may be {off} off"
 
 
 DEGREE_DECIMALS, METRE_DECIMALS = 8, 3  # of coordinates: 1 mm both

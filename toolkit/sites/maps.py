@@ -5,6 +5,7 @@ leads back to the map's coordinates: those of the OpenDRIVE file, or metres of a
 (`geo_reference`) about the centre. The site has no sensors yet; mounts on lamp posts are real, mounts along the kerbs
 are suggestions, all at the price of one. Where the map is silent, surroundings are drawn from a seed."""
 
+import re
 import tempfile
 import warnings
 from collections.abc import Sequence
@@ -19,8 +20,9 @@ import shapely
 from toolkit.arrays import Float, Float64, Pose, Rng
 from toolkit.geometry import STEEPEST, pose
 from toolkit.runtime.files import name_errors
-from toolkit.sites import furniture as f, network as nets, opendrive, osm, surroundings
-from toolkit.sites.georeference import projection
+from toolkit.sites import furniture as f, network as nets, opendrive, osm, plain_map, surroundings
+from toolkit.sites.georeference import doubt_place, projection
+from toolkit.sites.netconvert_warnings import describe_warnings
 from toolkit.sites.site import Furnishing, Mount, Relief, Site, Solid
 
 CRACK = 0.3  # m, half the width of cracks between polygons of a map that are closed
@@ -89,8 +91,11 @@ def whole_road(
     islets = [s for s in small if s.boundary.intersection(border).length > 0.85 * s.boundary.length]
     carriageway = shapely.union_all([closed, stubs, *islets])
     carriageway = shapely.set_precision(carriageway, OUTLINE_GRID)  # off the grid an overlay may lose a whole lane
+    if carriageway.geom_type == "GeometryCollection":  # whose overlays are slow
+        carriageway = shapely.MultiPolygon(nets.list_polygons(carriageway))
     between = _open_shape(carriageway.difference(shapely.union_all(list(lanes))), 0.01)
-    pieces = nets.cut_polygons([lane.intersection(carriageway) for lane in lanes] + [between], window)
+    near = [lane for lane in lanes if lane.intersects(window)]
+    pieces = nets.cut_polygons([lane.intersection(carriageway) for lane in near] + [between], window)
     carriageway = nets.unite(pieces)
     walk = _open_shape(walk.difference(carriageway), SLIVER).difference(carriageway)
     return pieces, nets.cut_polygons([walk], window)
@@ -236,10 +241,8 @@ LEAST_SLOPE = 0.005  # m per m; flatter ground counts as level
 SAME_LEVEL = 3.5  # m; a road higher or lower than that is another storey, and left out
 BRACKET = 0.45  # m from a lamp post's axis to the sensor it carries
 
-_USED_LANES = {"driving": (13.89, 5, nets.MOTOR), "sidewalk": (2.78, 0, nets.FOOT), "walking": (2.78, 0, nets.FOOT)}
-_USED_LANES["biking"] = (5.56, 0, "bicycle")
-_UNUSED_LANES = ("none", "parking", "shoulder", "border", "curb", "median", "restricted")
 _OPENDRIVE_OPTIONS = ("--opendrive.import-all-lanes", "--opendrive.curve-resolution=1", "--junctions.endpoint-shape")
+_CROSSINGS = ("--crossings.guess", "--crossings.guess.speed-threshold=100")  # whatever the limit is
 _OSM_OPTIONS = (
     *("--osm.sidewalks", "--crossings.guess", "--geometry.remove", "--roundabouts.guess", "--junctions.join"),
     *("--tls.guess-signals", "--tls.discard-simple", "--tls.join", "--output.street-names"),
@@ -284,10 +287,18 @@ class MapPiece:
         """Ground up to `margin` m around the area."""
         return shapely.box(*(self.area + margin * np.array([-1, -1, 1, 1])))
 
-    def no_road(self) -> ValueError:
-        """Error for a piece without a road."""
-        where = f"{self.centre[0]:g} {self.centre[1]:g}"
-        return ValueError(f"{self.path}: no road within the area about {where}: move --centre onto a road")
+    def no_road(self, nearest: tuple[float, float] | None = None) -> ValueError:
+        """Error for a piece without a road. nearest: place on the nearest one, in the map's coordinates."""
+        where = f"{self.centre[0]:.10g} {self.centre[1]:.10g}"
+        onto = "" if nearest is None else f", as --centre {nearest[0]:.10g} {nearest[1]:.10g}"
+        return ValueError(f"{self.path}: no road within the area about {where}: move --centre onto a road{onto}")
+
+    def no_carriageway(self, kinds: Sequence[str]) -> ValueError:
+        """Error for a piece whose roads have no carriageway. kinds: types of their lanes."""
+        listed = ", ".join(kind[:30] for kind in kinds[:12])
+        where = f"{self.centre[0]:.10g} {self.centre[1]:.10g}"
+        only = f"the roads within the area about {where} have no carriageway, but lanes of the types {listed}"
+        return ValueError(f"{self.path}: {only}: give --centre X Y on another road")
 
 
 def import_opendrive(piece: MapPiece) -> Site:
@@ -301,34 +312,32 @@ def import_opendrive(piece: MapPiece) -> Site:
     path, (x, y), heading = piece.path, map(float, piece.centre), piece.heading
     with name_errors(path):
         root = opendrive.read_opendrive(path, (x, y))
+        placement = opendrive.find_placement(root)
+        plain = plain_map.write_plain(root)
     geo_reference = opendrive.find_projection(root, path.name)
     window = opendrive.in_map(piece.around(REACH), pose(x, y, yaw=heading))
-    rows = [{"id": k, "speed": s, "priority": p, "allow": u} for k, (s, p, u) in _USED_LANES.items()]
-    rows += [{"id": kind, "speed": 1, "priority": 0, "disallow": "all"} for kind in _UNUSED_LANES]
-    with tempfile.TemporaryDirectory() as folder:
-        types, whole = Path(folder, "types.xml"), Path(folder, "net.xml")
-        types.write_text(nets.format_xml("types", (nets.format_element("type", row) for row in rows)), "utf-8")
-        options = [f"--opendrive-files={path}", f"--type-files={types}", *_OPENDRIVE_OPTIONS, "--no-warnings"]
-        network = _convert(options, piece)
-        level, elsewhere, is_near = _elsewhere(network, window)
-        if not is_near:
-            raise piece.no_road()
-        whole.write_text(network, "utf-8")  # netconvert cuts networks, but not OpenDRIVE maps
-        cut = [f"--sumo-net-file={whole}", f"--remove-edges.explicit={','.join(elsewhere)}"]
-        network = _convert([*cut, "--junctions.endpoint-shape", "--crossings.guess", "--no-warnings"], piece)
+    network, warned = _make_network(plain, piece)
+    nearest = _nearest_road(network, shapely.Point(x, y))
+    level, elsewhere, is_near = _elsewhere(network, window)
+    if not is_near:
+        raise piece.no_road(nearest)
+    network = _cut_network(network, elsewhere, piece, lefthand=plain.lefthand)
     map_SE3_site = pose(x, y, level, yaw=heading)
     network = _in_site_frame(network, map_SE3_site)
     with name_errors(path):
-        roads = opendrive.roads_near(root, window, level, SAME_LEVEL)
+        roads, others = opendrive.roads_near(root, window, level, SAME_LEVEL)
         there = opendrive.move_to_site(opendrive.read_standing(roads), map_SE3_site)
         found = [lane for road in roads for lane in opendrive.lanes(road)]
     shapes = [(lane.kind, opendrive.in_site(lane.outline, map_SE3_site)) for lane in found]
     paved = [shape for kind, shape in shapes if kind not in opendrive.UNPAVED]
     walked = [shape for kind, shape in shapes if kind in opendrive.FOOTWAY]
     if not paved:
-        raise piece.no_road()
+        kinds = sorted({lane.kind for lane in found})
+        raise piece.no_carriageway(kinds) if kinds else piece.no_road(nearest)
     reach, tracks = piece.around(SURROUNDINGS), find_tracks(network)
     lanes, footways = whole_road(paved, walked, tracks, reach, fillings=junction_corners(network))
+    if not nets.unite(lanes).intersects(shapely.box(*piece.area)):
+        raise piece.no_road(nearest)
     for lane in found:
         if lane.kind == "parking" and lane.width >= 1.8:
             middle = opendrive.in_site(shapely.LineString(lane.middle), map_SE3_site)
@@ -343,7 +352,11 @@ def import_opendrive(piece: MapPiece) -> Site:
     elif steepest > LEAST_SLOPE:
         notes.append(f"the steepest road in the area rises by {100 * steepest:.1f} %; the site is level")
     parking = free_bays(there.bays, reach, solids, tracks)
-    make = partial(Site, path.stem, piece.area, map_SE3_site=map_SE3_site, geo_reference=geo_reference)
+    if others:
+        notes.append(f"{others} roads more than {SAME_LEVEL:g} m above or below the site were left out")
+    notes += [*plain_map.describe_problems(plain, roads), *_describe_warnings(warned, network)]
+    placed = placement @ map_SE3_site
+    make = partial(Site, path.stem, piece.area, map_SE3_site=placed, geo_reference=geo_reference)
     site = make(lanes=lanes, footways=footways, parking=parking, network=network, relief=relief)
     lamps = np.array(there.lamps).reshape(-1, 2)
     return _finish(site, piece, solids, lamps=lamps, notes=notes)
@@ -371,7 +384,7 @@ def import_osm(piece: MapPiece, *, lefthand: bool = False) -> Site:
         types.write_text(osm.road_types(), "utf-8")
         options = [f"--osm-files={streets}", f"--type-files={types}", f"--proj={on_earth}", *_OSM_OPTIONS, *driving]
         options += [f"--plain-output-prefix={Path(folder, 'plain')}"]
-        network = _in_site_frame(_convert(options, piece), map_SE3_site)
+        network = _in_site_frame(_convert(options, piece)[0], map_SE3_site)
         if parking and (strips := osm.find_parking_strips(network, parking)):
             options = [*osm.widen_network(Path(folder), strips), "--output.street-names", "--no-warnings"]
             options += driving
@@ -429,34 +442,84 @@ def _finish(site: Site, piece: MapPiece, solids: Sequence[Solid], *, lamps: np.n
     else:
         made, note = furnish_site(site, mounts, [*solids, *stones], piece.seed, piece.density)
         notes = [*notes, note]
-    for note in notes:
+    for note in [*notes, *_doubt_place(site.geo_reference)]:
         warnings.warn(f"{piece.path.name}: {note}", stacklevel=3)
     return made
 
 
-def _convert(options: Sequence[str], piece: MapPiece) -> str:
+def _doubt_place(geo_reference: str | None) -> list[str]:
+    """Notes of what is uncertain about a map's place on earth."""
+    try:
+        doubt = doubt_place(geo_reference)
+    except ValueError as error:
+        return [f"its geoReference {error}, so nothing can be placed on earth"]
+    return [] if doubt is None else [doubt]
+
+
+def _convert(options: Sequence[str], piece: MapPiece) -> tuple[str, list[str]]:
     with name_errors(piece.path):
-        network = nets.convert(options)
+        network, warned = nets.convert_with_warnings(options)
     if ElementTree.fromstring(network).find("edge") is None:
         raise piece.no_road()
-    return network
+    return network, warned
+
+
+def _describe_warnings(warned: Sequence[str], network: str) -> list[str]:
+    """Notes of what netconvert warns of on roads and junctions of a network."""
+    root = ElementTree.fromstring(network)
+    names = {element.get("id", "") for kind in ("edge", "junction") for element in root.iter(kind)}
+    names |= {name.strip("-").partition("#")[0] for name in names}
+    return describe_warnings(
+        warning for warning in warned if any(name in names for name in re.findall(r"'([^']*)'", warning))
+    )
+
+
+def _make_network(plain: plain_map.PlainMap, piece: MapPiece) -> tuple[str, list[str]]:
+    """Network of a whole map, in its coordinates, and netconvert's warnings."""
+    with tempfile.TemporaryDirectory() as folder:
+        types, roads = Path(folder, "types.xml"), Path(folder, "plain.xodr")
+        types.write_text(nets.format_xml("types", (nets.format_element("type", row) for row in plain.types)), "utf-8")
+        roads.write_text(plain.text, "utf-8")
+        options = [f"--opendrive-files={roads}", f"--type-files={types}", *_OPENDRIVE_OPTIONS]
+        return _convert([*options, *(["--lefthand"] if plain.lefthand else [])], piece)
+
+
+def _cut_network(network: str, edges: Sequence[str], piece: MapPiece, *, lefthand: bool) -> str:
+    """Network without some edges, and with crossings; netconvert cuts networks, but not OpenDRIVE maps."""
+    with tempfile.TemporaryDirectory() as folder:
+        whole, cut = Path(folder, "net.xml"), Path(folder, "edges.txt")
+        whole.write_text(network, "utf-8")
+        cut.write_text("".join(f"edge:{edge}\n" for edge in edges), "utf-8")
+        options = [f"--sumo-net-file={whole}", f"--remove-edges.input-file={cut}", *_CROSSINGS, "--no-warnings"]
+        options += ["--junctions.endpoint-shape", *(["--lefthand"] if lefthand else [])]
+        return _convert(options, piece)[0]
+
+
+def _nearest_road(network: str, place: shapely.Point) -> tuple[float, float] | None:
+    """Place on the nearest lane of a network that vehicles use, to 0.1 m."""
+    users = ((lane, nets.list_users(lane)) for _, lane in nets.list_lanes(network))
+    lines = [shapely.LineString(nets.parse_shape(lane)) for lane, allowed in users if "passenger" in allowed]
+    if not lines:
+        return None
+    nearest = shapely.MultiLineString(lines)
+    x, y = shapely.get_coordinates(shapely.shortest_line(nearest, place))[0].round(1).tolist()
+    return x, y
 
 
 def _elsewhere(network: str, window: shapely.Polygon) -> tuple[float, list[str], bool]:
     """Height of the nearest road, edges to remove, and True if any edge is left. Edges to remove lie outside `window`,
     or on another storey than the road nearest to its middle."""
-    heights, near = {}, set()
+    lines: dict[str, list[shapely.LineString]] = {}
     nearest, level = np.inf, 0.0
     for edge, lane in nets.list_lanes(network):
-        name = edge.get("id", "")
         points = [(*map(float, p.split(",")), 0.0)[:3] for p in lane.get("shape", "").split()]
         line = shapely.LineString(points)
-        distance, heights[name] = line.distance(window.centroid), float(np.mean([z for _, _, z in points]))
-        near |= {name} if line.intersects(window) else set()
+        lines.setdefault(edge.get("id", ""), []).append(line)
+        distance = line.distance(window.centroid)
         if distance < nearest:
             nearest, level = distance, line.interpolate(line.project(window.centroid)).z
-    far = [name for name, height in heights.items() if name not in near or abs(height - level) > SAME_LEVEL]
-    return round(level, 3), far, len(far) < len(heights)
+    far = [name for name, parts in lines.items() if not opendrive.is_on_level(parts, window, level, SAME_LEVEL)]
+    return round(level, 3), far, len(far) < len(lines)
 
 
 def _in_site_frame(network: str, map_SE3_site: Pose) -> str:

@@ -1,4 +1,4 @@
-"""OpenDRIVE maps about a place (OpenDRIVE 1.7): reference lines, surfaces of lanes, objects and signals.
+"""OpenDRIVE maps about a place (OpenDRIVE 1.8): reference lines, surfaces of lanes, objects and signals.
 
 A road is measured along its reference line, in plan view and elevation (chapters 7, 8). An object's place is s, t on
 its road, turned by hdg against it; its shape is an outline, a radius or a length and width (chapters 11, 12). Flat
@@ -7,7 +7,7 @@ objects (crosswalks, markings) are no solids. Errors of damaged numbers do not n
 import re
 import warnings
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
@@ -15,37 +15,23 @@ from xml.etree import ElementTree
 
 import numpy as np
 import shapely
+import shapely.affinity
 
 from toolkit.arrays import Float, Float64, Pose
-from toolkit.geometry import LEVEL, Slope, plane_rotation
+from toolkit.geometry import LEVEL, Slope, invert, plane_rotation, pose, transform
 from toolkit.sites import furniture as f
+from toolkit.sites.cubics import Cubics, cubics, number
+from toolkit.sites.lane_sections import read_sections
 from toolkit.sites.network import list_polygons, unite
 from toolkit.sites.site import Solid
 from toolkit.sites.surroundings import Bay
 
 LONGEST = 1e5  # m, of one piece of a road
 _STEP = 0.25  # m between the points at which a spiral is summed up
+_ADDITIONAL = ("userData", "include", "dataQuality")  # what any element may hold
+MIN_TILT_RAD = 1e-4  # less tilt across the road is none: 1 mm over 10 m
+_SIDES = (("left", 1), ("right", -1))
 _SHAPES = ("line", "arc", "spiral", "poly3", "paramPoly3")
-
-
-@dataclass(frozen=True, eq=False)
-class Cubics:
-    """Piecewise cubic function of s. Row i is a + b ds + c ds² + d ds³ from s = starts[i] on; 0 without rows."""
-
-    starts: Float64[np.ndarray, " n"]
-    rows: Float64[np.ndarray, "n 4"]
-
-    def at(self, s: Float[np.ndarray, " k"]) -> Float64[np.ndarray, " k"]:
-        """Values at `s`; the first piece extends to the left."""
-        if not len(self.starts):
-            return np.zeros(len(s))
-        which = np.clip(np.searchsorted(self.starts, s, side="right") - 1, 0, None)
-        ds = np.maximum(s - self.starts[which], 0.0)
-        return np.sum(self.rows[which] * ds[:, None] ** np.arange(4), axis=1)
-
-    def slope(self, s: Float[np.ndarray, " k"]) -> Float64[np.ndarray, " k"]:
-        """Derivatives at `s`."""
-        return Cubics(self.starts, np.column_stack([self.rows[:, 1:] * [1, 2, 3], np.zeros(len(self.rows))])).at(s)
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,23 +66,65 @@ class Piece:
                 along, aside = (np.cumsum([0.0, *(np.diff(grid) * part)]) for part in (np.cos(turn), np.sin(turn)))
                 return np.interp(ds, grid, along), np.interp(ds, grid, aside), first * ds + rate * ds**2 / 2
             case "poly3":
-                v = _cubic(shape, "abcd")
-                return ds, v.at(ds), np.arctan(v.slope(ds))
+                height = _cubic(shape, "abcd")
+                p = _parameter_at(ds, lambda grid: np.hypot(1.0, height.slope(grid)), self.length)
+                return p, height.at(p), np.arctan(height.slope(p))
             case "paramPoly3":
-                p = ds if shape.get("pRange") == "arcLength" else ds / max(self.length, 1e-9)
                 u, v = (_cubic(shape, [key + axis for key in "abcd"]) for axis in "UV")
+                p = ds
+                if shape.get("pRange") != "arcLength":
+                    p = _parameter_at(ds, lambda grid: np.hypot(u.slope(grid), v.slope(grid)), 1.0, length=self.length)
                 return u.at(p), v.at(p), np.arctan2(v.slope(p), u.slope(p))
         return ds, np.zeros(len(ds)), np.zeros(len(ds))
 
 
 @dataclass(frozen=True, eq=False)
+class LateralProfile:
+    """Heights across a road (OpenDRIVE 1.8, 10.6 and 10.7; 1.4, 5.3.6).
+
+    Attributes:
+        superelevation: rad along s, about the reference line; the left side is the higher one where it is positive.
+        crossfall: rad along s by side, 1 left and -1 right; the road falls outwards where it is positive.
+        shapes: places along s (m) and the height (m) along t there."""
+
+    superelevation: Cubics
+    crossfall: Mapping[int, Cubics]
+    shapes: tuple[tuple[float, Cubics], ...]
+
+    @property
+    def is_flat(self) -> bool:
+        """True if the road is as high on its sides as in the middle."""
+        tilts = (self.superelevation, *self.crossfall.values(), *(shape for _, shape in self.shapes))
+        return not any(np.abs(tilt.rows).max(initial=0.0) > MIN_TILT_RAD for tilt in tilts)
+
+    def at(self, s: Float[np.ndarray, " k"], t: Float[np.ndarray, " k"]) -> Float64[np.ndarray, " k"]:
+        """Height (m) at s, t above the reference line."""
+        height = t * np.sin(self.superelevation.at(s))
+        for sign, fall in self.crossfall.items():
+            height -= np.where(t * sign > 0, np.abs(t) * np.sin(fall.at(s)), 0.0)
+        if self.shapes:
+            rows = np.array([shape.at(t) for _, shape in self.shapes])
+            places = [place for place, _ in self.shapes]
+            height += np.array([np.interp(s[i], places, rows[:, i]) for i in range(len(s))])
+        return height
+
+
+@dataclass(frozen=True, eq=False)
 class MapRoad:
-    """One <road> of the map: its element, and its reference line's pieces in order of s, length and elevation."""
+    """One <road> of the map.
+
+    Attributes:
+        element: the <road>.
+        pieces: of its reference line, in order of s.
+        length: m.
+        elevation: height of the reference line (m) along s.
+        lateral: height beside the reference line against it."""
 
     element: ElementTree.Element
     pieces: tuple[Piece, ...]
     length: float
     elevation: Cubics
+    lateral: LateralProfile
 
     def at(self, s: Float[np.ndarray, " k"]) -> Float64[np.ndarray, "k 3"]:
         """x, y and direction of the reference line at `s`."""
@@ -119,25 +147,18 @@ class MapRoad:
         return s[inside], xy[inside]
 
 
-def number(element: ElementTree.Element, key: str, default: float | None = None) -> float:
-    """Attribute as a finite number below a million. default: if the attribute is missing, unless None."""
-    text = element.get(key)
-    if text is None and default is not None:
-        return default
-    try:
-        value = float(text or "")
-    except ValueError:
-        value = np.nan
-    if not abs(value) < 1e6:
-        raise ValueError(f"<{element.tag}> needs a finite number as {key}, got {str(text)[:30]!r}: export it again")
-    return value
+def _parameter_at(
+    ds: np.ndarray, speed: Callable[[np.ndarray], np.ndarray], last: float, *, length: float | None = None
+) -> np.ndarray:
+    """Parameter of a curve `ds` m along it, its speed given (m per unit of the parameter from 0 to `last`).
 
-
-def cubics(elements: list[ElementTree.Element], key: str = "s") -> Cubics:
-    """Pieces described by elements with a, b, c, d, in order of `key`."""
-    rows = np.array([[number(e, k, 0.0) for k in (key, *"abcd")] for e in elements]).reshape(-1, 5)
-    rows = rows[np.argsort(rows[:, 0], kind="stable")]
-    return Cubics(rows[:, 0], rows[:, 1:])
+    length: m from 0 to `last` as the file says, which need not agree with the speed to the last digit."""
+    grid = np.linspace(0.0, last, max(int((length or last) / _STEP), 16) + 1)
+    middle = (grid[1:] + grid[:-1]) / 2
+    along = np.concatenate([[0.0], np.cumsum(speed(middle) * np.diff(grid))])
+    scale = 1.0 if length is None else max(length, 1e-9) / max(along[-1], 1e-9)
+    beyond = np.maximum(ds - along[-1] * scale, 0.0) / max(float(speed(grid[-1:])[0]) * scale, 1e-9)
+    return np.interp(ds, along * scale, grid) + beyond
 
 
 def _cubic(shape: ElementTree.Element, keys: Sequence[str]) -> Cubics:
@@ -149,7 +170,8 @@ def read_road(element: ElementTree.Element) -> MapRoad:
     pieces = []
     for geometry in element.findall("planView/geometry"):
         start, x, y, heading, length = (number(geometry, key) for key in ("s", "x", "y", "hdg", "length"))
-        shape = next(iter(geometry), ElementTree.Element("line"))
+        shapes = [child for child in geometry if child.tag not in _ADDITIONAL]
+        shape = shapes[0] if shapes else ElementTree.Element("line")
         if shape.tag not in _SHAPES:
             raise ValueError(f"<geometry> holds <{shape.tag}>, not one of {', '.join(_SHAPES)}: export the map again")
         if not 0 <= length <= LONGEST:
@@ -159,12 +181,27 @@ def read_road(element: ElementTree.Element) -> MapRoad:
         raise ValueError(f"road {element.get('id')!r} has no <geometry>: export the map again")
     pieces.sort(key=lambda piece: piece.start)
     length = pieces[-1].start + pieces[-1].length
-    return MapRoad(element, tuple(pieces), length, cubics(element.findall("elevationProfile/elevation")))
+    heights = cubics(element.findall("elevationProfile/elevation"))
+    return MapRoad(element, tuple(pieces), length, heights, _read_lateral(element))
+
+
+def _read_lateral(road: ElementTree.Element) -> LateralProfile:
+    falls = road.findall("lateralProfile/crossfall")
+    sides = {sign: [f for f in falls if f.get("side", "both") in (side, "both")] for side, sign in _SIDES}
+    shapes: dict[float, list[ElementTree.Element]] = {}
+    for shape in road.findall("lateralProfile/shape"):
+        shapes.setdefault(number(shape, "s"), []).append(shape)
+    return LateralProfile(
+        superelevation=cubics(road.findall("lateralProfile/superelevation")),
+        crossfall={sign: cubics(rows) for sign, rows in sides.items()},
+        shapes=tuple((s, cubics(rows, "t")) for s, rows in sorted(shapes.items())),
+    )
 
 
 FOOTWAY = ("sidewalk", "walking")
 UNPAVED = ("none", "border", "curb", "median", "rail", "tram", *FOOTWAY)  # all other types are carriageway
 STATIONS_EVERY = 1.0  # m between the corners of a lane
+MIN_TILTED_SPREAD = 1.0  # m, the same where roads are tilted, whose edges count too
 SPREAD = 3.0  # m, deviation of road middles along a direction; where they spread less, it has no slope
 THINNEST_LANE = 0.05  # m, of a lane that is kept
 
@@ -179,35 +216,49 @@ class MapLane:
     width: float
 
 
-def roads_near(root: ElementTree.Element, window: shapely.Geometry, level: float, storey: float) -> list[MapRoad]:
-    """Roads in `window` near the height `level` (m)."""
-    found = []
+def roads_near(
+    root: ElementTree.Element, window: shapely.Geometry, level: float, storey: float
+) -> tuple[list[MapRoad], int]:
+    """Roads in `window` near the height `level` (m), and the number of those there on another storey."""
+    found, others = [], 0
+    around = window.buffer(30.0)
     for road in map(read_road, root.iter("road")):
-        s, _ = road.stations(window.buffer(30.0), 5.0)
-        if len(s) and abs(road.elevation.at(s) - level).min() <= storey:
-            found.append(road)
-    return found
+        s, _ = road.stations(around, 5.0)
+        if not len(s):
+            continue
+        s = np.linspace(0.0, road.length, int(road.length / 5.0) + 2)
+        line = shapely.LineString(np.column_stack([road.at(s)[:, :2], road.elevation.at(s)]))
+        is_near = is_on_level([line], around, level, storey)
+        found += [road] if is_near else []
+        others += not is_near
+    return found, others
+
+
+def is_on_level(lines: Sequence[shapely.LineString], window: shapely.Geometry, level: float, storey: float) -> bool:
+    """True if lines (x, y, z) come within `storey` (m) of a height in `window`, and on the mean in its inner half."""
+    heights = shapely.get_coordinates(shapely.intersection(lines, window), include_z=True)[:, 2]
+    if not len(heights) or np.abs(heights - level).min() > storey:
+        return False
+    inner = shapely.affinity.scale(window, 0.5, 0.5, origin="centroid")
+    heights = shapely.get_coordinates(shapely.intersection(lines, inner), include_z=True)[:, 2]
+    return not len(heights) or bool(np.abs(heights.mean() - level) <= storey)
 
 
 def lanes(road: MapRoad) -> Iterator[MapLane]:
     """Lanes of a road that have any width."""
-    sections = road.element.findall("lanes/laneSection")
-    starts = [number(section, "s") for section in sections]
     offset = cubics(road.element.findall("lanes/laneOffset"))
-    for section, start, end in zip(sections, starts, [*starts[1:], road.length], strict=True):
-        if not 0 <= start < end - 1e-3:
-            continue
-        s = np.linspace(start, end, int((end - start) / STATIONS_EVERY) + 2)
-        for side, sign in (("left", 1.0), ("right", -1.0)):
+    for section in read_sections(road.element, road.length):
+        s = np.linspace(section.start, section.end, int((section.end - section.start) / STATIONS_EVERY) + 2)
+        for sign in (1, -1):
             inner = offset.at(s)
-            for lane in sorted(section.findall(f"{side}/lane"), key=lambda each: abs(number(each, "id"))):
-                width = np.clip(cubics(lane.findall("width"), "sOffset").at(s - start), 0.0, 50.0)
+            for lane in section.side(sign):
+                width = np.clip(lane.width.at(s - section.start), 0.0, 50.0)
                 outer = inner + sign * width
                 if width.max() > THINNEST_LANE:
                     corners = np.concatenate([road.beside(s, inner), road.beside(s, outer)[::-1]])
                     outline = shapely.make_valid(shapely.Polygon(corners))
                     middle = road.beside(s, (inner + outer) / 2)
-                    yield MapLane(lane.get("type", "none"), outline, middle, float(width.mean()))
+                    yield MapLane(lane.kind, outline, middle, float(width.mean()))
                 inner = outer
 
 
@@ -218,17 +269,42 @@ def find_plane(roads: Sequence[MapRoad], window: shapely.Geometry, map_SE3_site:
     is level if the roads give no slope in one direction."""
     found = [(road, *road.stations(window, STATIONS_EVERY)) for road in roads]
     steepest = max([0.0, *(float(abs(road.elevation.slope(s)).max(initial=0.0)) for road, s, _ in found)])
-    places = np.concatenate([np.zeros((0, 2)), *(xy for _, _, xy in found)])
+    rows = [np.zeros((0, 3)), *(np.column_stack([xy, road.elevation.at(s)]) for road, s, xy in found)]
+    spread = SPREAD
+    for road, s, _ in found:
+        if len(s) and not road.lateral.is_flat:
+            edges, tilt = _find_edges(road, s)
+            rows.append(edges)
+            steepest, spread = max(steepest, tilt), MIN_TILTED_SPREAD
+    places = np.concatenate(rows)
     if len(places) < 3:
         return LEVEL, 0.0, steepest
-    xy = (places - map_SE3_site[:2, 3]) @ map_SE3_site[:2, :2]
-    z = np.concatenate([road.elevation.at(s) for road, s, _ in found])
+    xy, z = (places[:, :2] - map_SE3_site[:2, 3]) @ map_SE3_site[:2, :2], places[:, 2]
     xy, z = xy - xy.mean(axis=0), z - z.mean()
-    shortest = (SPREAD * np.sqrt(len(xy))) ** 2  # squared, of the sum over stations
+    shortest = (spread * np.sqrt(len(xy))) ** 2  # squared, of the sum over stations
     values, axes = np.linalg.eigh(xy.T @ xy)
     known = axes[:, values > shortest]
     slope = known @ np.linalg.lstsq(xy @ known, z, rcond=None)[0] if known.size else np.zeros(2)
     return (float(slope[0]), float(slope[1])), float(abs(z - xy @ slope).max()), steepest
+
+
+def _find_edges(road: MapRoad, s: Float[np.ndarray, " k"]) -> tuple[Float64[np.ndarray, "n 3"], float]:
+    """Places on both edges of a carriageway at `s`, and the steepest gradient there, along and across."""
+    offset = cubics(road.element.findall("lanes/laneOffset"))
+    rows, tilt = [np.zeros((0, 3))], 0.0
+    for section in read_sections(road.element, road.length):
+        here = s[(s >= section.start) & (s <= section.end)]
+        for sign in (1, -1):
+            t = offset.at(here)
+            for lane in section.side(sign):
+                if lane.kind in UNPAVED or lane.element.get("level") in ("true", "1"):
+                    break
+                t = t + sign * np.clip(lane.width.at(here - section.start), 0.0, 50.0)
+            above = road.lateral.at(here, t)
+            rows.append(np.column_stack([road.beside(here, t), road.elevation.at(here) + above]))
+            across = (above - road.lateral.at(here, offset.at(here))) / np.maximum(np.abs(t - offset.at(here)), 0.5)
+            tilt = max(tilt, float(np.hypot(across, road.elevation.slope(here)).max(initial=0.0)))
+    return np.concatenate(rows), tilt
 
 
 def in_site(shape: shapely.Geometry, map_SE3_site: Pose) -> shapely.Geometry:
@@ -254,28 +330,75 @@ def read_opendrive(path: Path, centre: tuple[float, float]) -> ElementTree.Eleme
         element.tag = element.tag.rpartition("}")[2]
     if root.tag != "OpenDRIVE":
         raise ValueError(f"not an OpenDRIVE map (it begins with <{root.tag}>): give an .xodr file")
-    pieces = [[number(e, key) for key in ("x", "y", "length")] for e in root.iterfind("road/planView/geometry")]
+    pieces = root.findall("road/planView/geometry")
     if not pieces:
         raise ValueError("the map has no road: export it again")
-    for repeat in root.iter("repeat"):  # near or far: netconvert follows them all
-        _count(repeat)
-    starts, longest = np.array(pieces)[:, :2], np.max(pieces, axis=0)[2]
-    low, high = starts.min(axis=0), starts.max(axis=0)
-    if not ((low - longest <= centre) & (centre <= high + longest)).all():
-        spans = f"x {low[0]:.6g} to {high[0]:.6g} and y {low[1]:.6g} to {high[1]:.6g}"
-        outside = f"centre {centre[0]:g} {centre[1]:g} lies outside the map, whose roads start at {spans}"
-        raise ValueError(f"{outside}: give --centre X Y inside it")
+    rows = np.array([[number(piece, key) for key in ("x", "y", "hdg", "length")] for piece in pieces])
+    if not _reaches(rows, np.array(centre)):
+        raise ValueError(_describe_outside(root, centre, rows))
     return root
 
 
+def _reaches(rows: Float64[np.ndarray, "n 4"], place: Float64[np.ndarray, "2"]) -> bool:
+    """True if a place is within the map. rows: x, y, heading and length of all pieces of roads."""
+    low, high, longest = rows[:, :2].min(axis=0), rows[:, :2].max(axis=0), rows[:, 3].max()
+    return bool(((low - longest <= place) & (place <= high + longest)).all())
+
+
+def _describe_outside(root: ElementTree.Element, centre: tuple[float, float], rows: Float64[np.ndarray, "n 4"]) -> str:
+    """Message for a centre outside the map, with one on a road."""
+    low, high = rows[:, :2].min(axis=0), rows[:, :2].max(axis=0)
+    spans = f"x {low[0]:.10g} to {high[0]:.10g} and y {low[1]:.10g} to {high[1]:.10g}"
+    outside = f"centre {centre[0]:.10g} {centre[1]:.10g} lies outside the map, whose roads start at {spans}"
+    inside = transform(invert(find_placement(root)), np.array([[*centre, 0.0]]))[0, :2].round(2)
+    if not _reaches(rows, inside):
+        along = np.column_stack([np.cos(rows[:, 2]), np.sin(rows[:, 2])])
+        middles = (rows[:, :2] + rows[:, 3:] / 2 * along).round(1)
+        inside = middles[np.hypot(*(middles - np.median(middles, axis=0)).T).argmin()]
+        return f"{outside}: give --centre X Y inside it, as --centre {inside[0]:.10g} {inside[1]:.10g}"
+    turned = "these are coordinates of its projection, from which its header's offset leads to"
+    return f"{outside}: {turned} --centre {inside[0]:.10g} {inside[1]:.10g}"
+
+
+def find_placement(root: ElementTree.Element) -> Pose:
+    """Pose of the file's frame in that of its projection: the <offset> of its header (1.8, 8.5).
+
+    A point of the file is turned by `hdg`, then moved by x, y and z. Raises ValueError for a damaged number."""
+    offset = root.find("header/offset")
+    if offset is None:
+        return np.eye(4)
+    x, y, z, heading = (number(offset, key, 0.0) for key in ("x", "y", "z", "hdg"))
+    return pose(x, y, z, yaw=heading)
+
+
 def find_projection(root: ElementTree.Element, name: str) -> str | None:
-    """Projection of a map. None, with a warning, for a geoReference that names none. name: of the file."""
+    """Projection of a map. None, with a warning, for a geoReference that names none, or needs a grid of shifts that is
+    not installed: the map is in metres all the same. name: of the file."""
     reference = (root.findtext("header/geoReference") or "").strip()
-    if not reference or re.search(NAMES_PROJECTION, reference, re.IGNORECASE):
-        return reference or None
-    said = f"its geoReference names no projection ({reference[:90]!r})"
-    warnings.warn(f"{name}: {said}, so the site does not say where on earth it is", stacklevel=3)
-    return None
+    lost = "so the site does not say where on earth it is"
+    if reference and not re.search(NAMES_PROJECTION, reference, re.IGNORECASE):
+        warnings.warn(f"{name}: its geoReference names no projection ({reference[:90]!r}), {lost}", stacklevel=3)
+        return None
+    grids = re.search(r"\+nadgrids=(\S+)", reference)
+    if grids and not _has_grids(reference):
+        remedy = f"install the grid {grids[1][:60]!r} for PROJ and import again"
+        warnings.warn(f"{name}: its geoReference needs a grid that is not here, {lost}: {remedy}", stacklevel=3)
+        return None
+    return reference or None
+
+
+def _has_grids(reference: str) -> bool:
+    """True if PROJ has the grids of a projection, or is not here to ask."""
+    try:
+        from pyproj import CRS, Transformer
+        from pyproj.exceptions import ProjError
+    except ImportError:
+        return True
+    try:
+        Transformer.from_crs(CRS.from_user_input(reference), "EPSG:4326", always_xy=True)
+    except ProjError:
+        return False
+    return True
 
 
 _KINDS = """building building 6, tree tree 7, vegetation hedge 1.2, bush hedge 1.2, pole post 4, streetLamp post 6,
@@ -298,17 +421,24 @@ class Standing:
     lamps: list[tuple[float, float]] = field(default_factory=list)
     understood: Counter[str] = field(default_factory=Counter)  # number of objects by type
     unknown: Counter[str] = field(default_factory=Counter)
+    damaged: list[str] = field(default_factory=list)  # what is wrong with each object or signal that was left out
 
 
 def read_standing(roads: Sequence[MapRoad]) -> Standing:
-    """Objects and signals of `roads`. Raises ValueError if damaged."""
+    """Objects and signals of `roads`. Damaged ones are left out, and what is wrong with them is kept."""
     found = Standing()
     for road in roads:
         for element in road.element.findall("objects/object"):
-            _add_object(found, road, element)
+            try:
+                _add_object(found, road, element)
+            except ValueError as error:
+                found.damaged.append(str(error))
         for element in road.element.findall("signals/signal"):
-            found.groups.append(_signal(road, element))
-            found.understood["signal"] += 1
+            try:
+                found.groups.append(_signal(road, element))
+                found.understood["signal"] += 1
+            except ValueError as error:
+                found.damaged.append(str(error))
     return found
 
 
@@ -329,7 +459,8 @@ def _add_object(found: Standing, road: MapRoad, element: ElementTree.Element) ->
         turn = 0.0 if number(element, "length", 0.0) >= number(element, "width", 0.0) else np.pi / 2
         found.bays += [(x, y, heading + turn) for x, y, heading, _ in _places(road, element)]
     elif kind in SOLIDS:
-        found.groups += _solids(road, element, *SOLIDS[kind])
+        solids = list(_solids(road, element, *SOLIDS[kind]))
+        found.groups += solids
         found.lamps += [(x, y) for x, y, *_ in _places(road, element)] if kind in LAMPS else []
     elif kind not in FLAT:
         name = element.get("name", "") if kind in UNSAID else ""
@@ -387,7 +518,7 @@ def _count(repeat: ElementTree.Element) -> tuple[float, float, int]:
 
 def _continuous(road: MapRoad, repeat: ElementTree.Element, kind: str, height: float, width: float) -> Iterator[Solid]:
     """Barrier along the road, in pieces of 4 m."""
-    start, length = number(repeat, "s"), min(max(number(repeat, "length", 0.0), 0.0), road.length)
+    start, length = number(repeat, "s"), min(_count(repeat)[0], road.length)
     first = number(repeat, "tStart", 0.0)
     s = np.linspace(start, start + length, int(length / 4.0) + 2)
     line = road.beside(s, np.linspace(first, number(repeat, "tEnd", first), len(s)))
@@ -438,4 +569,7 @@ def off_the_road(
     if there.unknown:
         listed = ", ".join(f"{count} {kind[:30]!r}" for kind, count in sorted(there.unknown.items())[:12])
         notes.append(f"objects of types that are not known were left out: {listed}")
+    if there.damaged:
+        reason = there.damaged[0].removesuffix(": export it again")
+        notes.append(f"{len(there.damaged)} damaged objects or signals were left out: {reason}")
     return [solid for group, in_the_way in near if not in_the_way for solid in group], notes

@@ -26,7 +26,7 @@ from toolkit.datasets.doctor import diagnose_file
 from toolkit.datasets.layouts.dair import written_labels
 from toolkit.datasets.recordings import LAYOUTS, open_recording, write_recording
 from toolkit.datasets.records import move_boxes, write_cloud
-from toolkit.detection import label_doctor as label_fits
+from toolkit.detection import label_fits
 from toolkit.detection.label_doctor import diagnose_labels
 from toolkit.frame import Frame, SensorCloud
 from toolkit.geometry import invert, pose, transform

@@ -1,4 +1,5 @@
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -143,3 +144,14 @@ def test_neighbours_are_told_apart_quickly(detector):
         times.append(time.thread_time() - start)
     assert (found.labels == VEHICLE).sum() == len(cars)
     assert min(times) < 0.4
+
+
+@pytest.mark.parametrize("reach", [0.2, 0.4, 0.6])
+def test_cells_at_just_the_reach_are_neighbours(reach):
+    """Wherever they are: 3 x 0.2 is above 0.6 in float64, and differences of such places on either side of it."""
+    detector = replace(ClusterDetector.learn(np.zeros((1, 3))), reach=(reach,))
+    for start in range(100):
+        far = 50.15 + 0.2 * start
+        places = np.array([0.05, far, far + reach]).repeat(detector.fewest)
+        points = np.column_stack([places, np.zeros((len(places), 2))])
+        assert len(detector._clusters(points, detector.reach)) == 2

@@ -13,22 +13,17 @@ from toolkit.calibration.ground import level
 from toolkit.datasets import records
 from toolkit.datasets.recordings import LAYOUTS, open_recording
 from toolkit.datasets.records import move_boxes
-from toolkit.detection import label_doctor as label_fits
+from toolkit.detection import label_doctor, label_fits
 from toolkit.detection.label_doctor import (
     LABEL_MISTAKES,
-    LEAST_ON_BOX,
     YAW_SIGN,
-    Seen,
     against_their_way,
-    better,
     degrees_of_turns,
     diagnose_labels,
-    find_movers,
     find_shift,
-    fits,
-    measure_fits,
     undo_mistake,
 )
+from toolkit.detection.label_fits import LEAST_ON_BOX, Seen, better, find_movers, fits, measure_fits
 from toolkit.frame import Frame, SensorCloud
 from toolkit.geometry import invert, pose, transform
 from toolkit.objects import Objects
@@ -456,14 +451,14 @@ def test_what_cannot_be_is_named_with_its_number():
     def listed(times, **problems):
         return [Frame.of_clouds(str(k), (), Objects.empty(), time=t, problems=problems) for k, t in enumerate(times)]
 
-    empty = [*label_fits.find_impossible(listed([0.0, 0.1], **{records.EMPTY: 1, records.FAR_POINTS: 9}))]
+    empty = [*label_doctor.find_impossible(listed([0.0, 0.1], **{records.EMPTY: 1, records.FAR_POINTS: 9}))]
     assert [each.evidence for each in empty if each.where == "clouds"] == ["2, in 2 frames", "18, in 2 frames"]
     counted = {records.STRAY: 2, records.TOO_LARGE: 1, "doubled labels": 3}
-    found = [*label_fits.find_impossible(listed([0.0], **counted))]
+    found = [*label_doctor.find_impossible(listed([0.0], **counted))]
     assert [each.suspected for each in found] == [records.STRAY, records.TOO_LARGE]
     assert found[0].evidence == "2, beside 0 labels that are read"
     for times, says in (
         *(([3.0, 2.0, 1.0], "times that repeat or go back"), ([0.0, 1e5, 2e5], "times in another unit than seconds")),
         *(([0.0, 0.1, 0.2, 0.0, 0.1, 0.2], None), ([np.nan, np.nan], None)),
     ):
-        assert [each.suspected for each in label_fits.find_impossible(listed(times))] == [says] * bool(says)
+        assert [each.suspected for each in label_doctor.find_impossible(listed(times))] == [says] * bool(says)

@@ -1,3 +1,4 @@
+import re
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -6,18 +7,16 @@ import pytest
 import shapely
 
 from toolkit.geometry import pose
+from toolkit.sites.cubics import Cubics, cubics, number
 from toolkit.sites.furniture import post, rectangle
 from toolkit.sites.opendrive import (
-    Cubics,
     Standing,
-    cubics,
     find_plane,
     find_projection,
     in_map,
     in_site,
     lanes,
     move_to_site,
-    number,
     off_the_road,
     read_opendrive,
     read_road,
@@ -72,12 +71,10 @@ def test_lines_spirals_and_polynomials():
     assert heading == pytest.approx(rate * end**2 / 2)
     assert x == pytest.approx(end - rate**2 * end**5 / 40 + rate**4 * end**9 / 3456, abs=1e-3)
     assert y == pytest.approx(rate * end**3 / 6 - rate**3 * end**7 / 336, abs=1e-3)
-    s = np.array([0.0, 4.0])
-    cubic = line_of((8.0, '<poly3 a="1" b="0" c="0.5" d="0"/>'), x=0.0, y=0.0)
-    np.testing.assert_allclose(cubic.at(s), [[0, 1, 0], [4, 9, np.arctan(4.0)]])
-    normal = '<paramPoly3 pRange="{}" aU="0" bU="{}" cU="0" dU="0" aV="0" bV="0" cV="{}" dV="0"/>'
-    for text in (normal.format("normalized", 8, 16), normal.format("arcLength", 1, 0.25)):
-        np.testing.assert_allclose(line_of((8.0, text), x=0.0, y=0.0).at(s)[:, :2], [[0, 0], [4, 4]])
+    straight = '<paramPoly3 pRange="{}" aU="0" bU="{}" cU="0" dU="0" aV="0" bV="{}" cV="0" dV="0"/>'
+    s = np.array([0.0, 5.0])
+    for text in (straight.format("normalized", 6, 8), straight.format("arcLength", 0.6, 0.8)):
+        np.testing.assert_allclose(line_of((10.0, text), x=0.0, y=0.0).at(s)[:, :2], [[0, 0], [3, 4]])
     line = line_of(
         (50.0, "<line/>"), elevation='<elevation s="30" a="4" b="0.02"/><elevation s="0" a="1" b="0.1" c="0.001"/>'
     )
@@ -85,6 +82,29 @@ def test_lines_spirals_and_polynomials():
     np.testing.assert_allclose(line.elevation.slope(np.array([10.0, 40])), [0.12, 0.02])
     assert (Cubics(np.zeros(0), np.zeros((0, 4))).at(np.arange(3.0)) == 0).all()
     assert not len(cubics([]).starts)
+
+
+def along(function, end):
+    """Length of the curve (x, function(x)) to x = end, summed up finely."""
+    x = np.linspace(0.0, end, 100_001)
+    return np.hypot(np.diff(x), np.diff(function(x))).sum()
+
+
+@pytest.mark.parametrize(("c", "d"), [(0.01, 0.0), (0.5, 0.0), (-0.02, 4e-4)])
+def test_cubics_are_measured_along_the_curve(c, d):
+    """ASAM OpenDRIVE 1.8, 9.6: s and length run along the reference line, u does not."""
+    line = line_of((50.0, f'<poly3 a="0" b="0" c="{c}" d="{d}"/>'), x=0.0, y=0.0)
+    for s in (0.0, 7.5, 25.0, 50.0):
+        ((x, y, heading),) = line.at(np.array([s]))
+        assert along(lambda u: c * u**2 + d * u**3, x) == pytest.approx(s, abs=0.01)
+        assert y == pytest.approx(c * x**2 + d * x**3, abs=1e-9)
+        assert np.tan(heading) == pytest.approx(2 * c * x + 3 * d * x**2)
+    length = along(lambda u: c * u**2 + d * u**3, 20.0)
+    normal = (
+        f'<paramPoly3 pRange="normalized" aU="0" bU="20" cU="0" dU="0" aV="0" bV="0" cV="{400 * c}" dV="{8000 * d}"/>'
+    )
+    same = line_of((length, normal), x=0.0, y=0.0)
+    np.testing.assert_allclose(same.at(np.array([7.5, length])), line.at(np.array([7.5, length])), atol=0.01)
 
 
 @pytest.mark.parametrize("curvature", [0.1, -0.1, 1e-12])
@@ -96,7 +116,7 @@ def test_arc_lies_on_its_circle(curvature):
     np.testing.assert_allclose(line.at(s), np.transpose(exact), atol=1e-3 if curvature == 1e-12 else 1e-9)
 
 
-@pytest.mark.parametrize("text", ["nan", "inf", "1e9", "far", ""])
+@pytest.mark.parametrize("text", ["nan", "inf", "1e9", "-1e300", "far", ""])
 def test_what_is_no_number(text):
     with pytest.raises(ValueError, match=r"<a> needs a finite number as s, got .*: export it again") as raised:
         number(ElementTree.fromstring(f'<a s="{text}"/>'), "s")
@@ -128,7 +148,7 @@ WINDOW = shapely.box(-40, -40, 40, 40)
 
 
 def near(path, window, level, storey):
-    return roads_near(read_opendrive(path, (0.0, 0.0)), window, level, storey)
+    return roads_near(read_opendrive(path, (0.0, 0.0)), window, level, storey)[0]
 
 
 def test_lanes_lie_side_by_side_in_windows(street, tmp_path):
@@ -280,15 +300,19 @@ def test_signals_face_those_they_are_for(found, attributes, depth, levels):
         ),
     ],
 )
-def test_damaged_objects(found, inside, message):
-    with pytest.raises(ValueError, match=message):
-        found(inside)
+def test_damaged_objects_are_left_out(found, inside, message):
+    standing = found(f'<object type="tree" s="5" t="9"/>{inside}')
+    assert len(standing.groups) == 1
+    (reason,) = standing.damaged
+    assert re.match(message, reason)
+    _, notes = off_the_road(standing, WINDOW, [rectangle(-40.0, -4.0, 40.0, 4.0)], shapely.Polygon())
+    assert re.match(f"1 damaged objects or signals were left out: {message}", notes[-1])
 
 
 @pytest.mark.parametrize(
     "numbers", ['length="50" distance="-10"', 'length="-9" distance="0"', 'length="9" distance="1e-9"']
 )
-def test_endless_repeats_are_refused_before_netconvert_follows_them(tmp_path, street, numbers):
-    path = street(tmp_path, f'<object type="none" s="5" t="9"><repeat s="0" {numbers}/></object>')
-    with pytest.raises(ValueError, match="needs both from 0 up and at most 2000 objects"):
-        read_opendrive(path, (0.0, 0.0))
+def test_endless_repeats_are_left_out(found, numbers):
+    standing = found(f'<object type="pole" s="5" t="9"><repeat s="0" {numbers}/></object>')
+    assert not standing.groups
+    assert "needs both from 0 up and at most 2000 objects" in standing.damaged[0]

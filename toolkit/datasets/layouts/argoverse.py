@@ -21,7 +21,7 @@ from toolkit.datasets.origins import near_frames
 from toolkit.datasets.records import add_problem, named_damage
 from toolkit.frame import Frame, SensorCloud
 from toolkit.objects import LABELS
-from toolkit.point_files import name_attributes
+from toolkit.point_columns import name_attributes
 from toolkit.runtime.files import writing
 
 LASERS = {"up_lidar": range(32), "down_lidar": range(32, 64)}

@@ -44,7 +44,7 @@ from toolkit.datasets.records import (
 from toolkit.datasets.transform_tree import NS_PER_S, Link, TransformTree, parse_link_pose
 from toolkit.frame import Frame, SensorCloud
 from toolkit.objects import Objects
-from toolkit.point_files import name_attributes
+from toolkit.point_columns import name_attributes
 from toolkit.runtime.files import parse_yaml, plain_file, read_text, resolve_below
 from toolkit.sites.site import Site
 

@@ -1,0 +1,509 @@
+"""What an OpenDRIVE map says of frames, sides, limits, users and heights, by the ASAM standard 1.4 to 1.8."""
+
+import warnings
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pyproj
+import pytest
+import shapely
+
+from toolkit.sites import network as nets
+from toolkit.sites.georeference import bearing_deg, longitude_latitude, site_geojson
+from toolkit.sites.lane_rules import USERS
+from toolkit.sites.maps import MapPiece, import_opendrive
+from toolkit.sites.network import MOTOR
+from toolkit.sites.site import Site
+
+UTM32 = "<geoReference>+proj=utm +zone=32 +datum=WGS84 +units=m +no_defs</geoReference>"
+_CENTRE = '<center><lane id="0" type="none"/></center>'
+
+
+def lane(number: int, kind: str = "driving", width: float = 3.5, inside: str = "", attributes: str = "") -> str:
+    """A <lane> of constant width."""
+    shape = f'<width sOffset="0" a="{width}" b="0" c="0" d="0"/>'
+    return f'<lane id="{number}" type="{kind}" level="false" {attributes}>{inside}{shape}</lane>'
+
+
+def section(left: str, right: str, s: float = 0.0, attributes: str = "") -> str:
+    """A <laneSection>."""
+    sides = (f"<left>{left}</left>" if left else "") + _CENTRE + (f"<right>{right}</right>" if right else "")
+    return f'<laneSection s="{s}" {attributes}>{sides}</laneSection>'
+
+
+def street(
+    *,
+    name: str = "1",
+    start: tuple[float, float] = (-150.0, 0.0),
+    heading: float = 0.0,
+    length: float = 300.0,
+    geometry: str = "<line/>",
+    sections: str = "",
+    inside: str = "",
+    junction: str = "-1",
+    attributes: str = "",
+) -> str:
+    """A <road> of one geometry, with a lane of 3.5 m on each side. inside: further elements of the road."""
+    place = f's="0" x="{start[0]}" y="{start[1]}" hdg="{heading}" length="{length}"'
+    lanes = sections or section(lane(1), lane(-1))
+    return (
+        f'<road name="" length="{length}" id="{name}" junction="{junction}" {attributes}>{inside}'
+        f"<planView><geometry {place}>{geometry}</geometry></planView><lanes>{lanes}</lanes></road>"
+    )
+
+
+def rising(slope: float) -> str:
+    """Elevation of a road that rises by `slope` (m per m) from 0 at its start."""
+    return f'<elevationProfile><elevation s="0" a="0" b="{slope}" c="0" d="0"/></elevationProfile>'
+
+
+def limited(*rows: tuple[float, str]) -> str:
+    """<type>s of a road, whose limits begin at s; a row gives s and the attributes of <speed>."""
+    return "".join(f'<type s="{s}" type="town"><speed {limit}/></type>' for s, limit in rows)
+
+
+def write_map(path: Path, roads: str, header: str = "", minor: int = 6) -> Path:
+    """Write a map of OpenDRIVE 1.`minor`."""
+    text = f'<header revMajor="1" revMinor="{minor}">{header}</header>{roads}'
+    path.write_text(f'<?xml version="1.0"?>\n<OpenDRIVE>{text}</OpenDRIVE>', encoding="utf-8")
+    return path
+
+
+def read_lanes(site: Site) -> list[tuple[set[str], float, np.ndarray]]:
+    """Users, limit (m/s) and middle line, from where traffic enters, of all lanes of a site's network."""
+    lanes = [element for _, element in nets.list_lanes(site.network)]
+    return [(nets.list_users(e), float(e.get("speed", "0")), nets.parse_shape(e)) for e in lanes]
+
+
+def find_lane(site: Site, y: float, x: float = 0.0) -> tuple[set[str], float, np.ndarray]:
+    """Lane of a site whose middle line passes within 0.3 m of a place."""
+    for users, limit, line in read_lanes(site):
+        low, high = sorted((line[0, 0], line[-1, 0]))
+        if low - 0.1 <= x <= high + 0.1 and abs(np.interp(x, *line[np.argsort(line[:, 0])].T) - y) < 0.3:
+            return users, limit, line
+    raise AssertionError(f"no lane at {x:g}, {y:g}")
+
+
+SIZE_M = (80.0, 40.0)
+UTM_OFFSET = '<offset x="692000" y="5336000" z="0" hdg="{}"/>'
+CARS = set(MOTOR.split())
+
+
+@pytest.fixture
+def imported(tmp_path: Path):
+    """Function that imports a map of the roads it is given: the site, and the notes."""
+
+    def read(roads, header="", minor=6, centre=(0.0, 0.0), size=SIZE_M, name="street.xodr"):
+        path = write_map(tmp_path / name, roads, header, minor)
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            site = import_opendrive(MapPiece(path, centre, size))
+        return site, [str(warning.message).partition(": ")[2] for warning in caught]
+
+    return read
+
+
+# Frames: 1.8, 8.4 and 8.5
+
+
+@pytest.mark.parametrize(("minor", "heading"), [(4, 0.0), (6, 0.5), (8, -np.pi / 2)])
+def test_offset_of_the_header_leads_to_the_projection(imported, minor, heading):
+    """A point is turned by hdg, then moved by x and y (1.8, 8.5). pyproj is the oracle."""
+    site, _ = imported(street(), UTM32 + UTM_OFFSET.format(heading), minor)
+    to_earth = pyproj.Transformer.from_crs("EPSG:32632", "EPSG:4326", always_xy=True)
+    ahead = np.array([692000 + 100 * np.cos(heading), 5336000 + 100 * np.sin(heading)])
+    expected = [to_earth.transform(692000, 5336000), to_earth.transform(*ahead)]
+    np.testing.assert_allclose(longitude_latitude(site, np.array([[0.0, 0.0], [100.0, 0.0]])), expected, atol=1e-8)
+    assert bearing_deg(site, 0.0) == pytest.approx(np.rad2deg(np.pi / 2 - heading) % 360)
+    assert '"bbox": [11.58' in site_geojson(site).replace("11.57", "11.58")
+
+
+def test_coordinates_of_a_projection_are_no_damage(imported):
+    far, _ = imported(street(start=(691850.0, 5336000.0)), UTM32, centre=(692000.0, 5336000.0))
+    near, _ = imported(street(), UTM32 + UTM_OFFSET.format(0))
+    degrees = [longitude_latitude(site, np.array([[7.0, -3.0]])) for site in (far, near)]
+    np.testing.assert_allclose(*degrees, atol=1e-9)
+    assert shapely.equals_exact(*(shapely.MultiPolygon([shapely.Polygon(p) for p in s.lanes]) for s in (far, near)))
+    lanes = zip(read_lanes(far), read_lanes(near), strict=True)
+    assert all(np.abs(a[2] - b[2]).max() < 2e-3 for a, b in lanes)
+
+
+def test_height_of_the_header_is_of_the_map(imported):
+    site, _ = imported(street(inside=rising(0.0)), UTM32 + '<offset x="0" y="0" z="512.5" hdg="0"/>')
+    assert site.map_SE3_site[2, 3] == 512.5
+
+
+@pytest.mark.parametrize(
+    ("header", "remedy"),
+    [
+        (UTM32 + UTM_OFFSET.format(0), "these are coordinates of its projection, .* leads to --centre 0 0"),
+        (UTM32, "give --centre X Y inside it, as --centre 0 0"),
+    ],
+)
+def test_a_centre_in_the_projection_is_told_its_place(imported, header, remedy):
+    with pytest.raises(ValueError, match=f"centre 692000 5336000 lies outside the map, .*{remedy}"):
+        imported(street(), header, centre=(692000.0, 5336000.0))
+
+
+def test_a_missing_grid_of_shifts_leaves_metres(imported):
+    """The map is in metres, whatever PROJ can say of its place."""
+    reference = "+proj=utm +zone=32 +ellps=bessel +nadgrids=not_installed.gsb +units=m +no_defs"
+    site, notes = imported(street(), f"<geoReference><![CDATA[{reference}]]></geoReference>")
+    assert site.geo_reference is None
+    assert any("install the grid 'not_installed.gsb' for PROJ and import again" in note for note in notes)
+    assert len(read_lanes(site)) == 2
+
+
+def test_names_of_files_are_free(imported):
+    site, _ = imported(street(), name="a,b 信号.xodr")
+    assert site.name == "a,b 信号"
+
+
+# Sides of the road: 1.8, 10.1 and 11.4
+
+
+@pytest.mark.parametrize(("rule", "direction"), [("", 1), ('rule="RHT"', 1), ('rule="LHT"', -1)])
+def test_traffic_keeps_to_the_side_of_the_map(imported, rule, direction):
+    site, _ = imported(street(attributes=rule))
+    for y, sign in ((-1.75, direction), (1.75, -direction)):
+        _, _, line = find_lane(site, y)
+        assert np.sign(line[-1, 0] - line[0, 0]) == sign
+    assert ('lefthand="true"' in site.network) == (direction < 0)
+
+
+def test_left_hand_traffic_keeps_lanes_and_links_apart(imported):
+    """Two lanes on the left become one behind a section, and the sidewalk stays where it is."""
+    on = '<link><successor id="1"/></link>'
+    back = '<link><predecessor id="1"/></link>'
+    first = section(lane(2) + lane(1, inside=on), lane(-1) + lane(-2, "sidewalk", 2.0))
+    second = section(lane(1, inside=back), lane(-1) + lane(-2, "sidewalk", 2.0), s=150)
+    site, _ = imported(street(sections=first + second, attributes='rule="LHT"'))
+    assert find_lane(site, -4.5, -50)[0] == {"pedestrian"}
+    for y, x, sign in ((5.25, -50, 1), (1.75, -50, 1), (1.75, 50, 1), (-1.75, 50, -1)):
+        users, _, line = find_lane(site, y, x)
+        assert users == CARS
+        assert np.sign(line[-1, 0] - line[0, 0]) == sign
+    root = ElementTree.fromstring(site.network)
+    ahead = [c for c in root.iter("connection") if c.get("from") == "-1#0" and c.get("to") == "-1#1"]
+    assert [(c.get("fromLane"), c.get("toLane")) for c in ahead if c.get("fromLane") == "1"] == [("1", "0")]
+
+
+def test_a_road_that_keeps_to_the_other_side_is_closed_and_noted(imported):
+    other = street(name="2", start=(-150.0, 12.0), attributes='rule="LHT"')
+    site, notes = imported(street() + street(name="3", start=(-150.0, -12.0)) + other)
+    assert find_lane(site, 13.75)[0] == set()
+    assert "2 lanes of roads that keep to the other side than most are closed" in notes
+
+
+# Limits: 1.8, 10.4 and 11.9
+
+
+LIMITS = {
+    'max="8.33" unit="m/s"': 8.33,
+    'max="8.33"': 8.33,
+    'max="30" unit="km/h"': 8.333,
+    'max="65" unit="mph"': 29.058,
+    'max="no limit"': 36.11,
+    'max="undefined"': 13.89,
+    'max="50" unit="kmh"': 13.89,
+    'max="-1" unit="km/h"': 13.89,
+    'max="55"': 55.0,
+}
+
+
+def test_limits_of_roads(imported):
+    places = dict(zip(LIMITS, 15.0 * np.arange(len(LIMITS)), strict=True))
+    roads = [street(name=f"r{y:g}", start=(-150.0, y), inside=limited((0, limit))) for limit, y in places.items()]
+    site, notes = imported("".join(roads), size=(80.0, 280.0))
+    for limit, y in places.items():
+        assert find_lane(site, y - 1.75)[1] == pytest.approx(LIMITS[limit], abs=1e-3)
+    assert set(notes) >= {
+        "2 limits of 'no limit' count as 130 km/h",
+        "3 roads without a limit in the map are driven at 50 km/h",
+        "2 limits of '50' in 'kmh' are no speeds and were left out",
+        "2 limits of '-1' in 'km/h' are no speeds and were left out",
+        "2 limits of 55 m/s (no unit is given) are 198 km/h",
+    }
+
+
+def test_limits_change_along_the_road_and_by_lane(imported):
+    slow = lane(-1, inside='<speed sOffset="200" max="5" unit="m/s"/>')
+    walk = lane(-2, "sidewalk", 2.0)
+    limits = limited((0, 'max="50" unit="km/h"'), (100, 'max="30" unit="km/h"'))
+    site, notes = imported(street(sections=section(lane(1), slow + walk), inside=limits))
+    for y, x, speed in (
+        (-1.75, -60, 13.889),
+        (-1.75, 0, 8.333),
+        (-1.75, 100, 5.0),
+        (1.75, 100, 8.333),
+        (-4.5, 0, 2.78),
+    ):
+        assert find_lane(site, y, x)[1] == pytest.approx(speed, abs=1e-3)
+    assert not any("limit" in note for note in notes)
+
+
+def test_limits_of_the_header_by_type_of_road(imported):
+    """1.8, 8.6: <defaultRegulations>."""
+    semantics = '<semantics><speed type="maximum" value="100" unit="km/h"/></semantics>'
+    rules = f'<defaultRegulations><roadRegulations type="rural">{semantics}</roadRegulations></defaultRegulations>'
+    site, _ = imported(street(inside='<type s="0" type="rural"/>'), rules, minor=8)
+    assert find_lane(site, -1.75)[1] == pytest.approx(27.778, abs=1e-3)
+
+
+# Users: 1.8, 11.7 and 11.10
+
+
+def test_types_of_lanes_say_who_uses_them(imported):
+    """What is unknown is closed; no type is open to everybody but `driving`, ramps and `shared`."""
+    kinds = [*USERS, "special1", "special2", "special3", "pavement"]
+    lanes = [lane(-2 - i, kind, 2.0) for i, kind in enumerate(kinds)]
+    site, notes = imported(street(sections=section(lane(1), lane(-1) + "".join(lanes))), size=(80.0, 180.0))
+    for i, kind in enumerate(kinds):
+        users = "" if kind == "bidirectional" else USERS.get(kind, "")
+        assert find_lane(site, -4.5 - 2.0 * i)[0] == set(users.split()), kind
+    for kind in ("special1", "special2", "special3", "pavement"):
+        assert f"1 lanes of type {kind!r} are closed, as the type is unknown" in notes
+    for kind in ("restricted", "stop", "roadWorks"):
+        assert f"1 lanes of type {kind!r} are closed to traffic" in notes
+    assert "1 lanes for both directions (turning lanes) are closed to through traffic" in notes
+    assert "1 HOV lanes are open to buses, taxis and motorcycles only" in notes
+
+
+ONLY = '<access sOffset="0" rule="allow" restriction="{}"/>'
+ACCESS = '<access sOffset="{}" {} restriction="{}"/>'
+
+
+RULES = [
+    (ONLY.format("bus"), {"bus", "coach"}),
+    (ONLY.format("bus") + ONLY.format("bicycle"), {"bus", "coach", "bicycle"}),
+    (ACCESS.format(0, 'rule="deny"', "trucks"), CARS - {"truck"}),
+    (ACCESS.format(0, 'rule="deny"', "passengerCar"), CARS - {"passenger"}),
+    (ONLY.format("autonomousTraffic"), set()),
+    (ACCESS.format(0, 'rule="deny"', "none"), CARS),
+    (ACCESS.format(0, "", "passengerCar"), CARS - {"passenger"}),
+    (ACCESS.format(250, 'rule="deny"', "passengerCar"), CARS),
+    (
+        '<access sOffset="0" rule="allow"><restriction type="bus"/><restriction type="taxi"/></access>',
+        {"bus", "coach", "taxi"},
+    ),
+]
+
+
+def test_access_to_lanes(imported):
+    """1.4 to 1.7: an attribute each; 1.8: <restriction>s of one <access>."""
+    roads = ""
+    for i, (inside, _) in enumerate(RULES):
+        lanes = section(lane(1), lane(-1, inside=inside))
+        roads += street(name=f"r{i}", start=(-150.0, 15.0 * i), sections=lanes)
+    site, notes = imported(roads, minor=8, size=(80.0, 280.0))
+    for i, (inside, users) in enumerate(RULES):
+        assert find_lane(site, 15.0 * i - 1.75)[0] == users, inside
+    assert "1 <access> rules are for 'autonomousTraffic', which is not simulated" in notes
+    assert "1 <access> rules without allow or deny count as deny" in notes
+
+
+@pytest.mark.parametrize(("attribute", "text"), [("roadWorks", "closed"), ("dynamicLaneType", "stay as the map")])
+def test_lanes_that_a_scenario_changes(imported, attribute, text):
+    site, notes = imported(street(sections=section(lane(1), lane(-1, attributes=f'{attribute}="true"'))), minor=8)
+    assert (find_lane(site, -1.75)[0] == CARS) == (attribute != "roadWorks")
+    assert any(attribute in note and text in note for note in notes)
+
+
+# Lanes: 1.8, 11.3 to 11.6
+
+
+def test_a_section_of_one_side_leaves_the_other(imported):
+    both = section(lane(1), lane(-1, inside='<link><successor id="-1"/></link>'))
+    right = section("", lane(-1, inside='<link><predecessor id="-1"/></link>') + lane(-2), 150, 'singleSide="true"')
+    site, _ = imported(street(sections=both + right))
+    road = shapely.union_all([shapely.Polygon(outline) for outline in site.lanes])
+    assert road.symmetric_difference(shapely.union(shapely.box(-70, -3.5, 70, 3.5), shapely.box(0, -7, 70, 0))).area < 4
+    for x in (-50, 50):
+        _, _, line = find_lane(site, 1.75, x)
+        assert line[-1, 0] < line[0, 0]
+
+
+def border(number: int, a: float, b: float = 0.0) -> str:
+    """A lane by its <border>."""
+    row = f'<border sOffset="0" a="{a}" b="{b}" c="0" d="0"/>'
+    return f'<lane id="{number}" type="driving">{row}</lane>'
+
+
+def test_lanes_by_their_borders(imported):
+    """A border is counted from the reference line, and the lane reaches to the one inside (1.8, 11.6.2)."""
+    lanes = section(border(1, 3.5, 0.01), border(-1, -3.0) + border(-2, -7.0))
+    site, _ = imported(street(sections=lanes))
+    road = shapely.union_all([shapely.Polygon(outline) for outline in site.lanes])
+    wedge = shapely.Polygon([(-70, -7), (70, -7), (70, 3.5 + 2.2), (-70, 3.5 + 0.8)])
+    assert road.symmetric_difference(wedge).area < 1
+    assert find_lane(site, -5.0)[2][0] == pytest.approx([-150.0, -5.0], abs=0.02)
+
+
+def test_lanes_in_any_order(imported):
+    """Their ids say where they are, not the order of the file."""
+    lanes = section(lane(1) + lane(2, "sidewalk", 2.0), lane(-2, "sidewalk", 2.0) + lane(-1))
+    site, _ = imported(street(sections=lanes))
+    for y, users in ((4.5, {"pedestrian"}), (1.75, CARS), (-1.75, CARS), (-4.5, {"pedestrian"})):
+        assert find_lane(site, y)[0] == users
+
+
+# Heights: 1.8, 10.5 to 10.7
+
+
+def test_a_long_road_on_a_slope_has_the_height_of_its_piece(imported):
+    site, _ = imported(street(start=(-600.0, 0.0), length=1200.0, inside=rising(0.012)))
+    assert site.relief.slope == pytest.approx((0.012, 0.0), abs=1e-4)
+    assert site.map_SE3_site[2, 3] == pytest.approx(7.2, abs=0.01)
+    assert len(read_lanes(site)) == 2
+
+
+@pytest.mark.parametrize("slope", [0.04, -0.08])
+def test_a_steep_side_street_keeps_its_traffic(imported, slope):
+    side = street(name="2", start=(0.0, 3.5), heading=np.pi / 2, length=400.0, inside=rising(slope))
+    site, _ = imported(street(inside=rising(0.0)) + side)
+    assert sum(abs(line[-1, 1] - line[0, 1]) > 100 for _, _, line in read_lanes(site)) == 2
+
+
+def test_a_bridge_over_the_road_is_left_out_and_noted(imported):
+    flat = '<elevationProfile><elevation s="0" a="6" b="0" c="0" d="0"/></elevationProfile>'
+    over = street(name="2", start=(0.0, -150.0), heading=np.pi / 2, inside=flat)
+    site, notes = imported(street() + over)
+    assert len(read_lanes(site)) == 2
+    assert "1 roads more than 3.5 m above or below the site were left out" in notes
+
+
+def lateral(text: str) -> str:
+    return f"<lateralProfile>{text}</lateralProfile>"
+
+
+def test_superelevation_tilts_the_site(imported):
+    """Positive superelevation falls to the right (1.8, 10.5.2)."""
+    tilt = lateral('<superelevation s="0" a="0.05" b="0" c="0" d="0"/>')
+    site, notes = imported(street(inside=tilt))
+    assert site.relief.slope == pytest.approx((0.0, np.sin(0.05)), abs=1e-4)
+    assert "the site slopes by 5.0 % as its roads do, which leave that plane by up to 0.00 m" in notes
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        '<crossfall side="both" s="0" a="0.04" b="0" c="0" d="0"/>',
+        '<shape s="0" t="-3.5" a="-0.14" b="0.04" c="0" d="0"/><shape s="0" t="0" a="0" b="-0.04" c="0" d="0"/>',
+    ],
+)
+def test_a_camber_leaves_the_plane_by_as_much_as_is_said(imported, text):
+    """1.4, 5.3.6, and 1.8, 10.5.3: edges 0.14 m below the middle; the plane between them is 0.09 m from the latter."""
+    site, notes = imported(street(inside=rising(0.02) + lateral(text)))
+    assert site.relief.slope == pytest.approx((0.02, 0.0), abs=1e-3)
+    (note,) = (note for note in notes if "leave that plane" in note)
+    assert note.endswith("by up to 0.09 m")
+
+
+# What stands at the side refuses no file
+
+
+SIDE = (
+    '<objects><object/><object id="1" type="" s="5" t="far"/><bridge/><tunnel s="0" length="9" type="0"/></objects>'
+    '<signals><signal id="2" type="" s="150" t="-8" orientation="+" dynamic="no"/><signal id="3" type="-1"/></signals>'
+    '<surface><CRG file="missing.crg" sStart="0" sEnd="9" orientation="same" mode="attached"/></surface>'
+    '<railroad><switch name="x"/></railroad><userData code="a" value="b"/><userData><b/></userData>'
+)
+
+
+def test_odd_things_at_the_side_refuse_no_file(imported):
+    """netconvert stops at a sign with an empty type."""
+    more = '<controller id=""/><station/><junctionGroup/><userData/><include file="x"/>'
+    site, notes = imported(street(inside=SIDE) + more)
+    assert len(read_lanes(site)) == 2
+    text = "; ".join(notes)
+    assert "1 damaged objects or signals were left out: <signal> needs a finite number as s, got 'None'" in text
+    for said in ("1 tunnels have no walls", "1 surfaces in OpenCRG files", "2 signs are plates"):
+        assert said in text
+
+
+# Junctions: 1.8, 12
+
+
+def joined(name: str, at: str) -> str:
+    return f'<link><{at} elementType="junction" elementId="{name}"/></link>'
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_direct_junction_joins_its_roads(imported, sign):
+    """1.7, 10.7: an exit of a two-lane carriageway, and the other direction through the same connection."""
+    rule = 'rule="RHT"' if sign > 0 else 'rule="LHT"'
+    main, side, ramp = (lane(-sign), lane(sign), lane(-2 * sign))
+    sides = (side, main + ramp) if sign > 0 else (ramp + main, side)
+    first = street(length=150.0, sections=section(*sides), inside=joined("9", "successor"), attributes=rule)
+    second = street(name="2", start=(0.0, 0.0), length=150.0, inside=joined("9", "predecessor"), attributes=rule)
+    only = section("", lane(-1)) if sign > 0 else section(lane(1), "")
+    third = street(
+        name="3",
+        start=(0.0, -3.5 * sign),
+        heading=-0.1 * sign,
+        length=150.0,
+        sections=only,
+        inside=joined("9", "predecessor"),
+        attributes=rule,
+    )
+    links = f'<laneLink from="{-sign}" to="{-sign}"/><laneLink from="{sign}" to="{sign}"/>'
+    exit_ = f'<laneLink from="{-2 * sign}" to="{-sign}" overlapZone="20"/>'
+    junction = (
+        '<junction id="9" name="" type="direct">'
+        f'<connection id="0" incomingRoad="1" linkedRoad="2" contactPoint="start">{links}</connection>'
+        f'<connection id="1" incomingRoad="1" linkedRoad="3" contactPoint="start">{exit_}'
+        "</connection></junction>"
+    )
+    site, _ = imported(first + second + third + junction, minor=7)
+    root = ElementTree.fromstring(site.network)
+    ways = {(c.get("from"), c.get("to")) for c in root.iter("connection") if c.get("from", ":")[0] != ":"}
+    assert ways == {("-1", "-2"), ("-1", "-3"), ("2", "1")}
+
+
+def test_a_virtual_junction_leaves_the_main_road_whole(imported):
+    """1.8, 12.6: the main road goes on; who branches off within it is noted."""
+    branch = '<link><predecessor elementType="road" elementId="1" elementS="145" elementDir="+"/></link>'
+    inner = street(name="3", start=(-5.0, -1.75), heading=-0.9, length=8.0, inside=branch, junction="9")
+    side = street(name="2", start=(0.0, -8.0), heading=-np.pi / 2, length=80.0)
+    connection = '<connection id="0" incomingRoad="1" connectingRoad="3" contactPoint="start"/>'
+    about = 'type="virtual" mainRoad="1" sStart="140" sEnd="160" orientation="none"'
+    site, notes = imported(street() + inner + side + f'<junction id="9" name="" {about}>{connection}</junction>')
+    assert find_lane(site, -1.75)[2][[0, -1], 0] == pytest.approx([-150, 150])
+    assert any("virtual junctions are left out" in note for note in notes)
+
+
+def test_a_crossing_junction_is_noted(imported):
+    rail = street(
+        name="2", start=(0.0, -100.0), heading=np.pi / 2, length=200.0, sections=section("", lane(-1, "rail"))
+    )
+    parts = '<roadSection id="0" roadId="1" sStart="140" sEnd="160"/>'
+    site, notes = imported(street() + rail + f'<junction id="9" name="" type="crossing">{parts}</junction>', minor=8)
+    assert "1 crossing junctions are left out: traffic there does not give way" in notes
+    assert find_lane(site, -1.75)[0] == CARS
+
+
+def test_links_that_lead_nowhere_are_counted(imported):
+    out = '<link><successor elementType="road" elementId="77" contactPoint="start"/></link>'
+    connection = '<connection id="0" incomingRoad="8" connectingRoad="9" contactPoint="start"/>'
+    site, notes = imported(street(inside=out) + f'<junction id="5" name="">{connection}</junction>')
+    assert len(read_lanes(site)) == 2
+    assert "1 roads are linked to what is not in the file" in notes
+
+
+def test_ids_of_roads_are_free(imported):
+    """SUMO's ids are not: -5 is the other direction of 5, a comma parts a list."""
+    names = ("5", "a,b;c 1", "-5", "5#1", "", "Unter den Linden 信号", "a:b|c")
+    roads = [street(name=name, start=(-150.0, 15.0 * i)) for i, name in enumerate(names)]
+    site, _ = imported("".join(roads), size=(80.0, 200.0))
+    assert len(read_lanes(site)) == 14
+
+
+def test_remedies_name_what_was_found(imported):
+    rail = street(sections=section("", lane(-1, "rail")))
+    with pytest.raises(ValueError, match="have no carriageway, but lanes of the types rail: give --centre X Y"):
+        imported(rail)
+    with pytest.raises(
+        ValueError, match="no road within the area about 0 140: move --centre onto a road, as --centre 0 "
+    ):
+        imported(street(), centre=(0.0, 140.0), size=(20.0, 20.0))

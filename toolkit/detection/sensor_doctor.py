@@ -1,0 +1,216 @@
+"""Doctor of a recording's sensors, one against another: their times, their rates, and boxes that only one misses.
+
+- Clouds of one frame should be of one instant. Their stamps show it, and so do moving objects: boxes moved along
+  their tracks fit the points of a sensor that is late, and of no other.
+- Sensors of two rates cannot be paired: steps between stamps differ, clouds repeat, or frames lack a sensor.
+- A box is missed if a sensor sees the ground just in front of it, and no point on it. Every sensor misses a few. If
+  one misses many that others see, its pose is wrong or its points were lost."""
+
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from toolkit.arrays import BoxRows, Float64, Mask, Points
+from toolkit.boxes import count_points
+from toolkit.calibration.ground import Ground
+from toolkit.datasets.doctor import Finding
+from toolkit.detection.label_fits import LEAST_BOXES, SHIFTS_S, Seen, better, find_movers, fits
+from toolkit.frame import Frame, SensorCloud
+
+MAX_APART_S = 0.02  # of clouds of one frame
+MAX_RATE_RATIO = 1.2
+MAX_REPEATED_SHARE = 0.2  # of a sensor's clouds
+MAX_MISSING_SHARE = 0.3  # of the frames between a sensor's first and last cloud
+MIN_FRONT_POINTS = 5  # on the ground in front of a box, which show that a sensor sees it
+FRONT_M = 2.0
+MARGIN_M = 0.1  # that a point may be outside its box
+GROUND_BAND_M = 0.2
+MISSED_SHARE = 0.5
+USUAL_MISSED_SHARE = 0.2
+
+
+def diagnose_times(samples: Sequence[Frame]) -> list[Finding]:
+    """Return what looks wrong with the times of consecutive frames' clouds, as they are stated."""
+    return [*suspect_stamps(samples), *suspect_rates(samples)]
+
+
+def diagnose_sensors(seen: Sequence[Seen]) -> list[Finding]:
+    """Return what the labels of consecutive frames, if they are right, show to be wrong with sensors."""
+    late = [] if diagnose_times([each.sample for each in seen]) else [*suspect_late_sensors(seen)]
+    return [*late, *suspect_missed_boxes(seen)]
+
+
+def _sensor_names(samples: Sequence[Frame]) -> list[str]:
+    return sorted({cloud.name for sample in samples for cloud in sample.clouds})
+
+
+def _clouds_of(samples: Sequence[Frame], name: str) -> list[SensorCloud | None]:
+    """Cloud of one sensor in each frame, None if the frame has none."""
+    return [next((cloud for cloud in sample.clouds if cloud.name == name), None) for sample in samples]
+
+
+def suspect_stamps(samples: Sequence[Frame]) -> Iterator[Finding]:
+    """Find clouds of one frame whose stamps are apart."""
+    spreads_s = []
+    for sample in samples:
+        stamps = [cloud.stamp_s for cloud in sample.clouds if cloud.stamp_s is not None]
+        if len(stamps) > 1:
+            spreads_s.append(max(stamps) - min(stamps))
+    if not spreads_s or np.median(spreads_s) <= MAX_APART_S:
+        return
+    evidence = f"{np.median(spreads_s):.3f} s from first to last, median of {len(spreads_s)} frames"
+    remedy = "pair clouds by their times, or move them to one time"
+    yield Finding("warning", "clouds", "clouds of one instant are apart in time", evidence, remedy)
+
+
+def suspect_rates(samples: Sequence[Frame]) -> Iterator[Finding]:
+    """Find sensors that measure at another rate than the fastest."""
+    steps_s, repeated, missing = {}, {}, {}
+    for name in _sensor_names(samples):
+        clouds = _clouds_of(samples, name)
+        stamps = np.unique([cloud.stamp_s for cloud in clouds if cloud is not None and cloud.stamp_s is not None])
+        if len(stamps) > 2:
+            steps_s[name] = float(np.median(np.diff(stamps)))
+        repeated[name] = _share_repeated(clouds)
+        missing[name] = _share_missing(clouds)
+    remedy = "pair clouds by their times, and leave out those without a partner"
+    if len(steps_s) > 1 and max(steps_s.values()) > MAX_RATE_RATIO * min(steps_s.values()):
+        evidence = ", ".join(f"{name} every {step:.3f} s" for name, step in steps_s.items())
+        yield Finding("warning", "clouds", "sensors of two rates", evidence, remedy)
+        return
+    fresh = [name for name in repeated if repeated[name] <= MAX_REPEATED_SHARE]
+    for name, share in repeated.items():
+        if share > MAX_REPEATED_SHARE and fresh:
+            evidence = f"{share:.0%} of its clouds repeat the one before, those of {fresh[0]} do not"
+            yield Finding("warning", f"sensor {name}", "it is slower than the frames", evidence, remedy)
+    complete = [name for name in missing if missing[name] < 0.1]
+    for name, share in missing.items():
+        if share > MAX_MISSING_SHARE and complete:
+            evidence = f"{share:.0%} of the frames from its first to its last cloud lack it, {complete[0]} has all"
+            yield Finding("warning", f"sensor {name}", "it is slower than the frames", evidence, remedy)
+
+
+def _share_repeated(clouds: Sequence[SensorCloud | None]) -> float:
+    """Share of a sensor's clouds that have the points of the frame before."""
+    pairs = [(former, latter) for former, latter in pairwise(clouds) if former and latter]
+    same = [len(former.points) > 0 and np.array_equal(former.points, latter.points) for former, latter in pairs]
+    return float(np.mean(same)) if len(same) > 2 else 0.0
+
+
+def _share_missing(clouds: Sequence[SensorCloud | None]) -> float:
+    """Share of the frames from a sensor's first cloud to its last that have none."""
+    present = np.flatnonzero([cloud is not None for cloud in clouds])
+    span = int(present[-1] - present[0]) + 1 if len(present) else 0
+    return 1 - len(present) / span if span > 4 else 0.0
+
+
+def suspect_late_sensors(seen: Sequence[Seen]) -> Iterator[Finding]:
+    """Find sensors whose points show moving objects where they are at another time than for other sensors."""
+    samples = [each.sample for each in seen]
+    names = _sensor_names(samples)
+    movers = [find_movers(samples, k) for k in range(len(samples))]
+    if len(names) < 2 or sum(len(moving.boxes) for moving in movers) < LEAST_BOXES:
+        return
+    late: dict[str, tuple[float, np.ndarray, np.ndarray]] = {}
+    timely = []
+    for name in names:
+        own = [_seen_by(each, name) for each in seen]
+
+        def fit_at(shift_s: float, own: list[Seen] = own) -> np.ndarray:
+            moved = []
+            for moving in movers:
+                path = np.column_stack([shift_s * moving.velocities, np.zeros((len(moving.boxes), 5))])
+                moved.append(moving.boxes + path)
+            return fits(own, moved)
+
+        now = fit_at(0.0)
+        shifted = {sign * seconds: fit_at(sign * seconds) for seconds in SHIFTS_S for sign in (1, -1)}
+        best = max(shifted, key=lambda shift: float(shifted[shift].mean()))
+        if better(now, shifted[best]):
+            late[name] = (best, now, shifted[best])
+        elif (now > 0).sum() >= LEAST_BOXES:
+            timely.append(name)
+    for name, (shift_s, before, after) in late.items() if timely else ():
+        side = "ahead of" if shift_s > 0 else "behind"
+        words = f"its clouds are about {abs(shift_s):g} s {side} the labels and {', '.join(timely)}"
+        share = f"{before.mean():.0%} as they are, {after.mean():.0%} with that undone"
+        evidence = f"mean fit of {len(before)} moving boxes to its points: {share}"
+        yield Finding("warning", f"sensor {name}", words, evidence, "pair clouds by their times, or move its points")
+
+
+def _seen_by(seen: Seen, name: str) -> Seen:
+    """Points of one sensor above the ground."""
+    points = [cloud.in_world() for cloud in seen.sample.clouds if cloud.name == name]
+    own = np.concatenate([np.zeros((0, 3)), *points])
+    return Seen(seen.sample, seen.above_ground(own), seen.ground)
+
+
+class _Visibility(NamedTuple):
+    """For each box of a frame: whether a sensor must see it, and whether it has points on it."""
+
+    must_see: Mask
+    hit: Mask
+
+
+def suspect_missed_boxes(seen: Sequence[Seen]) -> Iterator[Finding]:
+    """Find sensors without points on boxes that they must see and other sensors see."""
+    names = _sensor_names([each.sample for each in seen])
+    if len(names) < 2:
+        return
+    must_see = dict.fromkeys(names, 0)
+    missed = dict.fromkeys(names, 0)
+    for each in seen:
+        sample, ground = each.sample, each.ground
+        if ground is None or not len(sample.objects):
+            continue
+        views = {cloud.name: _look(cloud, sample.objects.boxes, ground) for cloud in sample.clouds}
+        for name, view in views.items():
+            others = [other.hit for other_name, other in views.items() if other_name != name]
+            known = view.must_see & np.any([np.zeros(len(view.hit), bool), *others], axis=0)
+            must_see[name] += int(known.sum())
+            missed[name] += int((known & ~view.hit).sum())
+    shares = {name: missed[name] / must_see[name] for name in names if must_see[name] >= LEAST_BOXES}
+    usual = [name for name, share in shares.items() if share <= USUAL_MISSED_SHARE]
+    for name, share in shares.items():
+        if share >= MISSED_SHARE and usual:
+            evidence = f"{missed[name]} of {must_see[name]} boxes in front of which it sees the ground"
+            words = "boxes hold points of other sensors, and none of this one"
+            remedy = "check its pose, its times, and whether its points are whole"
+            yield Finding("error", f"sensor {name}", words, evidence, remedy)
+
+
+def _look(cloud: SensorCloud, boxes: BoxRows, ground: Ground) -> _Visibility:
+    """Tell which boxes (world frame) a sensor must see and hits.
+
+    It must see a box if it measured the ground between itself and the box, within `FRONT_M` of the box and within its
+    inner half as seen from the sensor."""
+    points = cloud.in_world()
+    heights = points[:, 2] - ground.height(points[:, :2])
+    grown = boxes + np.array([0, 0, 0, 2, 2, 2, 0]) * MARGIN_M
+    standing = points[heights > GROUND_BAND_M]
+    hit = count_points(standing, grown) > 0
+    level_points = points[np.abs(heights) < GROUND_BAND_M]
+    position = cloud.world_SE3_sensor[:2, 3]
+    must_see = [_sees_front(level_points, position, box) for box in boxes]
+    return _Visibility(np.array(must_see, bool), hit)
+
+
+def _sees_front(level_points: Points, position: Float64[np.ndarray, "2"], box: Float64[np.ndarray, "7"]) -> bool:
+    """Whether points on the ground are just in front of a box, as seen from a place."""
+    to_box = box[:2] - position
+    distance = float(np.hypot(*to_box))
+    ahead = to_box / max(distance, 1e-9)
+    aside = np.array([-ahead[1], ahead[0]])
+    heading = np.array([np.cos(box[6]), np.sin(box[6])])
+    across = np.array([-heading[1], heading[0]])
+    depth = abs(heading @ ahead) * box[3] / 2 + abs(across @ ahead) * box[4] / 2
+    width = abs(heading @ aside) * box[3] / 2 + abs(across @ aside) * box[4] / 2
+    if distance <= depth + FRONT_M:
+        return False
+    offsets = level_points[:, :2] - position
+    along = offsets @ ahead
+    near = (along > distance - depth - FRONT_M) & (along < distance - depth)
+    inner = np.abs(offsets @ aside) < width / 2
+    return int((near & inner).sum()) >= MIN_FRONT_POINTS

@@ -1,0 +1,87 @@
+"""Numbers of an OpenDRIVE element, and the cubic polynomials by which it describes widths, borders and heights.
+
+A polynomial is valid from its start to that of the next one (ASAM OpenDRIVE 1.8, 7.3 and 11.6). Errors of damaged
+numbers do not name the file: their caller does."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from xml.etree import ElementTree
+
+import numpy as np
+
+from toolkit.arrays import Float, Float64
+from toolkit.geometry import MAX_COORDINATE_M
+
+
+@dataclass(frozen=True, eq=False)
+class Cubics:
+    """Piecewise cubic function of s. Row i is a + b ds + c ds² + d ds³ from s = starts[i] on; 0 without rows."""
+
+    starts: Float64[np.ndarray, " n"]
+    rows: Float64[np.ndarray, "n 4"]
+
+    def at(self, s: Float[np.ndarray, " k"]) -> Float64[np.ndarray, " k"]:
+        """Values at `s`; the first piece extends to the left."""
+        if not len(self.starts):
+            return np.zeros(len(s))
+        which = np.clip(np.searchsorted(self.starts, s, side="right") - 1, 0, None)
+        ds = np.maximum(s - self.starts[which], 0.0)
+        return np.sum(self.rows[which] * ds[:, None] ** np.arange(4), axis=1)
+
+    def slope(self, s: Float[np.ndarray, " k"]) -> Float64[np.ndarray, " k"]:
+        """Derivatives at `s`."""
+        return Cubics(self.starts, np.column_stack([self.rows[:, 1:] * [1, 2, 3], np.zeros(len(self.rows))])).at(s)
+
+    def begin_at(self, s: float) -> "Cubics":
+        """Same function with its zero at `s` and the pieces that end before it left out."""
+        return self.split([s, *self.starts[self.starts > s].tolist()]).move(-s)
+
+    def move(self, by: float) -> "Cubics":
+        """Same function `by` farther along s."""
+        return Cubics(self.starts + by, self.rows)
+
+    def split(self, starts: Sequence[float]) -> "Cubics":
+        """Same function with pieces that begin at `starts`, which hold all starts of its pieces from the first on."""
+        if not len(self.starts):
+            return Cubics(np.array(starts, np.float64), np.zeros((len(starts), 4)))
+        return Cubics(np.array(starts, np.float64), np.array([self._row_at(s) for s in starts]).reshape(-1, 4))
+
+    def subtract(self, other: "Cubics") -> "Cubics":
+        """Difference of two functions."""
+        starts = sorted({0.0, *self.starts.tolist(), *other.starts.tolist()})
+        return Cubics(np.array(starts), self.split(starts).rows - other.split(starts).rows)
+
+    def negate(self) -> "Cubics":
+        """Function of the opposite sign."""
+        return Cubics(self.starts, -self.rows)
+
+    def _row_at(self, s: float) -> Float64[np.ndarray, "4"]:
+        """Coefficients about `s`."""
+        which = max(int(np.searchsorted(self.starts, s, side="right")) - 1, 0)
+        ds = s - self.starts[which]
+        a, b, c, d = self.rows[which]
+        if ds <= 0:
+            return np.array([a, 0.0, 0.0, 0.0]) if ds < 0 else self.rows[which]
+        value, slope = a + b * ds + c * ds**2 + d * ds**3, b + 2 * c * ds + 3 * d * ds**2
+        return np.array([value, slope, c + 3 * d * ds, d])
+
+
+def number(element: ElementTree.Element, key: str, default: float | None = None) -> float:
+    """Attribute as a finite number within `MAX_COORDINATE_M`. default: if the attribute is missing, unless None."""
+    text = element.get(key)
+    if text is None and default is not None:
+        return default
+    try:
+        value = float(text or "")
+    except ValueError:
+        value = np.nan
+    if not abs(value) <= MAX_COORDINATE_M:
+        raise ValueError(f"<{element.tag}> needs a finite number as {key}, got {str(text)[:30]!r}: export it again")
+    return value
+
+
+def cubics(elements: list[ElementTree.Element], key: str = "s") -> Cubics:
+    """Pieces described by elements with a, b, c, d, in order of `key`."""
+    rows = np.array([[number(e, k, 0.0) for k in (key, *"abcd")] for e in elements]).reshape(-1, 5)
+    rows = rows[np.argsort(rows[:, 0], kind="stable")]
+    return Cubics(rows[:, 0], rows[:, 1:])

@@ -1,0 +1,185 @@
+"""Traffic rules of an OpenDRIVE road: who may use its lanes, and how fast.
+
+Types of lanes are those of ASAM OpenDRIVE 1.4 to 1.8 (`e_laneType`); a lane of another type is closed. <access> of a
+lane allows some users and closes it to all others, or denies some (11.10). Limits are those of the lane (11.9), else
+those of the road's <type> there (10.4), else those of the header for roads of that type. Users are in SUMO's words."""
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+from xml.etree import ElementTree
+
+from toolkit.sites.cubics import number
+from toolkit.sites.lane_sections import Section, SectionLane
+from toolkit.sites.network import FOOT, MOTOR
+
+USUAL_SPEED_MPS = 13.89  # of a road whose limit the map does not say
+NO_LIMIT_MPS = 36.11  # 130 km/h, on roads whose map says "no limit"
+MAX_LIKELY_SPEED_MPS = 45.0  # 160 km/h; a limit above it is noted
+WALKING_SPEED_MPS, BICYCLE_SPEED_MPS = 2.78, 5.56
+UNITS_MPS = {"m/s": 1.0, "km/h": 1 / 3.6, "mph": 0.44704}
+
+_RAMPS = ("entry", "exit", "onRamp", "offRamp", "connectingRamp", "slipLane", "mwyEntry", "mwyExit")
+_CAR_POOL = "bus coach taxi motorcycle emergency"  # how many sit in a private car is in no map
+_CLOSED = ("none", "parking", "shoulder", "border", "curb", "median", "restricted", "stop", "roadWorks")
+USERS: dict[str, str] = {
+    "driving": MOTOR,
+    **dict.fromkeys(_RAMPS, MOTOR),
+    "bidirectional": MOTOR,
+    "shared": f"{MOTOR} {FOOT}",
+    "sidewalk": FOOT,
+    "walking": FOOT,
+    "biking": "bicycle",
+    "bus": "bus coach",
+    "taxi": "taxi",
+    "HOV": _CAR_POOL,
+    "tram": "tram",
+    "rail": "rail rail_urban rail_electric rail_fast",
+    **dict.fromkeys(_CLOSED, ""),
+}
+_NOTED = ("restricted", "stop", "roadWorks")  # closed types on which a reader may expect traffic
+_RESTRICTED = {
+    "passengerCar": "passenger",
+    "bus": "bus coach",
+    "delivery": "delivery",
+    "emergency": "emergency",
+    "taxi": "taxi",
+    "truck": "truck",
+    "trucks": "truck",
+    "bicycle": "bicycle",
+    "motorcycle": "motorcycle moped",
+    "pedestrian": FOOT,
+}
+_UNKNOWN_TO_TRAFFIC = ("simulator", "autonomousTraffic", "autonomous traffic", "throughTraffic", "HOV")
+
+Side = Literal["left", "right"]
+
+
+@dataclass(frozen=True)
+class LaneUse:
+    """Users of a lane, in SUMO's words, and its limit (m/s), None if the map gives none."""
+
+    users: tuple[str, ...]
+    limit: float | None
+
+
+def find_cuts(road: ElementTree.Element, sections: Sequence[Section]) -> set[float]:
+    """Places along s (m) where a limit or an access rule changes within a section."""
+    cuts = {number(element, "s", 0.0) for element in road.findall("type")}
+    for section in sections:
+        for lane in section.lanes:
+            rules = [*lane.element.findall("speed"), *lane.element.findall("access")]
+            cuts |= {section.start - lane.offset + number(rule, "sOffset", 0.0) for rule in rules}
+    return cuts
+
+
+def find_use(
+    road: ElementTree.Element, section: Section, lane: SectionLane, defaults: dict[str, float], problems: Counter[str]
+) -> LaneUse:
+    """Users and limit of a lane at its section's start. What is not as the map says is counted in `problems`.
+
+    defaults: limits (m/s) by type of road, as `read_defaults` gives them."""
+    users = _find_users(section, lane, problems)
+    if not set(users) & set(MOTOR.split()) or lane.kind == "biking":
+        return LaneUse(users, None)
+    return LaneUse(users, _find_limit(road, section, lane, defaults, problems))
+
+
+def read_defaults(root: ElementTree.Element, problems: Counter[str]) -> dict[str, float]:
+    """Limits (m/s) that the header sets by type of road (1.8, <defaultRegulations>)."""
+    limits = {}
+    for regulation in root.findall("header/defaultRegulations/roadRegulations"):
+        for speed in regulation.findall("semantics/speed"):
+            limit = _parse_limit(speed.get("value"), speed.get("unit"), problems)
+            if speed.get("type") == "maximum" and limit is not None:
+                limits[regulation.get("type", "")] = limit
+    return limits
+
+
+def _find_users(section: Section, lane: SectionLane, problems: Counter[str]) -> tuple[str, ...]:
+    kind = lane.kind
+    if kind not in USERS:
+        problems[f"lanes of type {kind[:30]!r} are closed, as the type is unknown"] += 1
+        return ()
+    if kind in _NOTED:
+        problems[f"lanes of type {kind!r} are closed to traffic"] += 1
+    if kind == "HOV":
+        problems["HOV lanes are open to buses, taxis and motorcycles only"] += 1
+    if lane.element.get("roadWorks") in ("true", "1"):
+        problems["lanes with roadWorks are closed to traffic"] += 1
+        return ()
+    for key in ("dynamicLaneType", "dynamicLaneDirection"):
+        if lane.element.get(key) in ("true", "1"):
+            problems[f"lanes with {key} stay as the map describes them"] += 1
+    return _apply_access(USERS[kind].split(), _active(lane.element.findall("access"), lane.offset), problems)
+
+
+def _apply_access(
+    users: Sequence[str], rules: Iterable[ElementTree.Element], problems: Counter[str]
+) -> tuple[str, ...]:
+    """Users that are left by the access rules of one place."""
+    allowed: set[str] = set()
+    denied: set[str] = set()
+    is_exclusive = False
+    for rule in rules:
+        names = [rule.get("restriction"), *(each.get("type") for each in rule.findall("restriction"))]
+        allows = rule.get("rule") == "allow"
+        if rule.get("rule") not in ("allow", "deny"):
+            problems["<access> rules without allow or deny count as deny"] += 1
+        for name in names:
+            if name in (None, "none"):
+                continue
+            is_exclusive = is_exclusive or allows
+            if name in _UNKNOWN_TO_TRAFFIC or name not in _RESTRICTED:
+                problems[f"<access> rules are for {str(name)[:30]!r}, which is not simulated"] += 1
+                continue
+            (allowed if allows else denied).update(_RESTRICTED[str(name)].split())
+    known = [user for user in users if not is_exclusive or user in allowed]
+    added = sorted(allowed - set(users)) if is_exclusive else []  # a driving lane for bicycles and feet
+    return tuple(user for user in (*known, *added) if user not in denied)
+
+
+def _find_limit(
+    road: ElementTree.Element, section: Section, lane: SectionLane, defaults: dict[str, float], problems: Counter[str]
+) -> float | None:
+    for speed in _active(lane.element.findall("speed"), lane.offset):
+        limit = _parse_limit(speed.get("max"), speed.get("unit"), problems)
+        if limit is not None:
+            return limit
+    kinds = _active(road.findall("type"), section.start, key="s")
+    for kind in kinds:
+        for speed in kind.findall("speed"):
+            limit = _parse_limit(speed.get("max"), speed.get("unit"), problems)
+            if limit is not None:
+                return limit
+        if kind.get("type", "") in defaults:
+            return defaults[kind.get("type", "")]
+    return None
+
+
+def _parse_limit(text: str | None, unit: str | None, problems: Counter[str]) -> float | None:
+    """Limit (m/s) of a text; None if it says nothing."""
+    text = (text or "").strip()
+    if text == "no limit":
+        problems[f"limits of 'no limit' count as {NO_LIMIT_MPS * 3.6:.0f} km/h"] += 1
+        return NO_LIMIT_MPS
+    if text in ("", "undefined"):
+        return None
+    try:
+        value = float(text) * UNITS_MPS[unit or "m/s"]
+    except (ValueError, KeyError):
+        value = 0.0
+    if not 0.0 < value < 1000.0:
+        problems[f"limits of {text[:20]!r} in {(unit or 'm/s')[:10]!r} are no speeds and were left out"] += 1
+        return None
+    if value > MAX_LIKELY_SPEED_MPS:
+        problems[f"limits of {text[:20]} {unit or 'm/s (no unit is given)'} are {value * 3.6:.0f} km/h"] += 1
+    return value
+
+
+def _active(rules: list[ElementTree.Element], at: float, key: str = "sOffset") -> list[ElementTree.Element]:
+    """Rules that hold at a place: those of the last start up to it."""
+    before = [rule for rule in rules if number(rule, key, 0.0) <= at + 1e-6]
+    last = max((number(rule, key, 0.0) for rule in before), default=0.0)
+    return [rule for rule in before if number(rule, key, 0.0) == last]

@@ -1,0 +1,157 @@
+"""Lane sections of an OpenDRIVE road, each whole: both sides, and the width of every lane.
+
+A section that describes one side only (`singleSide`) leaves the other side as the section before has it. A lane is as
+wide as its <width> says; without one it reaches from the lane inside to its <border>, which is counted from the
+reference line (ASAM OpenDRIVE 1.8, 11.3 to 11.6)."""
+
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from xml.etree import ElementTree
+
+import numpy as np
+
+from toolkit.sites.cubics import Cubics, cubics, number
+
+MIN_SECTION_M = 1e-3
+MIN_PIECE_M = 0.5  # between cuts within a section
+_SIDES = ("left", "right")
+
+
+@dataclass(frozen=True, eq=False)
+class SectionLane:
+    """Lane of one section.
+
+    Attributes:
+        number: id of the lane, positive to the left of the reference line.
+        kind: type of the lane.
+        width: m, along s from the section's start.
+        before: ids of the lanes that lead into it, in the section or road before.
+        after: ids of the lanes it leads into.
+        element: the <lane>.
+        offset: m, from the start of the <laneSection> that describes it to this section's start."""
+
+    number: int
+    kind: str
+    width: Cubics
+    before: tuple[int, ...]
+    after: tuple[int, ...]
+    element: ElementTree.Element
+    offset: float
+
+
+@dataclass(frozen=True, eq=False)
+class Section:
+    """Lanes from `start` to `end` along s (m), from the leftmost to the rightmost, without the centre lane."""
+
+    start: float
+    end: float
+    lanes: tuple[SectionLane, ...]
+
+    def side(self, sign: int) -> list[SectionLane]:
+        """Lanes of one side from the middle outwards."""
+        return sorted((lane for lane in self.lanes if lane.number * sign > 0), key=lambda lane: abs(lane.number))
+
+
+def read_sections(
+    road: ElementTree.Element, length: float, cuts: Iterable[float] = (), *, keep_empty: bool = False
+) -> list[Section]:
+    """Sections of a <road>, cut at further places `cuts` too. length: of the road (m).
+
+    keep_empty: keep sections of no length, whose links may lead from the road before to the section after.
+
+    Raises ValueError for a lane or section with a damaged number."""
+    elements = road.findall("lanes/laneSection")
+    elements.sort(key=lambda element: number(element, "s"))
+    offset = cubics(road.findall("lanes/laneOffset"))
+    sections: list[Section] = []
+    sources = {side: [e for e in elements if _describes(e, side)] for side in _SIDES}
+    starts = [number(element, "s") for element in elements]
+    for cut in sorted(cuts):
+        if min((abs(cut - place) for place in (*starts, length)), default=0.0) > MIN_PIECE_M:
+            starts.append(cut)
+    for start, end in pairwise([*sorted(set(starts)), length]):
+        empty = [element for element in elements if number(element, "s") == start][:-1] if keep_empty else []
+        for element in empty:
+            sides = ((side, _Description(element, start, start)) for side in _SIDES)
+            ends = [lane for side, described in sides for lane in _read_side(described, side, (start, start), offset)]
+            sections.append(Section(start, start, tuple(sorted(ends, key=lambda lane: -lane.number))))
+        if 0 <= start < end - (0.0 if keep_empty else MIN_SECTION_M):
+            lanes: list[SectionLane] = []
+            for side in _SIDES:
+                described = _find_description(sources[side], start, length)
+                lanes += _read_side(described, side, (start, end), offset) if described else []
+            lanes.sort(key=lambda lane: -lane.number)
+            sections.append(Section(start, end, tuple(lanes)))
+    return sections
+
+
+def _describes(section: ElementTree.Element, side: str) -> bool:
+    return section.get("singleSide", "") not in ("true", "1") or section.find(f"{side}/lane") is not None
+
+
+@dataclass(frozen=True)
+class _Description:
+    """<laneSection> that describes a side, and where it begins and ends along s (m)."""
+
+    element: ElementTree.Element
+    start: float
+    end: float
+
+
+def _find_description(elements: Sequence[ElementTree.Element], at: float, length: float) -> _Description | None:
+    """Description that is valid at `at`, among those in order of s."""
+    starts = [number(element, "s") for element in elements]
+    which = int(np.searchsorted(starts, at, side="right")) - 1
+    if which < 0:
+        return None
+    return _Description(elements[which], starts[which], [*starts, length][which + 1])
+
+
+def _read_side(described: _Description, side: str, span: tuple[float, float], lane_offset: Cubics) -> list[SectionLane]:
+    """Lanes of one side over a span of s."""
+    elements = described.element.findall(f"{side}/lane")
+    elements.sort(key=lambda lane: abs(number(lane, "id")))
+    widths = {lane: cubics(lane.findall("width"), "sOffset") for lane in elements}
+    if any(lane.find("border") is not None for lane in elements):
+        widths = _widths_of_borders(widths, lane_offset.begin_at(described.start), is_left=side == "left")
+    offset = span[0] - described.start
+    is_first, is_last = offset < MIN_SECTION_M, described.end < span[1] + MIN_SECTION_M
+    lanes = []
+    for lane in elements:
+        itself = (int(number(lane, "id")),)
+        lanes.append(
+            SectionLane(
+                number=itself[0],
+                kind=lane.get("type") or "none",
+                width=widths[lane].begin_at(offset) if len(widths[lane].starts) else widths[lane],
+                before=_links(lane, "predecessor") if is_first else itself,
+                after=_links(lane, "successor") if is_last else itself,
+                element=lane,
+                offset=offset,
+            )
+        )
+    return lanes
+
+
+def _widths_of_borders(
+    widths: dict[ElementTree.Element, Cubics], inner: Cubics, *, is_left: bool
+) -> dict[ElementTree.Element, Cubics]:
+    """Widths of lanes from the middle outwards, of those without a <width> by their borders."""
+    complete = {}
+    for lane, width in widths.items():
+        borders = lane.findall("border")
+        if borders and not len(width.starts):
+            outer = cubics(borders, "sOffset")
+            width = outer.subtract(inner) if is_left else inner.subtract(outer)
+        else:
+            outer = inner.subtract(width.negate() if is_left else width)
+        complete[lane], inner = width, outer
+    return complete
+
+
+def _links(lane: ElementTree.Element, which: str) -> tuple[int, ...]:
+    """Lanes linked to; links without a whole number lead nowhere."""
+    names = (link.get("id", "").strip() for link in lane.findall(f"link/{which}"))
+    return tuple(int(name) for name in names if re.fullmatch(r"[-+]?\d{1,9}", name))
