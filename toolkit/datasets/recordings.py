@@ -117,6 +117,8 @@ def guess_layout(path: str | Path) -> str:
             )
         return layout
     guessed = next((names for names, signs in _SIGNS.items() if any(map(any, map(path.glob, signs)))), ())
+    if guessed == ("folder",) and (labels := path / "labels.json").is_file() and b'"openlabel"' in _head(labels):
+        guessed = ("openlabel",)
     if not guessed and list_bags(path):
         has_clouds = any(file.suffix.lower() in ENDINGS for file in (*path.glob("*"), *path.glob("*/*")))
         guessed = () if has_clouds else ("rosbag",)

@@ -5,7 +5,7 @@ worse is a ValueError."""
 import json
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from hashlib import blake2b
 from pathlib import Path
@@ -35,7 +35,8 @@ class Listing(DisplayedRecording):
     """A recording of named frames, read on demand.
 
     labelled: names, times or tokens by which labels say what they belong to, also of clouds that are not there;
-    known: those that have a cloud, `names` if None. The first frame counts the others in its problems."""
+    known: those that have a cloud, `names` if None; noted: what was left out of the whole recording, by kind. The first
+    frame counts the labels without a cloud, and what was noted, in its problems."""
 
     names: tuple[str, ...]
     load: Callable[[str], Frame]
@@ -43,6 +44,7 @@ class Listing(DisplayedRecording):
     site: Site | None = None
     labelled: Collection[str] = ()
     known: Collection[str] | None = None
+    noted: Mapping[str, int] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.names)
@@ -52,9 +54,12 @@ class Listing(DisplayedRecording):
 
     def __getitem__(self, index: int) -> Frame:
         frame = self.load(self.names[index])
-        if not self.strays or index % len(self.names):
+        if index % len(self.names):
             return frame
-        return replace(frame, problems={**frame.problems, STRAY: len(self.strays)})
+        problems = dict(frame.problems)
+        for kind, count in {STRAY: len(self.strays), **self.noted}.items():
+            add_problem(problems, kind, count)
+        return replace(frame, problems=problems) if problems != frame.problems else frame
 
     @cached_property
     def strays(self) -> tuple[str, ...]:
@@ -290,6 +295,8 @@ EMPTY = "clouds without points"
 UNPLACED = "clouds far from their sensor's origin: the sensor counts as in their middle"
 COARSE = "clouds in float32 so far from their origin that it holds no centimetres"
 FARTHEST_POINT = 1e5  # m from the sensor or the cloud's middle; farther out float32 loses centimetres
+LONG_SWEEP = "clouds whose points' times span more than ten seconds, so are of another unit: left out"
+MAX_SWEEP_S = 10.0
 COARSE_STEP_M = 0.01
 _FAR = 1000.0  # m from the middle, where no sensor for traffic measures
 _INTENSITIES = ("intensity", "reflectivity", "i", "colors")
@@ -369,6 +376,9 @@ def build_cloud(
     time = next(columns(_TIMES), None)
     kept = recorded[keep].astype(np.float32), world_SE3_sensor, frame
     seconds = None if time is None else _seconds(time)
+    if seconds is not None and len(seconds) and seconds.max() > MAX_SWEEP_S:
+        add_problem(problems, LONG_SWEEP, 1)
+        seconds = None
     intensity = None if intensity is None else intensity.astype(np.float32)
     return SensorCloud(name, *kept, seconds, intensity, None if ring is None else ring.astype(np.int64), stamp_s)
 
