@@ -46,7 +46,8 @@ def parse_point_times(name: str, times: Shaped[np.ndarray, " n"]) -> Float64[np.
     unit = UNITS_S["ns" if whole else "s"]
     span = float(since.max())
     plausible = [other for other in UNITS_S.values() if MIN_SWEEP_S <= span * other <= MAX_SWEEP_S]
-    if len(ticks) >= MIN_SWEEP_POINTS and plausible and unit not in plausible:
+    too_short = len(ticks) >= MIN_SWEEP_POINTS and bool(plausible) and unit not in plausible
+    if too_short or span * unit > MAX_SWEEP_S:
         return None
     return since * unit
 

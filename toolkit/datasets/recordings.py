@@ -20,7 +20,7 @@ from typing import cast
 import numpy as np
 
 from toolkit.arrays import Float64
-from toolkit.datasets.records import ENDINGS, Listing
+from toolkit.datasets.records import BAG_ENDINGS, ENDINGS, Listing, list_bags
 from toolkit.frame import Frame, Frames, Recording, RecordingView
 from toolkit.objects import label_index
 from toolkit.runtime.files import writing_folder
@@ -101,7 +101,7 @@ _SIGNS = {  # files, one of which only folders of these layouts have
     ("rosbag",): ("metadata.yaml",),
     ("opv2v", "v2xset", "v2xreal"): ("*/[0-9]*.yaml", "*/*/[0-9]*.yaml"),
 }
-_BAGS, _HDF5 = (".bag", ".mcap", ".db3"), (".hdf5", ".h5")
+_HDF5 = (".hdf5", ".h5")
 
 
 def guess_layout(path: str | Path) -> str:
@@ -110,11 +110,18 @@ def guess_layout(path: str | Path) -> str:
     path = Path(path)
     if not path.is_dir():
         ending = path.suffix.lower()
-        layout = "folder" if ending in ENDINGS else "rosbag" if ending in _BAGS else "hdf5"
+        layout = "folder" if ending in ENDINGS else "rosbag" if ending in BAG_ENDINGS else "hdf5"
         if layout == "hdf5" and ending not in _HDF5 and path.is_file() and not _head(path).startswith(b"\x89HDF"):
-            raise ValueError(f"{path} is no recording: its ending is none of {', '.join((*_HDF5, *_BAGS, *ENDINGS))}")
+            raise ValueError(
+                f"{path} is no recording: its ending is none of {', '.join((*_HDF5, *BAG_ENDINGS, *ENDINGS))}"
+            )
         return layout
     guessed = next((names for names, signs in _SIGNS.items() if any(map(any, map(path.glob, signs)))), ())
+    if guessed == ("folder",) and (labels := path / "labels.json").is_file() and b'"openlabel"' in _head(labels):
+        guessed = ("openlabel",)
+    if not guessed and list_bags(path):
+        has_clouds = any(file.suffix.lower() in ENDINGS for file in (*path.glob("*"), *path.glob("*/*")))
+        guessed = () if has_clouds else ("rosbag",)
     if not guessed:
         some = next((each for each in (*path.glob("*.json"), *path.glob("*/*.json")) if each.is_file()), None)
         return "openlabel" if some is not None and b'"openlabel"' in _head(some) else "folder"

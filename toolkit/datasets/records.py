@@ -5,7 +5,7 @@ worse is a ValueError."""
 import json
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from hashlib import blake2b
 from pathlib import Path
@@ -36,7 +36,8 @@ class Listing(DisplayedRecording):
     """A recording of named frames, read on demand.
 
     labelled: names, times or tokens by which labels say what they belong to, also of clouds that are not there;
-    known: those that have a cloud, `names` if None. The first frame counts the others in its problems."""
+    known: those that have a cloud, `names` if None; noted: what was left out of the whole recording, by kind. The first
+    frame counts the labels without a cloud, and what was noted, in its problems."""
 
     names: tuple[str, ...]
     load: Callable[[str], Frame]
@@ -44,6 +45,7 @@ class Listing(DisplayedRecording):
     site: Site | None = None
     labelled: Collection[str] = ()
     known: Collection[str] | None = None
+    noted: Mapping[str, int] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.names)
@@ -53,9 +55,12 @@ class Listing(DisplayedRecording):
 
     def __getitem__(self, index: int) -> Frame:
         frame = self.load(self.names[index])
-        if not self.strays or index % len(self.names):
+        if index % len(self.names):
             return frame
-        return replace(frame, problems={**frame.problems, STRAY: len(self.strays)})
+        problems = dict(frame.problems)
+        for kind, count in {STRAY: len(self.strays), **self.noted}.items():
+            add_problem(problems, kind, count)
+        return replace(frame, problems=problems) if problems != frame.problems else frame
 
     @cached_property
     def strays(self) -> tuple[str, ...]:
@@ -282,6 +287,7 @@ def track_number(name: object) -> int:
     return int.from_bytes(blake2b(text.encode(), digest_size=8).digest(), "big") >> 1
 
 
+BAG_ENDINGS = (".bag", ".mcap", ".db3")
 ENDINGS = (".pcd", ".bin", ".ply", ".npy", ".npz", ".feather", ".xyz", ".csv")
 NOT_FINITE_POINTS = "points with NaN or infinite numbers"
 NO_RETURN_POINTS = "points of no return"
@@ -296,6 +302,11 @@ _INTENSITIES = ("intensity", "reflectivity", "i", "colors")
 _RINGS = ("ring", "laser_number", "laser_id", "channel", "line", "beam")
 _MOST_RINGS = 1 << 16  # that are believed where they are written as floats, as nuScenes does
 UNTIMED = "clouds whose points have times of an unknown unit, which were left out"
+
+
+def list_bags(folder: Path) -> list[Path]:
+    """Files of ROS bags in a folder, by name."""
+    return [file for file in sorted(folder.iterdir()) if file.suffix.lower() in BAG_ENDINGS]
 
 
 def read_cloud(

@@ -32,6 +32,7 @@ from toolkit.runtime.files import write_text
 
 _LABELS = "label/virtuallidar", "label/lidar", "label/camera"
 _IMAGE = 1920, 1080  # pixels
+NO_PARTNER = "pairs whose clouds are not there, left out"
 NO_PLACE = "calibrations that say where the lidar is in the map and cannot be read"
 NO_CAMERA = "labels of a camera without its calibration: what it does not show counts as empty"
 _COOPERATIVE = "cooperative/label_world", "cooperative/label"
@@ -120,9 +121,10 @@ def _pairs(root: Path) -> records.Listing:
     index = root / "cooperative" / "data_info.json"
     with named_damage(index, "list of pairs"):
         every = records.as_list(records.load_json(index))
-        pairs = {_stem(each, "infrastructure"): each for each in every}
+        road, car = root / "infrastructure-side", root / "vehicle-side"
+        whole = [each for each in every if _has_clouds(each, road, car)] or every
+        pairs = {_stem(each, "infrastructure"): each for each in whole}
         vehicles = [_stem(each, "vehicle") for each in every]
-    road, car = root / "infrastructure-side", root / "vehicle-side"
     road_stamps, car_stamps = _read_stamps(road), _read_stamps(car)
 
     def load(name: str) -> Frame:
@@ -140,7 +142,14 @@ def _pairs(root: Path) -> records.Listing:
         time = records.frame_time([near])
         return Frame.of_clouds(name, (near, far), *found, time=time, map_SE3_world=map_SE3_road, problems=problems)
 
-    return records.Listing(tuple(pairs), load, labelled=_labelled(root, _COOPERATIVE), known=vehicles)
+    noted = {NO_PARTNER: len(every) - len(whole)}
+    return records.Listing(tuple(pairs), load, labelled=_labelled(root, _COOPERATIVE), known=vehicles, noted=noted)
+
+
+def _has_clouds(pair: records.Unchecked, road: Path, car: Path) -> bool:
+    """True if the clouds of both sides of a pair are there."""
+    sides = ((road, "infrastructure"), (car, "vehicle"))
+    return all(lexists(folder / "velodyne" / f"{_stem(pair, side)}.pcd") for folder, side in sides)
 
 
 def _stem(pair: records.Unchecked, side: str) -> str:

@@ -32,7 +32,14 @@ from toolkit.runtime.files import write_text
 POSES = ("poses.json", "poses.txt", "poses.csv")
 LABELS_FILE = "labels.json"
 OTHER_NAME = "labels by the name of a second cloud of a labelled frame"
-RECORDED = ("*.hdf5", "*.h5", "*.bag", "*.mcap")  # recordings in single files
+RECORDED = ("*.hdf5", "*.h5", "*.bag", "*.mcap", "*.db3")  # recordings in single files
+_CONVERT = "convert them to .pcd, .ply, .npy or .csv"
+SCANS = {  # files of points that are not read, and what to do with them
+    (".las", ".laz"): f"{_CONVERT}, with laspy for one",
+    (".pcap", ".pcapng"): f"decode the packets with the sensor's driver, then {_CONVERT}",
+    (".e57", ".pts", ".ptx", ".obj", ".stl", ".drc"): _CONVERT,
+    (".txt",): "call them .xyz or .csv",
+}
 ALONE = "lidar"  # name of the sensor of clouds that lie in the folder itself
 _ONE_WORD = re.compile(r"[\w.-]+/\d+")  # SENSOR/NAME in a line of poses.txt
 
@@ -49,10 +56,7 @@ def folder(path: Path, *, poses: Path | None = None, inverted: bool = False) -> 
         raise FileNotFoundError(f"no such folder or cloud file: {path}")
     names, by_order = _match(clouds)
     if not names:
-        recorded = sorted(each for kind in RECORDED for each in path.glob(kind))
-        recorded += [each.parent for each in sorted(path.glob("*/metadata.yaml"))]
-        remedy = f"give the recording in it, {recorded[0]}" if recorded else "give --layout, or another folder"
-        raise FileNotFoundError(f"{path} holds no clouds, neither NAME.pcd nor SENSOR/NAME.pcd: {remedy}")
+        raise FileNotFoundError(f"{path} holds no clouds, neither NAME.pcd nor SENSOR/NAME.pcd: {_find_remedy(path)}")
     base = path.parent if path.is_file() else path
     given = poses or next((base / each for each in POSES if lexists(base / each)), None)
     placed = {} if given is None else read_poses(given, inverted=inverted)
@@ -91,6 +95,23 @@ def folder(path: Path, *, poses: Path | None = None, inverted: bool = False) -> 
 
     known = [stem for each in stems.values() for stem in each]
     return records.Listing(tuple(names), load, labelled=entries if path.is_dir() else (), known=known)
+
+
+def _find_remedy(path: Path) -> str:
+    """What to do with a folder without clouds, by what it holds."""
+    recorded = sorted(each for kind in RECORDED for each in path.glob(kind))
+    recorded += [each.parent for each in sorted(path.glob("*/metadata.yaml"))]
+    if recorded:
+        more = f" or another of its {len(recorded)}" if len(recorded) > 1 else ""
+        return f"give the recording in it, {recorded[0]}{more}"
+    files = sorted(file for file in (*path.glob("*"), *path.glob("*/*")) if file.is_file())
+    for endings, remedy in SCANS.items():
+        if scans := [file for file in files if file.suffix.lower() in endings]:
+            count = f"{len(scans)} of " if len(scans) > 1 else ""
+            return f"it holds {count}{scans[0].suffix}, such as {scans[0].relative_to(path)}: {remedy}"
+    kinds = Counter(file.suffix.lower() or file.name for file in files)
+    held = ", ".join(f"{count} {kind}" for kind, count in kinds.most_common(4)) or "no files"
+    return f"it holds {held}: give --layout, or another folder"
 
 
 def _files(path: Path) -> list[Path]:

@@ -28,6 +28,7 @@ from toolkit.objects import LABELS
 from toolkit.runtime.files import resolve_below, write_bytes, write_text
 
 _NAMES = "vehicle.car", "vehicle.bicycle", "human.pedestrian.adult", "vehicle.truck"  # of `LABELS`
+NO_SENSOR = "rows of sample_data whose sensor the tables lack"
 _SENSING = ("sample", "sample_data", "sample_annotation", "calibrated_sensor", "ego_pose", "sensor")
 _TABLES = (*_SENSING, "instance", "category")
 _Row = dict[str, records.Unchecked]
@@ -44,10 +45,21 @@ def nuscenes(path: Path) -> records.Listing:
             rows = records.as_list(records.load_json(folder / f"{name}.json"))
             tables[name] = {str(entry(row, "token")): row for row in rows}
     lidars: dict[str, list[_Row]] = {}
+    unknown = 0
+    reason: ValueError | None = None
     with named_damage(folder / "sample_data.json", "table"):
         for row in tables["sample_data"].values():
-            if row.get("is_key_frame", True) and _sensor(tables, row, "modality") == "lidar":
+            if not row.get("is_key_frame", True):
+                continue
+            try:
+                is_lidar = _sensor(tables, row, "modality") == "lidar"
+            except ValueError as error:
+                unknown, reason = unknown + 1, error
+                continue
+            if is_lidar:
                 lidars.setdefault(str(entry(row, "sample_token")), []).append(row)
+        if reason is not None and not lidars:
+            raise reason
     labels: dict[str, list[_Row]] = {}
     with named_damage(folder / "sample_annotation.json", "table"):
         for row in tables["sample_annotation"].values():
@@ -58,7 +70,7 @@ def nuscenes(path: Path) -> records.Listing:
     def load(token: str) -> Frame:
         return _sample(folder, token, tables, lidars[token], labels.get(token, []))
 
-    return records.Listing(tuple(order), load, labelled=labels)
+    return records.Listing(tuple(order), load, labelled=labels, noted={NO_SENSOR: unknown})
 
 
 def _sensor(tables: dict[str, _Row], row: _Row, key: str) -> str:

@@ -41,6 +41,7 @@ UNPLACED_SENSOR = "clouds whose sensor is none of the file's coordinate systems,
 UNCONNECTED_SENSOR = "clouds whose coordinate system nothing connects with the first cloud's, taken in its root"
 NO_POSE = "coordinate systems without a pose in their parent, taken as being at its origin"
 OTHER_SHAPES = "objects of other shapes than cuboids"
+NOT_OPENLABEL = "JSON files without openlabel"
 ONLY_SENSOR = "clouds whose sensor nothing tells, taken as the file's only one"
 BY_ORDER = "clouds whose stream only its place in the list tells"
 _NAMES = {"vehicle": "CAR", "cyclist": "BICYCLE", "pedestrian": "PEDESTRIAN", "heavy": "TRUCK"}
@@ -63,9 +64,14 @@ def openlabel(path: Path) -> records.Listing:
     frames: dict[str, tuple[Path, str]] = {}
     known: list[str] = []
     first_clouds: dict[str, Path] = {}
+    others = 0
     for file in files:
         with named_damage(file, "OpenLABEL file"):
-            content = entry(records.load_json(file), "openlabel")
+            document = records.load_json(file)
+            if len(files) > 1 and not (isinstance(document, dict) and "openlabel" in document):
+                others += 1
+                continue
+            content = entry(document, "openlabel")
             described = _frames(content)
             stem = file.relative_to(root).with_suffix("").as_posix()
             named = {stem if len(described) == 1 else f"{stem}#{key}": key for key in described}
@@ -74,8 +80,10 @@ def openlabel(path: Path) -> records.Listing:
                 known += [name] * bool(sensors)
                 first_clouds = sensors | first_clouds
         frames |= {name: (file, key) for name, key in named.items()}
+    if not frames:
+        raise ValueError(f"{path} holds no OpenLABEL files, but {others} other *.json, such as {files[0].name}")
     load = partial(_sample, frames, clouds, Middles(first_clouds))
-    return records.Listing(tuple(frames), load, labelled=frames, known=known)
+    return records.Listing(tuple(frames), load, labelled=frames, known=known, noted={NOT_OPENLABEL: others})
 
 
 def _frames(content: Unchecked) -> dict[str, Unchecked]:

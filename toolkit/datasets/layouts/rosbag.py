@@ -1,37 +1,47 @@
-"""ROS bags: PointCloud2 topics with tf, of ROS 1 (.bag) or ROS 2 (a folder with metadata.yaml, one .mcap or .db3 file).
+"""ROS bags: PointCloud2 topics with tf, of ROS 1 (.bag) or ROS 2 (a folder with metadata.yaml, .mcap or .db3 files).
 
 World frame: the root of the tf tree that the clouds' frames hang from. A cloud whose frame no tf mentions stays in its
-own, and is counted.
+frame, and is counted.
 
-- All of tf is read first: static transforms come once, and tf of a cloud's time may be recorded after the cloud.
-- Between two transforms of a moving frame the pose is interpolated; before the first and after the last it is theirs.
-- A frame is one round of the topics: it ends when a topic comes again. Its time is that of its first cloud.
-- A point's fields lie anywhere in its point_step bytes, in either byte order; `t`, `time` or `timestamp` is its time.
+- All of tf is read first: static transforms come once, and tf of a cloud's time may be recorded after the cloud
+  (`toolkit.datasets.transform_tree`).
+- Clouds of one time are one frame (`toolkit.datasets.clock_times`). Their time is the header's stamp; if the stamps of
+  two topics are of different clocks, or missing, it is the time of recording. A frame's time is its first cloud's.
+- A point's fields may be anywhere in its point_step bytes, in either order of bytes; `t`, `time` or `timestamp` is its
+  time.
+- A cloud that cannot be read, and a topic of clouds without x, y and z, is left out and counted.
+- Several files of a folder without metadata.yaml are read as one recording.
 - There are no labels in a bag. Reading needs the package rosbags."""
 
+import struct
 import warnings
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from functools import partial
+from heapq import merge
 from itertools import islice
 from os.path import lexists
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from toolkit.arrays import Pose
-from toolkit.datasets.cloud_files import quaternion_pose
+from toolkit.datasets.clock_times import UNPAIRED, group_by_time
 from toolkit.datasets.layouts.nuscenes import compute_quaternion
+from toolkit.datasets.origins import Middles
 from toolkit.datasets.records import (
+    BAG_ENDINGS,
     Problems,
     add_problem,
     build_cloud,
     clock_time,
     cloud_time,
     get_intensity,
+    list_bags,
     named_damage,
 )
+from toolkit.datasets.transform_tree import NS_PER_S, Link, TransformTree, parse_link_pose
 from toolkit.frame import Frame, SensorCloud
 from toolkit.objects import Objects
 from toolkit.point_columns import name_attributes
@@ -41,28 +51,73 @@ from toolkit.sites.site import Site
 CLOUD = "sensor_msgs/msg/PointCloud2"
 TF, OLD_TF = "tf2_msgs/msg/TFMessage", "tf/msg/tfMessage"
 NO_TF = "clouds in a frame that no tf mentions"
+OTHER_TREE = "clouds whose frames hang from another root of tf than the first cloud's"
+FAR_TF = "clouds a second or more from the nearest transform of a moving frame"
+UNREADABLE = "clouds that cannot be read"
+NO_XYZ = "topics of PointCloud2 without x, y and z"
+NO_STAMP = "clouds without a stamp, of the time of their recording"
+OTHER_CLOCKS = "clouds whose stamps are of another clock than other topics', of the time of their recording"
 RosObject = Any  # of rosbags, which has no types
-MOST_LINKS = 64  # from a sensor's frame to the root; longer chains run in a circle
+MAX_TF_GAP_S = 1.0
+MAX_CLOCK_OFFSET_S = 1.0  # that one topic's stamps are further from their recording than another's
+FIRST_ENDING = ".bag"  # of ROS 1
 _TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
+
+
+class _Message(NamedTuple):
+    """A message of a bag, not parsed. recorded_ns: time of its recording; has_seq: ROS 1, whose headers begin with a
+    number."""
+
+    topic: str
+    kind: str
+    recorded_ns: int
+    data: bytes
+    has_seq: bool
+    parser: Callable[[bytes], RosObject]
+
+    def parse(self) -> RosObject:
+        """Return the message's object. Raises errors of any kind for a damaged one."""
+        return self.parser(self.data)
+
+    def read_stamp(self) -> int:
+        """Stamp (ns) of the header that the message begins with."""
+        if self.has_seq:
+            seconds, nanoseconds = struct.unpack_from("<II", self.data, 4)
+        else:
+            order = "<" if self.data[1] & 1 else ">"
+            seconds, nanoseconds = struct.unpack_from(f"{order}iI", self.data, 4)
+        return int(seconds) * NS_PER_S + int(nanoseconds)
 
 
 @dataclass(frozen=True)
 class Bag:
-    """Frames of a bag. The bag is read from its beginning each time they are asked for."""
+    """Frames of a bag, which is read from its beginning each time they are asked for.
+
+    Attributes:
+        path: file or folder.
+        groups: number of each topic's cloud in each frame.
+        tree: frames of coordinates.
+        topics: of the clouds.
+        recorded: topics whose clouds have the time of their recording.
+        problems: of the whole bag, by kind; the first frame counts them."""
 
     path: Path
-    rounds: int
-    frames: "Mapping[str, _Moving]"
+    groups: tuple[Mapping[str, int], ...]
+    tree: TransformTree
+    topics: tuple[str, ...]
+    recorded: Mapping[str, str]
+    problems: Mapping[str, int]
     site: Site | None = None
+    _middles: Middles = field(default_factory=Middles, compare=False, repr=False)
     _reading: list[tuple[int, Iterator[Frame]]] = field(default_factory=list, compare=False, repr=False)
 
     def __len__(self) -> int:
-        return self.rounds
+        return len(self.groups)
 
     def __getitem__(self, index: int) -> Frame:
         """Frame of this number. The bag is read on from the last frame, or again from its beginning."""
-        if not 0 <= index < self.rounds:
-            raise IndexError(f"there is no frame {index}: {self.path} has {self.rounds}, counted from 0")
+        if not 0 <= index < len(self):
+            raise IndexError(f"there is no frame {index}: {self.path} has {len(self)}, counted from 0")
         following, frames = self._reading.pop() if self._reading else (0, iter(self))
         if index < following:
             following, frames = 0, iter(self)
@@ -74,98 +129,155 @@ class Bag:
         return {**self.__dict__, "_reading": []}
 
     def __iter__(self) -> Iterator[Frame]:
-        clouds: dict[str, RosObject] = {}
+        group_of = {(topic, k): number for number, group in enumerate(self.groups) for topic, k in group.items()}
+        counts = dict.fromkeys(self.topics, 0)
+        waiting: dict[int, dict[str, _Message]] = {}
         number = 0
-        for topic, message in _messages(self.path, CLOUD):
-            if topic in clouds:
-                yield self._sample(number, clouds)
-                clouds, number = {}, number + 1
-            clouds[topic] = message
-        if clouds:
-            yield self._sample(number, clouds)
+        for message in _messages(self.path, CLOUD):
+            if message.topic not in counts:
+                continue
+            group = group_of.get((message.topic, counts[message.topic]))
+            counts[message.topic] += 1
+            if group is None:
+                continue
+            waiting.setdefault(group, {})[message.topic] = message
+            while number < len(self.groups) and len(waiting.get(number, ())) == len(self.groups[number]):
+                yield self._frame(number, waiting.pop(number))
+                number += 1
 
-    def _sample(self, number: int, messages: Mapping[str, RosObject]) -> Frame:
-        problems: Problems = {}
-        clouds = []
-        with _damage(self.path):
-            stamps = {topic: _stamp(message.header) for topic, message in messages.items()}
-            for topic, message in sorted(messages.items(), key=lambda each: each[0]):
-                frame = str(message.header.frame_id).lstrip("/")
-                add_problem(problems, NO_TF, int(bool(self.frames) and frame not in self.frames))
-                attributes = name_attributes(parse_columns(message))
-                pose = find_frame_pose(self.frames, frame, stamps[topic])
-                stamp = stamps[topic] * 1e-9
-                clouds.append(build_cloud(attributes, topic.strip("/"), pose, problems, stamp_s=stamp))
-        time = next(iter(stamps.values())) * 1e-9
+    def _frame(self, number: int, messages: Mapping[str, _Message]) -> Frame:
+        problems: Problems = dict(self.problems) if number == 0 else {}
+        add_problem(problems, UNPAIRED, int(len(messages) < len(self.topics)))
+        clouds: list[SensorCloud] = []
+        roots: list[str] = []
+        for _, message in sorted(messages.items()):
+            try:
+                cloud = message.parse()
+                attributes = name_attributes(parse_columns(cloud))
+            except Exception:  # rosbags and its parsers raise errors of any kind
+                add_problem(problems, UNREADABLE, 1)
+                continue
+            with _damage(self.path):
+                clouds.append(self._cloud(message, cloud, attributes, roots, problems))
+        time = min(self._time(message) for message in messages.values())
         return Frame.of_clouds(f"{number:06d}", clouds, Objects.empty(), time=time, problems=problems)
 
+    def _time(self, message: _Message) -> float:
+        """Time of a cloud (s): its stamp, or that of its recording."""
+        stamp = 0 if message.topic in self.recorded else message.read_stamp()
+        return (stamp or message.recorded_ns) / NS_PER_S
 
-@dataclass(frozen=True, eq=False)
-class _Moving:
-    """Poses of a coordinate frame in its parent at some times (ns); a static frame has a single one."""
+    def _cloud(
+        self,
+        message: _Message,
+        cloud: RosObject,
+        attributes: Mapping[str, np.ndarray],
+        roots: list[str],
+        problems: Problems,
+    ) -> SensorCloud:
+        """A topic's cloud in the world. roots: of the frame's clouds before it, and then of this one too."""
+        frame, stamp = clean_frame(cloud.header.frame_id), _stamp(cloud.header)
+        placed = self.tree.find(frame, stamp or message.recorded_ns, message.recorded_ns)
+        is_placed = self.tree.knows(frame)
+        is_alone = not self.tree.static and not self.tree.moving and len(self.topics) == 1
+        add_problem(problems, NO_TF, int(not is_placed and not is_alone))
+        add_problem(problems, OTHER_TREE, int(is_placed and bool(roots) and placed.root != roots[0]))
+        add_problem(problems, FAR_TF, int(placed.gap_s >= MAX_TF_GAP_S))
+        roots += [placed.root] * is_placed
+        why = self.recorded.get(message.topic) or ("" if stamp else NO_STAMP)
+        add_problem(problems, why, int(bool(why)))
+        seconds = self._time(message)
+        name = message.topic.strip("/")
+        return build_cloud(attributes, name, placed.root_SE3_frame, problems, stamp_s=seconds, middles=self._middles)
 
-    parent: str
-    times: np.ndarray
-    poses: np.ndarray
 
-    def at(self, time: int) -> np.ndarray:
-        later = int(np.searchsorted(self.times, time))
-        if later == 0 or later == len(self.times):
-            return self.poses[min(later, len(self.times) - 1)]
-        share = (time - self.times[later - 1]) / max(1, self.times[later] - self.times[later - 1])
-        return between(self.poses[later - 1], self.poses[later], float(share))
+def clean_frame(name: object) -> str:
+    """Name of a coordinate frame without the slash that tf of ROS 1 puts before it."""
+    return str(name).strip("/")
 
 
 def rosbag(path: Path) -> Bag:
     """Frames of a bag. Raises FileNotFoundError, and ValueError for a bag that is damaged or has no PointCloud2."""
-    last: set[str] = set()
-    rounds = 0
-    for topic, _ in _messages(path, CLOUD, parse=False):
-        if topic in last or not rounds:
-            rounds, last = rounds + 1, set()
-        last.add(topic)
-    if not rounds:
-        raise ValueError(f"{path} holds no messages of {CLOUD}: is it the right bag?")
-    return Bag(path, rounds, _frames(path))
-
-
-def _frames(path: Path) -> dict[str, _Moving]:
-    moving: dict[str, dict[int, tuple[str, np.ndarray]]] = {}
-    for _, message in _messages(path, TF, OLD_TF):
+    if path.is_dir() and not lexists(path / "metadata.yaml") and len(files := list_bags(path)) > 1:
+        names = ", ".join(file.name for file in files[:6])
+        warnings.warn(f"{path}: {names} are read as one recording: give one file for that alone", stacklevel=2)
+    stamps: dict[str, list[int]] = {}
+    recorded: dict[str, list[int]] = {}
+    with_points: dict[str, bool] = {}  # topics that have a readable cloud: whether it has points
+    reason: Exception | None = None
+    links: list[Link] = []
+    for message in _messages(path, CLOUD, TF, OLD_TF):
+        topic = message.topic
+        if message.kind != CLOUD:
+            links += _parse_links(path, message)
+            continue
+        if topic not in with_points:
+            try:
+                with_points[topic] = {"x", "y", "z"} <= {str(each.name) for each in message.parse().fields}
+            except Exception as error:  # rosbags and its parsers raise errors of any kind
+                reason = error
         with _damage(path):
-            for each in message.transforms:
-                where, turned = each.transform.translation, each.transform.rotation
-                unit = np.array([turned.w, turned.x, turned.y, turned.z])
-                pose = quaternion_pose(unit, np.array([where.x, where.y, where.z]))
-                child = str(each.child_frame_id).lstrip("/")
-                moving.setdefault(child, {})[_stamp(each.header)] = str(each.header.frame_id).lstrip("/"), pose
-    frames = {}
-    for child, by_time in moving.items():
-        times = sorted(by_time)
-        poses = np.stack([by_time[time][1] for time in times])
-        frames[child] = _Moving(by_time[times[-1]][0], np.array(times, np.int64), poses)
-    roots = {each.parent for each in frames.values()} - frames.keys()
-    return frames | {root: _Moving("", np.zeros(1, np.int64), np.eye(4)[None]) for root in roots}
+            stamps.setdefault(topic, []).append(message.read_stamp())
+        recorded.setdefault(topic, []).append(message.recorded_ns)
+    topics = tuple(topic for topic in stamps if with_points.get(topic, True))
+    if not any(with_points.values()):
+        _refuse(path, bool(with_points), reason)
+    own_clock = {topic: np.array(stamps[topic], np.int64) for topic in topics}
+    on_record = {topic: np.array(recorded[topic], np.int64) for topic in topics}
+    instead = _find_other_clocks(own_clock, on_record)
+    times = {}
+    for topic in topics:
+        if topic in instead:
+            times[topic] = on_record[topic]
+        else:
+            times[topic] = np.where(own_clock[topic] == 0, on_record[topic], own_clock[topic])
+    start = min(int(each.min()) for each in times.values())
+    groups = group_by_time({topic: (each - start) / NS_PER_S for topic, each in times.items()})
+    tree = TransformTree.from_links(links)
+    problems = dict(tree.problems)
+    add_problem(problems, NO_XYZ, len(stamps) - len(topics))
+    return Bag(path, tuple(groups), tree, topics, instead, problems)
 
 
-def find_frame_pose(frames: Mapping[str, _Moving], frame: str, time: int) -> Pose:
-    """Pose of a frame in its tree's root. time is in ns. Raises ValueError if tf runs in a circle."""
-    pose = np.eye(4)
-    for _ in range(MOST_LINKS):
-        if frame not in frames:
-            return pose
-        pose, frame = frames[frame].at(time) @ pose, frames[frame].parent
-    raise ValueError(f"its tf runs in a circle, through {frame!r}")
+def _find_other_clocks(own_clock: Mapping[str, np.ndarray], on_record: Mapping[str, np.ndarray]) -> dict[str, str]:
+    """Topics whose clouds have the time of their recording, and why: all if their stamps are of different clocks."""
+    offsets_s = []
+    for topic, stamps in own_clock.items():
+        is_stamped = stamps != 0
+        late = on_record[topic][is_stamped] - stamps[is_stamped]
+        offsets_s.append(float(np.median(late)) / NS_PER_S if len(late) else 0.0)
+    if max(offsets_s) - min(offsets_s) <= MAX_CLOCK_OFFSET_S:
+        return {}
+    return dict.fromkeys(own_clock, OTHER_CLOCKS)
 
 
-def between(a: Pose, b: Pose, share: float) -> Pose:
-    """Pose at a share of the way from a to b: along the line, and turning evenly."""
-    from scipy.spatial.transform import Rotation, Slerp
+def _refuse(path: Path, has_clouds: bool, reason: Exception | None) -> None:
+    """Raise ValueError that says why a bag has no clouds of points."""
+    if reason is not None:
+        with _damage(path):
+            raise reason
+    if has_clouds:
+        raise ValueError(f"{path} holds {CLOUD} without fields x, y and z only: convert them to points first")
+    kinds: dict[str, str] = {}
+    with _open(path) as readers:
+        for connection in (each for reader in readers for each in reader.connections):
+            kinds[str(connection.topic)] = str(connection.msgtype)
+    held = ", ".join(f"{topic} ({kind})" for topic, kind in sorted(kinds.items())[:6]) or "no topics"
+    raise ValueError(f"{path} holds no messages of {CLOUD}, but {held}: convert its lidar's messages to PointCloud2")
 
-    pose = np.eye(4)
-    pose[:3, :3] = Slerp([0, 1], Rotation.from_matrix(np.stack([a[:3, :3], b[:3, :3]])))(share).as_matrix()
-    pose[:3, 3] = a[:3, 3] + share * (b[:3, 3] - a[:3, 3])
-    return pose
+
+def _parse_links(path: Path, message: _Message) -> list[Link]:
+    with _damage(path):
+        content = message.parse()
+        links = []
+        for each in content.transforms:
+            where, turned = each.transform.translation, each.transform.rotation
+            wxyz = np.array([turned.w, turned.x, turned.y, turned.z])
+            pose = parse_link_pose(wxyz, np.array([where.x, where.y, where.z]))
+            names = clean_frame(each.child_frame_id), clean_frame(each.header.frame_id)
+            is_static = message.topic.rstrip("/").endswith("tf_static")
+            links.append(Link(*names, pose, _stamp(each.header), message.recorded_ns, is_static))
+    return links
 
 
 def parse_columns(message: RosObject) -> dict[str, np.ndarray]:
@@ -183,6 +295,8 @@ def parse_columns(message: RosObject) -> dict[str, np.ndarray]:
         names.append(str(each.name))
         formats.append(kind)
         offsets.append(int(each.offset))
+    if row_step < width * step and len(data) >= height * width * step:
+        row_step = width * step  # some drivers leave it 0: rows follow one another
     if step < 1 or row_step < width * step or len(data) < height * row_step:
         raise ValueError(f"a cloud of {height} rows of {width} points has {len(data)} bytes only")
     packed = np.ascontiguousarray(data[: height * row_step].reshape(height, row_step)[:, : width * step])
@@ -195,39 +309,86 @@ def parse_columns(message: RosObject) -> dict[str, np.ndarray]:
 
 
 def _stamp(header: RosObject) -> int:
-    return int(header.stamp.sec) * 10**9 + int(header.stamp.nanosec)
+    return int(header.stamp.sec) * NS_PER_S + int(header.stamp.nanosec)
 
 
 _damage = partial(named_damage, what="bag", kinds=(Exception,))  # rosbags and its parsers raise errors of any kind
 
 
-def _messages(path: Path, *kinds: str, parse: bool = True) -> Iterator[tuple[str, RosObject]]:
-    """Yield topics and messages, None where they are not to be parsed, of some kinds."""
+@contextmanager
+def _open(path: Path) -> Iterator[list[RosObject]]:
+    """Open the readers of a bag's files."""
     try:
-        from rosbags.highlevel import AnyReader
-        from rosbags.typesys import Stores, get_typestore
+        from rosbags import rosbag1, rosbag2
     except ImportError:
         raise ImportError("reading bags needs rosbags: pip install rosbags") from None
-    with _damage(path):
-        if lexists(described := path / "metadata.yaml"):
-            content = parse_yaml(read_text(plain_file(described)))
-            for name in content["rosbag2_bagfile_information"]["relative_file_paths"]:
-                plain_file(resolve_below(path, str(name)))
-        reader = AnyReader([plain_file(path)], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
-        reader.open()
-    try:
-        wanted = [each for each in reader.connections if each.msgtype in kinds]
-        messages = reader.messages(connections=wanted) if wanted else iter(())
+    with ExitStack() as stack:
+        readers = []
+        with _damage(path):
+            for file in _list_files(path):
+                kind = rosbag1.Reader if file.suffix.lower() == FIRST_ENDING else rosbag2.Reader
+                readers.append(stack.enter_context(kind(file)))
+        yield readers
+
+
+def _list_files(path: Path) -> list[Path]:
+    """Files of a bag, or its folder if that has metadata."""
+    if lexists(described := path / "metadata.yaml"):
+        content = parse_yaml(read_text(plain_file(described)))
+        for name in content["rosbag2_bagfile_information"]["relative_file_paths"]:
+            plain_file(resolve_below(path, str(name)))
+        return [path]
+    if not path.is_dir():
+        return [plain_file(path)]
+    files = list_bags(path)
+    if not files:
+        raise ValueError(f"it holds no file of {', '.join(BAG_ENDINGS)}")
+    if len({file.suffix.lower() for file in files}) > 1:
+        raise ValueError(f"it holds bags of several kinds, {', '.join(file.name for file in files[:6])}: give one file")
+    return [plain_file(file) for file in files]
+
+
+def _make_parser(kind: str, readers: Iterable[RosObject], has_seq: bool) -> Callable[[bytes], RosObject]:
+    """Parser of one kind of messages, by the definition that the bag holds of this one, else by ROS 2 Humble's."""
+    from rosbags.interfaces import MessageDefinitionFormat
+    from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
+
+    connections = [each for reader in readers for each in reader.connections if each.msgtype == kind]
+    definitions = [each.msgdef for each in connections if each.msgdef.format != MessageDefinitionFormat.NONE]
+    store = get_typestore(Stores.EMPTY if definitions else Stores.ROS2_HUMBLE)
+    if definitions and definitions[0].format == MessageDefinitionFormat.MSG:
+        store.register(get_types_from_msg(definitions[0].data, kind))
+    elif definitions:
+        for text in definitions[0].data.split(f"{'=' * 80}\n"):
+            store.register(get_types_from_idl(text.split("\n", 1)[1] if text.startswith("IDL: ") else text))
+    parse = store.deserialize_ros1 if has_seq else store.deserialize_cdr
+    return partial(_call, parse, kind)
+
+
+def _call(parse: Callable[[bytes, str], RosObject], kind: str, data: bytes) -> RosObject:
+    return parse(data, kind)
+
+
+def _messages(path: Path, *kinds: str) -> Iterator[_Message]:
+    """Yield the messages of some kinds, of all files together, by the time of their recording."""
+    with _open(path) as readers:
+        has_seq = any(file.suffix.lower() == FIRST_ENDING for file in _list_files(path))
+        with _damage(path):
+            wanted = {each.msgtype for reader in readers for each in reader.connections} & set(kinds)
+            parsers = {kind: _make_parser(kind, readers, has_seq) for kind in wanted}
+            streams = []
+            for reader in readers:
+                connections = [each for each in reader.connections if each.msgtype in wanted]
+                streams += [reader.messages(connections=connections)] if connections else []
+            messages = merge(*streams, key=lambda each: each[1])
         while True:
             with _damage(path):
                 following = next(messages, None)
                 if following is None:
                     return
-                connection, _, data = following
-                message = reader.deserialize(data, connection.msgtype) if parse else None
-            yield connection.topic, message
-    finally:
-        reader.close()
+                connection, recorded_ns, data = following
+            kind = connection.msgtype
+            yield _Message(str(connection.topic), kind, recorded_ns, data, has_seq, parsers[kind])
 
 
 def write_rosbag(samples: Iterable[Frame], folder: Path) -> None:

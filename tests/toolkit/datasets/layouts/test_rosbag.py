@@ -4,7 +4,9 @@ from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from toolkit.datasets.layouts.rosbag import CLOUD, TF, between, find_frame_pose, rosbag, write_rosbag
+from toolkit.datasets.clock_times import UNPAIRED
+from toolkit.datasets.layouts.rosbag import CLOUD, TF, rosbag, write_rosbag
+from toolkit.datasets.transform_tree import TransformTree, between
 from toolkit.frame import Frame, SensorCloud
 from toolkit.geometry import pose, transform
 from toolkit.objects import Objects
@@ -88,7 +90,7 @@ def test_a_bag_of_ros2(tmp_path, plugin):
     np.testing.assert_allclose(first.clouds[0].time, [0, 1e-6])
     assert (first.time, second.time) == (1.0, 1.5)
     np.testing.assert_allclose(second.points(), [[13, 0, 1]])  # half way between 10 and 14, and the sensor's 1
-    assert second.problems == {"points with NaN or infinite numbers": 1}
+    assert second.problems == {"points with NaN or infinite numbers": 1, UNPAIRED: 1}
 
 
 @pytest.mark.parametrize(
@@ -155,7 +157,7 @@ def test_transforms_in_a_circle_and_between_two_times(tmp_path):
     np.testing.assert_allclose(transform(half, np.array([[1.0, 0, 0]])), [[1.0, 0, 0]], atol=1e-9)
     np.testing.assert_allclose(between(a, b, 0.0), a, atol=1e-12)
     np.testing.assert_allclose(between(a, a, 0.3), a, atol=1e-12)
-    assert find_frame_pose({}, "anything", 0).tolist() == np.eye(4).tolist()
+    assert TransformTree().find("anything", 0, 0).root_SE3_frame.tolist() == np.eye(4).tolist()
 
 
 pytest.importorskip("rosbags")

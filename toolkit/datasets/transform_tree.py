@@ -1,0 +1,155 @@
+"""Coordinate frames over time, as the topics /tf and /tf_static of a ROS bag state them.
+
+- A static transform holds at all times, whatever its stamp. A later one of the same frame replaces it from the time on
+  at which it was recorded, as a listener would see it.
+- The pose of a moving frame is interpolated between two transforms to one parent; before the first, after the last and
+  while its parent changes it is that of the one next to it. `gap_s` says how far away that is.
+- A frame that both topics place is static: tf2 keeps one history for a frame.
+- A transform that tf2 would not take is left out and counted: a quaternion not of length 1, numbers that are not
+  finite, a frame without a name or in itself."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from toolkit.arrays import Float64, Int64, Pose
+from toolkit.datasets.cloud_files import quaternion_pose
+
+MAX_LINKS = 64  # from a sensor's frame to the root; longer chains run in a circle
+NS_PER_S = 10**9
+MALFORMED = "transforms that tf2 would not take: quaternion not of length 1, not finite, or of a frame in itself"
+TWICE_PLACED = "frames that both /tf and /tf_static place, taken as static"
+
+
+class Link(NamedTuple):
+    """One transform: child in parent, stamped and recorded at these times (ns); pose None if it is malformed."""
+
+    child: str
+    parent: str
+    parent_SE3_child: Pose | None
+    stamp_ns: int
+    recorded_ns: int
+    is_static: bool
+
+
+class Placed(NamedTuple):
+    """Pose of a frame in its root, and the time (s) to the farthest transform that had to stand in for one."""
+
+    root: str
+    root_SE3_frame: Pose
+    gap_s: float
+
+
+@dataclass(frozen=True, eq=False)
+class History:
+    """Transforms of one frame, by time (ns)."""
+
+    times_ns: Int64[np.ndarray, " n"]
+    parents: tuple[str, ...]
+    poses: Float64[np.ndarray, "n 4 4"]
+
+    @staticmethod
+    def from_links(by_time: Mapping[int, Link]) -> "History":
+        """Sort the transforms of one frame by time."""
+        times = sorted(by_time)
+        links = [by_time[time] for time in times]
+        poses = np.stack([link.parent_SE3_child for link in links if link.parent_SE3_child is not None])
+        return History(np.array(times, np.int64), tuple(link.parent for link in links), poses)
+
+    def last_before(self, time_ns: int) -> tuple[str, Pose]:
+        """Parent and pose of the last transform up to a time, of the first if there is none."""
+        row = max(0, int(np.searchsorted(self.times_ns, time_ns, side="right")) - 1)
+        return self.parents[row], self.poses[row]
+
+    def interpolate(self, time_ns: int) -> tuple[str, Pose, float]:
+        """Parent and pose at a time, and the time (s) to the nearest transform if that stands in for others."""
+        later = int(np.searchsorted(self.times_ns, time_ns))
+        if later < len(self.times_ns) and self.times_ns[later] == time_ns:
+            return self.parents[later], self.poses[later], 0.0
+        if 0 < later < len(self.times_ns) and self.parents[later - 1] == self.parents[later]:
+            before, after = self.times_ns[later - 1 : later + 1].tolist()
+            share = (time_ns - before) / (after - before)
+            gap = min(time_ns - before, after - time_ns) / NS_PER_S
+            return self.parents[later], between(self.poses[later - 1], self.poses[later], share), gap
+        row = max(0, later - 1)
+        alone = len(self.times_ns) == 1  # all that is known of it
+        gap = 0.0 if alone else abs(time_ns - int(self.times_ns[row])) / NS_PER_S
+        return self.parents[row], self.poses[row], gap
+
+
+@dataclass(frozen=True, eq=False)
+class TransformTree:
+    """Frames that hang from one another.
+
+    Attributes:
+        static: frames of /tf_static, by the times at which their transforms were recorded.
+        moving: frames of /tf, by the stamps of their transforms.
+        problems: transforms left out, by kind."""
+
+    static: Mapping[str, History] = field(default_factory=dict)
+    moving: Mapping[str, History] = field(default_factory=dict)
+    problems: Mapping[str, int] = field(default_factory=dict)
+
+    @staticmethod
+    def from_links(links: Iterable[Link]) -> "TransformTree":
+        """Build the tree of all transforms of a bag, in the order of their recording."""
+        static: dict[str, dict[int, Link]] = {}
+        moving: dict[str, dict[int, Link]] = {}
+        malformed = 0
+        for link in links:
+            if link.parent_SE3_child is None or not link.child or not link.parent or link.child == link.parent:
+                malformed += 1
+            elif link.is_static:
+                static.setdefault(link.child, {})[link.recorded_ns] = link
+            else:
+                moving.setdefault(link.child, {})[link.stamp_ns or link.recorded_ns] = link
+        twice = static.keys() & moving.keys()
+        counted = {MALFORMED: malformed, TWICE_PLACED: len(twice)}
+        return TransformTree(
+            {child: History.from_links(by_time) for child, by_time in static.items()},
+            {child: History.from_links(by_time) for child, by_time in moving.items() if child not in twice},
+            {kind: count for kind, count in counted.items() if count},
+        )
+
+    def knows(self, frame: str) -> bool:
+        """True for a frame that some transform mentions."""
+        histories = (*self.static.values(), *self.moving.values())
+        return frame in self.static or frame in self.moving or any(frame in each.parents for each in histories)
+
+    def find(self, frame: str, stamp_ns: int, recorded_ns: int) -> Placed:
+        """Pose of a frame in its root for a message of this stamp that was recorded at this time.
+
+        Raises ValueError if the transforms run in a circle."""
+        placed, gap = np.eye(4), 0.0
+        for _ in range(MAX_LINKS):
+            if frame in self.static:
+                frame, pose = self.static[frame].last_before(recorded_ns)
+            elif frame in self.moving:
+                frame, pose, away = self.moving[frame].interpolate(stamp_ns)
+                gap = max(gap, away)
+            else:
+                return Placed(frame, placed, gap)
+            placed = pose @ placed
+        raise ValueError(f"its tf runs in a circle, through {frame!r}")
+
+
+def between(a: Pose, b: Pose, share: float) -> Pose:
+    """Pose at a share of the way from a to b: along the line, and turning evenly."""
+    from scipy.spatial.transform import Rotation, Slerp
+
+    pose = np.eye(4)
+    pose[:3, :3] = Slerp([0, 1], Rotation.from_matrix(np.stack([a[:3, :3], b[:3, :3]])))(share).as_matrix()
+    pose[:3, 3] = a[:3, 3] + share * (b[:3, 3] - a[:3, 3])
+    return pose
+
+
+def parse_link_pose(wxyz: Float64[np.ndarray, "4"], place: Float64[np.ndarray, "3"]) -> Pose | None:
+    """Pose of a transform, None if it is malformed."""
+    if not (np.isfinite(wxyz).all() and np.isfinite(place).all()):
+        return None
+    try:
+        return quaternion_pose(wxyz, place)
+    except ValueError:
+        return None
