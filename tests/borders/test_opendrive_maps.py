@@ -151,8 +151,23 @@ def test_a_missing_grid_of_shifts_leaves_metres(imported):
     reference = "+proj=utm +zone=32 +ellps=bessel +nadgrids=not_installed.gsb +units=m +no_defs"
     site, notes = imported(street(), f"<geoReference><![CDATA[{reference}]]></geoReference>")
     assert site.geo_reference is None
-    assert any("install the grid 'not_installed.gsb' for PROJ and import again" in note for note in notes)
+    assert any("needs the grid 'not_installed.gsb': install it for PROJ and import again" in note for note in notes)
     assert len(read_lanes(site)) == 2
+
+
+@pytest.mark.parametrize(
+    ("reference", "reason"),
+    [
+        ("+lat_0=4.9e+1 +lon_0=8", "names no projection"),
+        ("EPSG:4326", "is in degrees"),
+        ("+proj=nosuch +units=m", "is no projection that PROJ knows"),
+        ("EPSG:9999999", "is no projection that PROJ knows"),
+    ],
+)
+def test_a_reference_that_leads_nowhere_is_noted(imported, reference, reason):
+    site, notes = imported(street(), f"<geoReference>{reference}</geoReference>")
+    assert site.geo_reference is None
+    assert any(reason in note and "does not say where on earth" in note for note in notes)
 
 
 def test_names_of_files_are_free(imported):
@@ -424,13 +439,61 @@ def test_lanes_in_any_order(imported):
         assert find_lane(site, y)[0] == users
 
 
+@pytest.mark.parametrize(
+    ("shape", "radius"),
+    [
+        ('<arc curvature="0"/>', np.inf),
+        ('<spiral curvStart="0" curvEnd="0"/>', np.inf),
+        ('<spiral curvStart="0.005" curvEnd="0.005"/>', 200.0),
+        ('<userData code="a"/><arc curvature="-0.005"/>', -200.0),
+    ],
+)
+def test_arcs_and_spirals_at_their_limits(imported, shape, radius):
+    """netconvert makes nodes at NaN of them (eclipse-sumo/sumo#17163; pageldev/libOpenDRIVE#60)."""
+    site, _ = imported(street(start=(-40.0, 0.0), length=100.0, geometry=shape))
+    for _, _, line in read_lanes(site):
+        off = np.abs(line[:, 1]) if np.isinf(radius) else np.abs(np.hypot(line[:, 0] + 40, line[:, 1] - radius) - 200)
+        np.testing.assert_allclose(off, 1.75, atol=0.05)
+        assert np.hypot(*(line[-1] - line[0])) > 95
+
+
+LINK = '<link><predecessor id="-1"/><successor id="-1"/></link>'
+
+
+@pytest.mark.parametrize(
+    ("geometry", "links"),
+    [
+        ("", '<laneLink from="-1" to="-1"/>'),
+        ("", ""),
+        ('<geometry s="0" x="-10" y="0" hdg="0" length="0"><line/></geometry>', '<laneLink from="-1" to="-1"/>'),
+    ],
+)
+def test_a_connection_joins_its_roads(imported, geometry, links):
+    """Without links, lanes of the same id (1.4, 5.4.2); pieces of no length are none (eclipse-sumo/sumo#17163)."""
+    roads = street(length=140.0, inside=joined("9", "successor"))
+    roads += street(name="2", start=(10.0, 0.0), length=140.0, inside=joined("9", "predecessor"))
+    ends = '<link><predecessor elementType="road" elementId="1" contactPoint="end"/>'
+    ends += '<successor elementType="road" elementId="2" contactPoint="start"/></link>'
+    lanes = section("", lane(-1, inside=LINK))
+    inner = street(name="3", start=(-10.0, 0.0), length=20.0, sections=lanes, inside=ends, junction="9")
+    roads += inner.replace("<planView>", f"<planView>{geometry}")
+    way = f'<connection id="0" incomingRoad="1" connectingRoad="3" contactPoint="start">{links}</connection>'
+    bad = '<connection id="1" incomingRoad="1" contactPoint="start"/>'
+    site, notes = imported(f'{roads}<junction id="9" name="">{way}{bad}</junction>')
+    root = ElementTree.fromstring(site.network)
+    assert ("-1", "-2") in {(c.get("from"), c.get("to")) for c in root.iter("connection")}
+    assert "1 connections of junctions lead to roads that are not in the file" in notes
+
+
 # Heights: 1.8, 10.5 to 10.7
 
 
-def test_a_long_road_on_a_slope_has_the_height_of_its_piece(imported):
-    site, _ = imported(street(start=(-600.0, 0.0), length=1200.0, inside=rising(0.012)))
+@pytest.mark.parametrize("x", [0.0, -540.0])
+def test_a_long_road_on_a_slope_has_the_height_of_its_piece(imported, x):
+    road = street(start=(-600.0, 0.0), length=1200.0, inside=rising(0.012))
+    site, _ = imported(road, centre=(x, 0.0))
     assert site.relief.slope == pytest.approx((0.012, 0.0), abs=1e-4)
-    assert site.map_SE3_site[2, 3] == pytest.approx(7.2, abs=0.01)
+    assert site.map_SE3_site[2, 3] == pytest.approx(0.012 * (600.0 + x), abs=0.01)
     assert len(read_lanes(site)) == 2
 
 
