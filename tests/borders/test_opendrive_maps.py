@@ -151,8 +151,23 @@ def test_a_missing_grid_of_shifts_leaves_metres(imported):
     reference = "+proj=utm +zone=32 +ellps=bessel +nadgrids=not_installed.gsb +units=m +no_defs"
     site, notes = imported(street(), f"<geoReference><![CDATA[{reference}]]></geoReference>")
     assert site.geo_reference is None
-    assert any("install the grid 'not_installed.gsb' for PROJ and import again" in note for note in notes)
+    assert any("needs the grid 'not_installed.gsb': install it for PROJ and import again" in note for note in notes)
     assert len(read_lanes(site)) == 2
+
+
+@pytest.mark.parametrize(
+    ("reference", "reason"),
+    [
+        ("+lat_0=4.9e+1 +lon_0=8", "names no projection"),
+        ("EPSG:4326", "is in degrees"),
+        ("+proj=nosuch +units=m", "is no projection that PROJ knows"),
+        ("EPSG:9999999", "is no projection that PROJ knows"),
+    ],
+)
+def test_a_reference_that_leads_nowhere_is_noted(imported, reference, reason):
+    site, notes = imported(street(), f"<geoReference>{reference}</geoReference>")
+    assert site.geo_reference is None
+    assert any(reason in note and "does not say where on earth" in note for note in notes)
 
 
 def test_names_of_files_are_free(imported):
@@ -189,11 +204,87 @@ def test_left_hand_traffic_keeps_lanes_and_links_apart(imported):
     assert [(c.get("fromLane"), c.get("toLane")) for c in ahead if c.get("fromLane") == "1"] == [("1", "0")]
 
 
-def test_a_road_that_keeps_to_the_other_side_is_closed_and_noted(imported):
+def heads(site: Site, y: float, x: float = 0.0) -> float:
+    """1 if traffic at a place runs towards +x, -1 if towards -x."""
+    _, _, line = find_lane(site, y, x)
+    return float(np.sign(line[-1, 0] - line[0, 0]))
+
+
+def test_a_road_that_keeps_to_the_other_side_than_most(imported):
     other = street(name="2", start=(-150.0, 12.0), attributes='rule="LHT"')
-    site, notes = imported(street() + street(name="3", start=(-150.0, -12.0)) + other)
-    assert find_lane(site, 13.75)[0] == set()
-    assert "2 lanes of roads that keep to the other side than most are closed" in notes
+    site, _ = imported(street() + street(name="3", start=(-150.0, -12.0)) + other)
+    assert [heads(site, y) for y in (13.75, 10.25, 1.75, -1.75)] == [1, -1, -1, 1]
+    assert 'lefthand="true"' not in site.network
+
+
+AGAINST = 'direction="reversed"'
+
+
+@pytest.mark.parametrize("rule", ["RHT", "LHT"])
+def test_lanes_against_the_direction_of_their_side(imported, rule):
+    """1.8, 11.4: standard, reversed and both."""
+    right = lane(-1, attributes=AGAINST) + lane(-2) + lane(-3, "sidewalk", 2.0)
+    lanes = section(lane(2, attributes=AGAINST) + lane(1), right)
+    site, _ = imported(street(sections=lanes, attributes=f'rule="{rule}"'), minor=8)
+    sign = 1 if rule == "RHT" else -1
+    for y, direction in ((5.25, 1), (1.75, -1), (-1.75, -1), (-5.25, 1)):
+        lines = [line for users, _, line in read_lanes(site) if users == CARS and abs(line[:, 1] - y).max() < 0.1]
+        assert [np.sign(line[-1, 0] - line[0, 0]) for line in lines] == [direction * sign], y
+    assert find_lane(site, -8.0)[0] == {"pedestrian"}
+
+
+def test_a_lane_for_both_directions_is_closed_or_noted(imported):
+    two = lane(-1) + lane(-2, attributes='direction="both"')
+    site, notes = imported(street(sections=section(lane(1), two)), minor=8)
+    assert find_lane(site, -5.25)[0] == set()
+    assert "1 lanes for both directions (turning lanes) are closed to through traffic" in notes
+    one = section("", lane(-1, attributes='direction="both"'))
+    site, notes = imported(street(sections=one), minor=8)
+    assert heads(site, -1.75) == 1
+    assert "1 lanes for both directions are driven in the direction of their side only" in notes
+
+
+def test_reversed_lanes_are_joined_along_sections_and_roads(imported):
+    """Two roads of two sections each, their only lane reversed: traffic runs through all four, towards -x."""
+
+    def lanes():
+        on, back = '<successor id="-1"/>', '<predecessor id="-1"/>'
+        row = lane(-1, inside=f"<link>{back}{on}</link>", attributes=AGAINST)
+        return section("", row) + section("", row, s=75)
+
+    first = joined_to("successor", "road", "2", 'contactPoint="start"')
+    second = joined_to("predecessor", "road", "1", 'contactPoint="end"')
+    roads = street(length=150.0, sections=lanes(), inside=first)
+    roads += street(name="2", start=(0.0, 0.0), length=150.0, sections=lanes(), inside=second)
+    site, _ = imported(roads, minor=8)
+    root = ElementTree.fromstring(site.network)
+    ways = [(c.get("from"), c.get("to")) for c in root.iter("connection") if c.get("from", ":")[0] != ":"]
+    assert len(ways) == 3
+    lines = [line for _, _, line in read_lanes(site)]
+    assert len(lines) == 4
+    assert all(line[-1, 0] < line[0, 0] and np.abs(line[:, 1] + 1.75).max() < 0.01 for line in lines)
+
+
+def joined_to(where: str, kind: str, name: str, contact: str = "") -> str:
+    """<link> of a road to one element."""
+    return f'<link><{where} elementType="{kind}" elementId="{name}" {contact}/></link>'
+
+
+def test_reversed_lanes_are_joined_over_a_junction(imported):
+    """Road 1 ends in a junction that its reversed lane leaves; a connecting road brings traffic from road 2."""
+    reverse = section("", lane(-1, attributes=AGAINST))
+    inner = '<link><predecessor id="1"/><successor id="-1"/></link>'
+    roads = street(length=140.0, sections=reverse, inside=joined_to("successor", "junction", "9"))
+    roads += street(name="2", start=(10.0, 0.0), length=140.0, inside=joined_to("predecessor", "junction", "9"))
+    bend = '<link><predecessor elementType="road" elementId="2" contactPoint="start"/>'
+    bend += '<successor elementType="road" elementId="1" contactPoint="end"/></link>'
+    back = section("", lane(-1, inside=inner))
+    roads += street(name="3", start=(10.0, 0.0), heading=np.pi, length=20.0, sections=back, inside=bend, junction="9")
+    way = '<connection id="0" incomingRoad="2" connectingRoad="3" contactPoint="start"><laneLink from="1" to="-1"/>'
+    site, _ = imported(f'{roads}<junction id="9" name="">{way}</connection></junction>', minor=8)
+    root = ElementTree.fromstring(site.network)
+    ways = [(c.get("from"), c.get("to")) for c in root.iter("connection") if c.get("from", ":")[0] != ":"]
+    assert ways == [("2", "1.right")]
 
 
 # Limits: 1.8, 10.4 and 11.9
@@ -348,13 +439,61 @@ def test_lanes_in_any_order(imported):
         assert find_lane(site, y)[0] == users
 
 
+@pytest.mark.parametrize(
+    ("shape", "radius"),
+    [
+        ('<arc curvature="0"/>', np.inf),
+        ('<spiral curvStart="0" curvEnd="0"/>', np.inf),
+        ('<spiral curvStart="0.005" curvEnd="0.005"/>', 200.0),
+        ('<userData code="a"/><arc curvature="-0.005"/>', -200.0),
+    ],
+)
+def test_arcs_and_spirals_at_their_limits(imported, shape, radius):
+    """netconvert makes nodes at NaN of them (eclipse-sumo/sumo#17163; pageldev/libOpenDRIVE#60)."""
+    site, _ = imported(street(start=(-40.0, 0.0), length=100.0, geometry=shape))
+    for _, _, line in read_lanes(site):
+        off = np.abs(line[:, 1]) if np.isinf(radius) else np.abs(np.hypot(line[:, 0] + 40, line[:, 1] - radius) - 200)
+        np.testing.assert_allclose(off, 1.75, atol=0.05)
+        assert np.hypot(*(line[-1] - line[0])) > 95
+
+
+LINK = '<link><predecessor id="-1"/><successor id="-1"/></link>'
+
+
+@pytest.mark.parametrize(
+    ("geometry", "links"),
+    [
+        ("", '<laneLink from="-1" to="-1"/>'),
+        ("", ""),
+        ('<geometry s="0" x="-10" y="0" hdg="0" length="0"><line/></geometry>', '<laneLink from="-1" to="-1"/>'),
+    ],
+)
+def test_a_connection_joins_its_roads(imported, geometry, links):
+    """Without links, lanes of the same id (1.4, 5.4.2); pieces of no length are none (eclipse-sumo/sumo#17163)."""
+    roads = street(length=140.0, inside=joined("9", "successor"))
+    roads += street(name="2", start=(10.0, 0.0), length=140.0, inside=joined("9", "predecessor"))
+    ends = '<link><predecessor elementType="road" elementId="1" contactPoint="end"/>'
+    ends += '<successor elementType="road" elementId="2" contactPoint="start"/></link>'
+    lanes = section("", lane(-1, inside=LINK))
+    inner = street(name="3", start=(-10.0, 0.0), length=20.0, sections=lanes, inside=ends, junction="9")
+    roads += inner.replace("<planView>", f"<planView>{geometry}")
+    way = f'<connection id="0" incomingRoad="1" connectingRoad="3" contactPoint="start">{links}</connection>'
+    bad = '<connection id="1" incomingRoad="1" contactPoint="start"/>'
+    site, notes = imported(f'{roads}<junction id="9" name="">{way}{bad}</junction>')
+    root = ElementTree.fromstring(site.network)
+    assert ("-1", "-2") in {(c.get("from"), c.get("to")) for c in root.iter("connection")}
+    assert "1 connections of junctions lead to roads that are not in the file" in notes
+
+
 # Heights: 1.8, 10.5 to 10.7
 
 
-def test_a_long_road_on_a_slope_has_the_height_of_its_piece(imported):
-    site, _ = imported(street(start=(-600.0, 0.0), length=1200.0, inside=rising(0.012)))
+@pytest.mark.parametrize("x", [0.0, -540.0])
+def test_a_long_road_on_a_slope_has_the_height_of_its_piece(imported, x):
+    road = street(start=(-600.0, 0.0), length=1200.0, inside=rising(0.012))
+    site, _ = imported(road, centre=(x, 0.0))
     assert site.relief.slope == pytest.approx((0.012, 0.0), abs=1e-4)
-    assert site.map_SE3_site[2, 3] == pytest.approx(7.2, abs=0.01)
+    assert site.map_SE3_site[2, 3] == pytest.approx(0.012 * (600.0 + x), abs=0.01)
     assert len(read_lanes(site)) == 2
 
 

@@ -372,33 +372,38 @@ def find_placement(root: ElementTree.Element) -> Pose:
 
 
 def find_projection(root: ElementTree.Element, name: str) -> str | None:
-    """Projection of a map. None, with a warning, for a geoReference that names none, or needs a grid of shifts that is
-    not installed: the map is in metres all the same. name: of the file."""
+    """Projection of a map. None, with a warning, if its geoReference names none, or one that PROJ cannot use, as with a
+    grid of shifts that is not installed: the map is in metres all the same. name: of the file."""
     reference = (root.findtext("header/geoReference") or "").strip()
-    lost = "so the site does not say where on earth it is"
-    if reference and not re.search(NAMES_PROJECTION, reference, re.IGNORECASE):
-        warnings.warn(f"{name}: its geoReference names no projection ({reference[:90]!r}), {lost}", stacklevel=3)
+    if not reference:
         return None
-    grids = re.search(r"\+nadgrids=(\S+)", reference)
-    if grids and not _has_grids(reference):
-        remedy = f"install the grid {grids[1][:60]!r} for PROJ and import again"
-        warnings.warn(f"{name}: its geoReference needs a grid that is not here, {lost}: {remedy}", stacklevel=3)
-        return None
-    return reference or None
+    if not re.search(NAMES_PROJECTION, reference, re.IGNORECASE):
+        fault = f"its geoReference names no projection ({reference[:90]!r})"
+    else:
+        fault = _find_fault(reference)
+    if fault:
+        warnings.warn(f"{name}: {fault}, so the site does not say where on earth it is", stacklevel=3)
+    return None if fault else reference
 
 
-def _has_grids(reference: str) -> bool:
-    """True if PROJ has the grids of a projection, or is not here to ask."""
+def _find_fault(reference: str) -> str:
+    """Reason why PROJ cannot lead from a projection to the earth; empty if it can, or is not here to ask."""
     try:
         from pyproj import CRS, Transformer
         from pyproj.exceptions import ProjError
     except ImportError:
-        return True
+        return ""
     try:
-        Transformer.from_crs(CRS.from_user_input(reference), "EPSG:4326", always_xy=True)
+        projection = CRS.from_user_input(reference)
+        if not projection.is_projected:
+            return f"its geoReference is in degrees ({reference[:90]!r}), not a map in metres"
+        Transformer.from_crs(projection, "EPSG:4326", always_xy=True)
     except ProjError:
-        return False
-    return True
+        grids = re.search(r"\+nadgrids=(\S+)", reference)
+        if grids:
+            return f"its geoReference needs the grid {grids[1][:60]!r}: install it for PROJ and import again"
+        return f"its geoReference is no projection that PROJ knows ({reference[:90]!r})"
+    return ""
 
 
 _KINDS = """building building 6, tree tree 7, vegetation hedge 1.2, bush hedge 1.2, pole post 4, streetLamp post 6,

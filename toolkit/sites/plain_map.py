@@ -8,7 +8,7 @@ is in metres and nothing beside the road stops it."""
 import re
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from xml.etree import ElementTree
 
 import numpy as np
@@ -55,17 +55,25 @@ class PlainMap:
 
 
 @dataclass(frozen=True, eq=False)
-class _Road:
+class _Carriageway:
+    """Lanes of a road that netconvert is handed as one road.
+
+    Attributes:
+        element: the <road>.
+        name: of the plain road.
+        length: m.
+        sections: with lanes numbered as in the plain road.
+        offset: m, of the middle of these lanes to the left of the reference line.
+        ends: ids in the file and in the plain road, of the lanes at "start" and "end".
+        closed: lanes that keep others in their places, but are driven in another carriageway."""
+
     element: ElementTree.Element
     name: str
     length: float
-    sections: list[Section]
-    is_odd: bool  # keeps to the other side than the map does
-
-    def numbers(self, contact: str) -> set[int]:
-        """Ids of the lanes at the road's start or end."""
-        section = self.sections[0 if contact == "start" else -1]
-        return {lane.number for lane in section.lanes}
+    sections: Sequence[Section]
+    offset: Cubics
+    ends: Mapping[str, Mapping[int, int]]
+    closed: frozenset[SectionLane] = frozenset()
 
 
 @dataclass(eq=False)
@@ -73,10 +81,17 @@ class _Writer:
     """Roads of a map by id, and what is found while they are written."""
 
     root: ElementTree.Element
-    roads: dict[str, _Road] = field(default_factory=dict)
+    roads: dict[str, list[_Carriageway]] = field(default_factory=dict)
     sign: int = 1  # of lanes: -1 in a map whose traffic keeps left, which netconvert mirrors
     uses: dict[tuple[str, lane_rules.LaneUse], str] = field(default_factory=dict)
     problems: dict[str, Counter[str]] = field(default_factory=lambda: defaultdict(Counter))
+
+    def find_lane(self, road: str, contact: str, number_: int) -> tuple[_Carriageway, int] | None:
+        """Carriageway of a lane at an end of a road, and the lane's id there."""
+        for carriageway in self.roads.get(road, ()):
+            if number_ in carriageway.ends[contact]:
+                return carriageway, carriageway.ends[contact][number_]
+        return None
 
 
 def write_plain(root: ElementTree.Element) -> PlainMap:
@@ -87,17 +102,17 @@ def write_plain(root: ElementTree.Element) -> PlainMap:
     junctions = {str(junction.get("id")): junction for junction in root.findall("junction")}
     kinds = {name: junction.get("type", "default") for name, junction in junctions.items()}
     left_out = {name for name, kind in kinds.items() if kind in ("virtual", "crossing")}
-    elements = []
-    for road in writer.roads.values():
-        if road.element.get("junction", "-1") in left_out:
-            continue
-        elements.append(_write_road(writer, road, left_out, defaults))
+    carriageways = [carriageway for road in writer.roads.values() for carriageway in road]
+    carriageways = [each for each in carriageways if each.element.get("junction", "-1") not in left_out]
+    elements = [_write_road(writer, carriageway, left_out, defaults) for carriageway in carriageways]
     for name, junction in junctions.items():
         if name in left_out:
             _note_left_out(writer, name, junction)
         else:
             if junction.find("priority") is not None:
                 writer.problems[f"junction {name}"]["junctions have priorities, which are not read"] += 1
+            if junction.find("elevationGrid") is not None:
+                writer.problems[f"junction {name}"]["junctions have a grid of heights, which is not read"] += 1
             elements.append(_write_junction(writer, name, junction, is_direct=kinds[name] == "direct"))
     types = [
         {
@@ -188,8 +203,92 @@ def _read_roads(writer: _Writer) -> None:
         if rule not in ("RHT", "LHT"):
             writer.problems[name][f"roads with rule {rule[:20]!r} count as RHT"] += 1
         safe = name if _SAFE_NAME.fullmatch(name) else f"coview{i}"
-        is_odd = (rule == "LHT") != (writer.sign < 0)
-        writer.roads[name] = _Road(road, safe, length, sections, is_odd)
+        keeps_other_side = (rule == "LHT") != (writer.sign < 0)
+        offset = cubics(road.findall("lanes/laneOffset"))
+        whole = _Carriageway(road, safe, length, sections, offset, _number_ends(sections))
+        writer.roads[name] = _part_directions(whole, keeps_other_side=keeps_other_side)
+
+
+def _number_ends(sections: Sequence[Section]) -> dict[str, dict[int, int]]:
+    ends = {"start": sections[0], "end": sections[-1]}
+    return {contact: {lane.number: lane.number for lane in section.lanes} for contact, section in ends.items()}
+
+
+def _part_directions(road: _Carriageway, *, keeps_other_side: bool) -> list[_Carriageway]:
+    """Carriageways of a road: lanes against the usual direction of their side are ones of their own, found first."""
+    lanes = [lane for section in road.sections for lane in section.lanes]
+    against = {lane for lane in lanes if _runs_against(lane) != keeps_other_side and _has_direction(lane)}
+    if not against:
+        return [road]
+    kept: list[Section] = []
+    for section in road.sections:
+        inside = [lane for sign in (1, -1) for lane in _strip_outer(section.side(sign), against)]
+        kept.append(replace(section, lanes=tuple(sorted(inside, key=lambda lane: -lane.number))))
+    parts = [_contraflow(road, against, sign) for sign in (1, -1) if any(lane.number * sign > 0 for lane in against)]
+    if any(section.lanes for section in kept):
+        ends = {
+            contact: {n: n for n in numbers if not any(n in part.ends[contact] for part in parts)}
+            for contact, numbers in _number_ends(kept).items()
+        }
+        parts.append(replace(road, sections=kept, ends=ends, closed=frozenset(against)))
+    return parts
+
+
+def _runs_against(lane: SectionLane) -> bool:
+    return lane.element.get("direction", "standard") == "reversed"
+
+
+def _has_direction(lane: SectionLane) -> bool:
+    is_both = lane.kind == "bidirectional" or lane.element.get("direction") == "both"
+    return not is_both and not set(lane_rules.USERS.get(lane.kind, "").split()) <= {FOOT}
+
+
+def _strip_outer(lanes: Sequence[SectionLane], against: set[SectionLane]) -> list[SectionLane]:
+    """Lanes of one side from the middle outwards, without the outermost ones that run against it."""
+    inside = list(lanes)
+    while inside and inside[-1] in against:
+        inside.pop()
+    return inside
+
+
+def _contraflow(road: _Carriageway, against: set[SectionLane], sign: int) -> _Carriageway:
+    """Lanes of one side that run against it, as lanes of the other side of a line along their outer border."""
+    starts: list[float] = []
+    rows: list[list[float]] = []
+    sections: list[Section] = []
+    maps: list[dict[int, int]] = []
+    closed: set[SectionLane] = set()
+    for section in road.sections:
+        lanes = section.side(sign)
+        places = [i for i, lane in enumerate(lanes) if lane in against]
+        edge = road.offset.begin_at(section.start)
+        for lane in lanes[: places[-1] + 1] if places else []:
+            edge = edge.subtract(lane.width.negate() if sign > 0 else lane.width)
+        within = edge.move(section.start)
+        starts += within.starts.tolist()
+        rows += within.rows.tolist()
+        group = lanes[places[0] : places[-1] + 1] if places else []
+        numbers = {lane.number: -sign * (len(group) - i) for i, lane in enumerate(group)}
+        turned = [
+            replace(lane, number=numbers[lane.number], before=_renumber(lane.before, maps[-1] if maps else None))
+            for lane in group
+        ]
+        closed |= {new for new, lane in zip(turned, group, strict=True) if lane not in against}
+        sections.append(Section(section.start, section.end, tuple(sorted(turned, key=lambda lane: -lane.number))))
+        maps.append(numbers)
+    for i, numbers in enumerate(maps[1:]):
+        ahead = tuple(replace(lane, after=_renumber(lane.after, numbers)) for lane in sections[i].lanes)
+        closed |= {new for new, lane in zip(ahead, sections[i].lanes, strict=True) if lane in closed}
+        sections[i] = replace(sections[i], lanes=ahead)
+    ends = {"start": maps[0], "end": maps[-1]}
+    name = f"{road.name}.{'left' if sign > 0 else 'right'}"
+    offset = Cubics(np.array(starts), np.array(rows).reshape(-1, 4))
+    return _Carriageway(road.element, name, road.length, sections, offset, ends, frozenset(closed))
+
+
+def _renumber(numbers: Sequence[int], known: Mapping[int, int] | None) -> tuple[int, ...]:
+    """Ids of lanes as they are in a carriageway. known: None at the end of a road, whose links are found later."""
+    return tuple(numbers) if known is None else tuple(known[n] for n in numbers if n in known)
 
 
 def _road_length(road: ElementTree.Element) -> float:
@@ -197,9 +296,10 @@ def _road_length(road: ElementTree.Element) -> float:
     return max(ends, default=0.0)
 
 
-def _write_road(writer: _Writer, road: _Road, left_out: set[str], defaults: Mapping[str, float]) -> str:
+def _write_road(writer: _Writer, road: _Carriageway, left_out: set[str], defaults: Mapping[str, float]) -> str:
     problems = writer.problems[road.element.get("id", "")]
-    links = dict(_find_links(writer, road, left_out, problems))
+    is_first = writer.roads[road.element.get("id", "")][0] is road
+    links = dict(_find_links(writer, road, left_out, problems if is_first else Counter()))
     attributes = {"id": road.name, "length": road.length, "name": road.element.get("name", "")}
     junction = road.element.get("junction", "-1")
     attributes["junction"] = "-1" if junction in ("-1", "") else _junction_name(junction)
@@ -207,26 +307,26 @@ def _write_road(writer: _Writer, road: _Road, left_out: set[str], defaults: Mapp
     inside.append(format_element("planView", {}, "".join(_write_geometry(road.element))))
     heights = cubics(road.element.findall("elevationProfile/elevation"))
     inside.append(format_element("elevationProfile", {}, _write_cubics("elevation", "s", heights)))
-    offset = cubics(road.element.findall("lanes/laneOffset"))
-    lanes = _write_cubics("laneOffset", "s", offset)
+    lanes = _write_cubics("laneOffset", "s", road.offset)
     lanes += "".join(_write_sections(writer, road, links, defaults, problems))
     inside.append(format_element("lanes", {}, lanes))
-    inside.append(format_element("signals", {}, "".join(_write_signals(road.element, writer.sign))))
+    if is_first:
+        inside.append(format_element("signals", {}, "".join(_write_signals(road.element, writer.sign))))
     return format_element("road", attributes, "".join(inside))
 
 
 @dataclass(frozen=True)
 class _Link:
-    """Road or junction that a road leads to, and of a road the end and the ids of the lanes there."""
+    """Road or junction that a road leads to, and of a road the end and the ids of lanes there, in the file and here."""
 
     kind: str
     name: str
     contact: str = ""
-    numbers: frozenset[int] = frozenset()
+    numbers: Mapping[int, int] = field(default_factory=dict)
 
 
 def _find_links(
-    writer: _Writer, road: _Road, left_out: set[str], problems: Counter[str]
+    writer: _Writer, road: _Carriageway, left_out: set[str], problems: Counter[str]
 ) -> Iterator[tuple[str, _Link]]:
     for where, usual in (("predecessor", "end"), ("successor", "start")):
         for link in road.element.findall(f"link/{where}"):
@@ -237,11 +337,24 @@ def _find_links(
                 yield where, _Link(kind, _junction_name(name))
             elif kind == "road" and name in writer.roads:
                 contact = link.get("contactPoint", usual)
-                other = writer.roads[name]
+                contact = contact if contact in ("start", "end") else usual
+                other = _find_partner(writer, road, where, name, contact)
                 if other.element.get("junction", "-1") not in left_out:
-                    yield where, _Link(kind, other.name, contact, frozenset(other.numbers(contact)))
+                    yield where, _Link(kind, other.name, contact, other.ends[contact])
             else:
                 problems["roads are linked to what is not in the file"] += 1
+
+
+def _find_partner(writer: _Writer, road: _Carriageway, where: str, name: str, contact: str) -> _Carriageway:
+    """Carriageway of the road `name` to which most lanes at an end of `road` are linked."""
+    section = road.sections[0 if where == "predecessor" else -1]
+    partners: Counter[_Carriageway] = Counter()
+    for lane in section.lanes:
+        for number_ in lane.before if where == "predecessor" else lane.after:
+            found = writer.find_lane(name, contact, number_)
+            if found is not None and lane not in road.closed:
+                partners[found[0]] += 1
+    return partners.most_common(1)[0][0] if partners else writer.roads[name][-1]
 
 
 def _junction_name(name: str) -> str:
@@ -277,11 +390,15 @@ def _write_cubics(tag: str, key: str, function: Cubics) -> str:
 
 
 def _write_sections(
-    writer: _Writer, road: _Road, links: Mapping[str, _Link], defaults: Mapping[str, float], problems: Counter[str]
+    writer: _Writer,
+    road: _Carriageway,
+    links: Mapping[str, _Link],
+    defaults: Mapping[str, float],
+    problems: Counter[str],
 ) -> Iterator[str]:
-    numbers = [frozenset(lane.number for lane in section.lanes) for section in road.sections]
-    before = links["predecessor"].numbers if "predecessor" in links else frozenset()
-    after = links["successor"].numbers if "successor" in links else frozenset()
+    numbers = [{lane.number: lane.number for lane in section.lanes} for section in road.sections]
+    before = links["predecessor"].numbers if "predecessor" in links else {}
+    after = links["successor"].numbers if "successor" in links else {}
     around = [before, *numbers, after]
     for i, section in enumerate(road.sections):
         kinds = {lane: _find_kind(writer, road, section, lane, defaults, problems) for lane in section.lanes}
@@ -297,10 +414,12 @@ def _write_sections(
         yield format_element("laneSection", {"s": section.start}, text)
 
 
-def _write_lane(lane: SectionLane, kind: str, sign: int, neighbours: tuple[frozenset[int], frozenset[int]]) -> str:
+def _write_lane(
+    lane: SectionLane, kind: str, sign: int, neighbours: tuple[Mapping[int, int], Mapping[int, int]]
+) -> str:
     joined = ""
     for where, ids, known in zip(("predecessor", "successor"), (lane.before, lane.after), neighbours, strict=True):
-        joined += "".join(format_element(where, {"id": sign * i}) for i in ids[:1] if i in known)
+        joined += "".join(format_element(where, {"id": sign * known[i]}) for i in ids[:1] if i in known)
     inside = format_element("link", {}, joined) if joined else ""
     inside += _write_cubics("width", "sOffset", lane.width)
     return format_element("lane", {"id": sign * lane.number, "type": kind}, inside)
@@ -308,7 +427,7 @@ def _write_lane(lane: SectionLane, kind: str, sign: int, neighbours: tuple[froze
 
 def _find_kind(
     writer: _Writer,
-    road: _Road,
+    road: _Carriageway,
     section: Section,
     lane: SectionLane,
     defaults: Mapping[str, float],
@@ -318,8 +437,7 @@ def _find_kind(
     use = lane_rules.find_use(road.element, section, lane, dict(defaults), problems)
     if use.limit is None and "passenger" in use.users and road.element.get("junction", "-1") == "-1":
         problems[_NO_LIMIT] = 1  # of one road, however many lanes it has
-    if road.is_odd and use.users:
-        problems["lanes of roads that keep to the other side than most are closed"] += 1
+    if lane in road.closed:
         use = lane_rules.LaneUse((), None)
     use = _close_both(section, lane, use, problems)
     kind = lane.kind if lane.kind in lane_rules.USERS else "unknown"
@@ -335,9 +453,6 @@ def _close_both(
     direction = lane.element.get("direction", "standard")
     if not use.users or set(use.users) == {FOOT}:
         return use
-    if direction == "reversed":
-        problems["lanes against the direction of their side (direction=reversed) are closed"] += 1
-        return lane_rules.LaneUse((), None)
     if direction != "both" and lane.kind != "bidirectional":
         return use
     driven = [other for other in section.lanes if other is not lane and _is_driven(other)]
@@ -388,53 +503,69 @@ def _is_number(text: str) -> bool:
 def _write_junction(writer: _Writer, name: str, junction: ElementTree.Element, *, is_direct: bool) -> str:
     connections: list[str] = []
     for connection in junction.findall("connection"):
-        incoming = writer.roads.get(connection.get("incomingRoad", ""))
-        other = writer.roads.get(connection.get("linkedRoad" if is_direct else "connectingRoad", ""))
-        contact = connection.get("contactPoint", "start")
-        if incoming is None or other is None:
+        incoming, contact = connection.get("incomingRoad", ""), connection.get("contactPoint", "start")
+        other = connection.get("linkedRoad" if is_direct else "connectingRoad", "")
+        contact = contact if contact in ("start", "end") else "start"
+        if incoming not in writer.roads or other not in writer.roads:
             writer.problems[f"junction {name}"]["connections of junctions lead to roads that are not in the file"] += 1
             continue
-        meets = _find_contact(incoming, name)
-        near = incoming.numbers(meets) if is_direct else incoming.numbers("start") | incoming.numbers("end")
-        pairs = _read_pairs(connection, near, other.numbers(contact))
+        meets = _find_contact(writer.roads[incoming][0], name)
+        pairs = _read_pairs(connection, writer, (incoming, meets), (other, contact))
         if len(pairs) < len(connection.findall("laneLink")):
             writer.problems[f"junction {name}"]["connections of junctions lead to lanes that are not in the file"] += 1
-        ways = [(incoming, other, contact, pairs)]
-        if is_direct:
-            into = [(a, b) for a, b in pairs if (a * writer.sign < 0) == (meets == "end")]
-            out = [(b, a) for a, b in pairs if (a * writer.sign < 0) != (meets == "end")]
-            ways = [(incoming, other, contact, into), (other, incoming, meets, out)]
-        connections += [_write_connection(len(connections), way, writer.sign) for way in ways if way[3]]
+        ways: dict[tuple[_Carriageway, _Carriageway, str], list[tuple[int, int]]] = defaultdict(list)
+        for (road, a), (to, b) in pairs:
+            if is_direct and (a * writer.sign < 0) != (meets == "end"):
+                ways[to, road, meets].append((b, a))
+            else:
+                ways[road, to, contact].append((a, b))
+        connections += [_write_connection(len(connections), way, lanes, writer.sign) for way, lanes in ways.items()]
     return format_element("junction", {"id": _junction_name(name), "name": ""}, "".join(connections))
 
 
-def _find_contact(road: _Road, junction: str) -> str:
+def _find_contact(road: _Carriageway, junction: str) -> str:
     """End of a road at which it meets a junction."""
     starts = road.element.findall("link/predecessor")
     meets = any(link.get("elementType") == "junction" and link.get("elementId") == junction for link in starts)
     return "start" if meets else "end"
 
 
-def _read_pairs(connection: ElementTree.Element, incoming: set[int], other: set[int]) -> list[tuple[int, int]]:
-    """Lanes that a connection joins. Without links, those of the same id (1.4, 5.4.2)."""
-    links = connection.findall("laneLink")
-    if not links:
-        return [(i, i) for i in sorted(incoming & other)]
-    texts = [(link.get("from", ""), link.get("to", "")) for link in links]
+_Place = tuple[_Carriageway, int]
+
+
+def _read_pairs(
+    connection: ElementTree.Element, writer: _Writer, incoming: tuple[str, str], other: tuple[str, str]
+) -> list[tuple[_Place, _Place]]:
+    """Lanes that a connection joins. Without links, those of the same id (1.4, 5.4.2).
+
+    incoming, other: id of a road, and the end at which it meets the junction or the connection."""
+    texts = [(link.get("from", ""), link.get("to", "")) for link in connection.findall("laneLink")]
     whole = [(int(a), int(b)) for a, b in texts if _WHOLE.fullmatch(a) and _WHOLE.fullmatch(b)]
-    return [(a, b) for a, b in whole if a in incoming and b in other]
+    if not texts:
+        known = {n for carriageway in writer.roads[incoming[0]] for n in carriageway.ends[incoming[1]]}
+        whole = [(n, n) for n in sorted(known)]
+    pairs = []
+    for a, b in whole:
+        ends = (incoming[1], "end" if incoming[1] == "start" else "start")  # a road may meet it at both
+        first = next(filter(None, (writer.find_lane(incoming[0], end, a) for end in ends)), None)
+        last = writer.find_lane(*other, b)
+        if first is not None and last is not None:
+            pairs.append((first, last))
+    return pairs
 
 
-def _write_connection(number_: int, way: tuple[_Road, _Road, str, list[tuple[int, int]]], sign: int) -> str:
-    incoming, other, contact, pairs = way
+def _write_connection(
+    number_: int, way: tuple[_Carriageway, _Carriageway, str], lanes: Sequence[tuple[int, int]], sign: int
+) -> str:
+    incoming, other, contact = way
     row = {"id": number_, "incomingRoad": incoming.name, "connectingRoad": other.name, "contactPoint": contact}
-    links = [format_element("laneLink", {"from": sign * a, "to": sign * b}) for a, b in pairs]
+    links = [format_element("laneLink", {"from": sign * a, "to": sign * b}) for a, b in lanes]
     return format_element("connection", row, "".join(links))
 
 
 def _note_left_out(writer: _Writer, name: str, junction: ElementTree.Element) -> None:
     kind = junction.get("type", "")
-    roads = [road for road in writer.roads.values() if road.element.get("junction") == name]
+    roads = [road[0] for road in writer.roads.values() if road[0].element.get("junction") == name]
     if kind == "virtual":
         text = "virtual junctions are left out: the main road goes on, and traffic does not turn there"
         for road in roads:
