@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import cast
 from xml.etree import ElementTree
 
 import numpy as np
@@ -20,7 +21,7 @@ import shapely
 from toolkit.arrays import Float, Float64, Pose, Rng
 from toolkit.geometry import STEEPEST, pose
 from toolkit.runtime.files import name_errors
-from toolkit.sites import furniture as f, network as nets, opendrive, osm, plain_map, surroundings
+from toolkit.sites import furniture as f, network as nets, opendrive, osm, osm_rules, plain_map, surroundings
 from toolkit.sites.georeference import doubt_place, projection
 from toolkit.sites.netconvert_warnings import describe_warnings
 from toolkit.sites.site import Furnishing, Mount, Relief, Site, Solid
@@ -246,7 +247,6 @@ _CROSSINGS = ("--crossings.guess", "--crossings.guess.speed-threshold=100")  # w
 _OSM_OPTIONS = (
     *("--osm.sidewalks", "--crossings.guess", "--geometry.remove", "--roundabouts.guess", "--junctions.join"),
     *("--tls.guess-signals", "--tls.discard-simple", "--tls.join", "--output.street-names"),
-    "--no-warnings",
 )
 
 
@@ -362,32 +362,43 @@ def import_opendrive(piece: MapPiece) -> Site:
     return _finish(site, piece, solids, lamps=lamps, notes=notes)
 
 
-def import_osm(piece: MapPiece, *, lefthand: bool = False) -> Site:
-    """Import a site from an OpenStreetMap file (.osm, .osm.gz). lefthand: traffic keeps left.
+def import_osm(piece: MapPiece, *, lefthand: bool | None = None) -> Site:
+    """Import a site from an OpenStreetMap file (.osm, also .gz or .bz2, or JSON of Overpass).
+
+    lefthand: traffic keeps left, or right if False; None for the side that the map's roads or their country keep to.
 
     Roads, footways, parking along kerbs, buildings with heights, walls, fences, hedges, trees and lamp posts come from
-    the map; mounts are on its lamp posts, or else along the kerbs. What the site cannot hold (tunnels, bridges over a
-    road, buildings over a road) is left out with a warning.
+    the map; mounts are on its lamp posts, or else along the kerbs. Roads are driven as the map says: who may use them,
+    which way, how fast, and where they turn. What the site cannot hold (tunnels, bridges over a road, buildings over a
+    road, rules of some hours) is left out with a warning.
 
     Raises ValueError in one line if the file is no OSM map or has no road there, ImportError without SUMO."""
     path, place, heading = piece.path, (float(piece.centre[0]), float(piece.centre[1])), piece.heading
     extract, within = osm.read_map(path, place, heading), piece.around(REACH)
+    lefthand, side_notes = osm.choose_side(extract, within, lefthand)
     pieces, notes = osm.roads(extract, within, lefthand=lefthand)
-    notes = [*extract.notes, *notes]
+    notes = [*extract.notes, *side_notes, *notes]
     if not pieces:
         raise piece.no_road()
-    parking = osm.find_parking(extract, osm.ROADS, within, lefthand=lefthand)
+    parking = osm.find_parking(extract, osm_rules.ROADS, within, lefthand=lefthand)
     map_SE3_site, driving, on_earth = pose(yaw=heading), ["--lefthand"] if lefthand else [], projection(*place)
+    types = osm_rules.name_types(cast("osm_rules.Rules", way.rules) for way in pieces)
     with tempfile.TemporaryDirectory() as folder:
-        streets, types = Path(folder, "roads.osm"), Path(folder, "types.xml")
+        streets, type_file = Path(folder, "roads.osm"), Path(folder, "types.xml")
         streets.write_text(osm.write_osm(pieces, extract), "utf-8")
-        types.write_text(osm.road_types(), "utf-8")
-        options = [f"--osm-files={streets}", f"--type-files={types}", f"--proj={on_earth}", *_OSM_OPTIONS, *driving]
+        type_file.write_text(osm_rules.format_types(types), "utf-8")
+        options = [f"--osm-files={streets}", f"--type-files={type_file}", f"--proj={on_earth}", *_OSM_OPTIONS, *driving]
         options += [f"--plain-output-prefix={Path(folder, 'plain')}"]
-        network = _in_site_frame(_convert(options, piece)[0], map_SE3_site)
-        if parking and (strips := osm.find_parking_strips(network, parking)):
-            options = [*osm.widen_network(Path(folder), strips), "--output.street-names", "--no-warnings"]
-            options += driving
+        network, warned = _convert(options, piece)
+        notes += describe_warnings(warned)
+        network = _in_site_frame(network, map_SE3_site)
+        strips = osm.find_parking_strips(network, parking) if parking else {}
+        again = ["--output.street-names", "--no-warnings", *driving]
+        if any(rules.number is not None for rules in types):
+            osm.restrict_network(Path(folder), types)
+            network = _in_site_frame(nets.convert([*osm.widen_network(Path(folder), {}), *again]), map_SE3_site)
+        if strips:
+            options = [*osm.widen_network(Path(folder), strips), *again]
             try:
                 network = _in_site_frame(nets.convert(options), map_SE3_site)
             except ValueError as error:

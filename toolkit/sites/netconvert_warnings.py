@@ -21,6 +21,7 @@ SHAPE_ONLY = (  # the road remains as the map has it
     r"Intersecting left turns at junction",
     r"Lane '.*' is not connected from any incoming edge",
     r"Edge '.*' is not connected to outgoing edges",
+    r"Ambiguity in turnarounds computation",
     r"Guessing signalID for link index",
     r"Could not compute (smooth shape|intersection of conflicting|indirect left turn)",
     r"Could not avoid overlapping shape",

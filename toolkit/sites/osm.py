@@ -3,7 +3,8 @@
 Extracts are untidy: ways refer to nodes that were cut off, relations to missing members, values are free text. What
 cannot be used is left out; only a file that is no map is refused. https://wiki.openstreetmap.org/wiki/OSM_XML
 
-Only well-formed tags reach netconvert. Streets get footways by their class where the map does not say.
+Who may drive where, and how fast, is read by `toolkit.sites.osm_rules`; only well-formed tags reach netconvert. Streets
+get footways by their class where the map does not say.
 Buildings are as high as height says, else building:levels × 3 m, else the default of their kind. Whatever would stand
 on a lane is cut off. https://wiki.openstreetmap.org/wiki/Simple_3D_Buildings
 
@@ -14,16 +15,17 @@ amenity=parking beside a road. netconvert knows no such strips: they are put int
 it is run again. A strip lies between lanes and footway, also where vehicles stand half or all on the kerb.
 https://wiki.openstreetmap.org/wiki/Street_parking"""
 
+import bz2
 import gzip
 import re
 import zlib
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
-from typing import NamedTuple, cast
+from typing import Any, BinaryIO, NamedTuple, cast
 from xml.etree import ElementTree
 
 import numpy as np
@@ -31,8 +33,23 @@ import shapely
 
 from toolkit.arrays import Float64
 from toolkit.geometry import plane_rotation
+from toolkit.runtime.files import parse_json
 from toolkit.sites import furniture as f, network as nets
+from toolkit.sites.driving_side import find_driving_side
 from toolkit.sites.georeference import inverse_project, project
+from toolkit.sites.osm_rules import (
+    ACCESS_KEYS,
+    ROADS,
+    Reading,
+    Rules,
+    count_notes,
+    is_barred,
+    name_types,
+    number_lanes,
+    number_pieces,
+    read_rules,
+    restrict_edges,
+)
 from toolkit.sites.site import Solid
 from toolkit.sites.surroundings import ANGLES, Bay, bays_between
 
@@ -52,11 +69,22 @@ class Way:
     line: Float64[np.ndarray, "k 2"] = field(repr=False)
     nodes: tuple[str, ...]
     tags: Tags
+    name: str = ""  # its id in the map
+    rules: Rules | None = None  # of a piece of road
 
     @property
     def is_closed(self) -> bool:
         """True if it ends where it begins."""
         return len(self.nodes) > 3 and self.nodes[0] == self.nodes[-1]
+
+
+class Restriction(NamedTuple):
+    """Rule for those who turn at a node: `kind` is no_left_turn, only_straight_on and so on; ids of the map."""
+
+    kind: str
+    origin: str
+    via: str
+    target: str
 
 
 @dataclass(frozen=True)
@@ -69,23 +97,30 @@ class Extract:
     areas: tuple[tuple[shapely.Polygon, Tags], ...]  # holes and all
     places: tuple[tuple[Float64[np.ndarray, "2"], Tags], ...]  # tagged single points
     notes: tuple[str, ...] = ()  # what is odd about the map
+    node_tags: Mapping[str, Tags] = field(default_factory=dict, repr=False)
+    restrictions: tuple[Restriction, ...] = ()
 
 
 def read_map(path: Path, centre: tuple[float, float], heading: float = 0.0) -> Extract:
-    """Read a map (.osm, .osm.xml, or either with .gz) in metres around `centre` (longitude, latitude).
+    """Read a map in metres around `centre` (longitude, latitude): .osm, also .gz or .bz2, or JSON of Overpass.
 
-    heading: of x (rad counter-clockwise from east). Raises ValueError if the file is no OSM XML, is damaged or empty,
-    or `centre` lies outside it."""
+    heading: of x (rad counter-clockwise from east). Raises ValueError if the file is of another kind, is damaged,
+    incomplete or empty, or `centre` lies outside it."""
     points: dict[str, list[float]] = {}
     place_tags: dict[str, Tags] = {}
     bounds: list[list[float]] = []
     raw_ways: dict[str, tuple[list[str], Tags]] = {}
     relations: list[Relation] = []
+    restrictions: list[Restriction] = []
     odd = Counter[str]()
     for element in _elements(path):
         tags = {tag.get("k", ""): tag.get("v", "") for tag in element.iter("tag")}
         name = element.get("id", "")
-        if element.tag == "bounds":
+        if element.get("action") == "delete" or element.get("visible") == "false":
+            points.pop(name, None) if element.tag == "node" else raw_ways.pop(name, None)
+            if element.tag == "node":
+                place_tags.pop(name, None)
+        elif element.tag == "bounds":
             bounds.append([*_lon_lat(element, "minlon", "minlat"), *_lon_lat(element, "maxlon", "maxlat")])
         elif element.tag == "node":
             lon_lat = _lon_lat(element, "lon", "lat")
@@ -97,9 +132,17 @@ def read_map(path: Path, centre: tuple[float, float], heading: float = 0.0) -> E
         elif element.tag == "way":
             odd[_TWICE] += name in raw_ways
             raw_ways[name] = ([nd.get("ref", "") for nd in element.iter("nd")], tags)
+            for nd in element.iter("nd"):  # Overpass, "out geom"
+                if nd.get("lat") is not None and nd.get("ref", "") not in points:
+                    lon_lat = _lon_lat(nd, "lon", "lat")
+                    points |= {nd.get("ref", ""): lon_lat} if lon_lat[0] == lon_lat[0] else {}
         elif element.tag == "relation" and tags.get("type") == "multipolygon":
             members = [m for m in element.iter("member") if m.get("type") == "way"]
             relations.append(([(m.get("ref", ""), m.get("role", "")) for m in members], tags))
+        elif element.tag == "relation" and tags.get("type", "").startswith("restriction"):
+            read, note = _read_restriction(element, tags)
+            restrictions += read
+            odd[note] += bool(note)
     if not points:
         raise ValueError(f"{path}: the map is empty: it has no node with a latitude and longitude")
     degrees = np.array(list(points.values()))
@@ -112,17 +155,59 @@ def read_map(path: Path, centre: tuple[float, float], heading: float = 0.0) -> E
     position = dict(zip(points, project(degrees, centre) @ plane_rotation(-heading).T, strict=True))
     ways = {}
     for name, (references, way_tags) in raw_ways.items():
-        known = [node for node in references if node in position]
-        nodes = [node for i, node in enumerate(known) if i == 0 or node != known[i - 1]]
-        if len(nodes) > 1:
-            ways[name] = Way(np.array([position[node] for node in nodes]), tuple(nodes), way_tags)
-            leaps = np.hypot(*np.diff(ways[name].line, axis=0).T).max() > _LONGEST_LEAP
-            odd["roads or buildings leap more than 10 km from node to node"] += leaps and bool(_BUILT & way_tags.keys())
+        runs = _runs(references, position) if "highway" in way_tags else [[n for n in references if n in position]]
+        odd[_GAPS] += len(runs) > 1
+        for k, known in enumerate(runs):
+            nodes = [node for i, node in enumerate(known) if i == 0 or node != known[i - 1]]
+            if len(nodes) > 1:
+                key = f"{name}~{k}" if k else name
+                ways[key] = Way(np.array([position[node] for node in nodes]), tuple(nodes), way_tags, name)
+                leaps = np.hypot(*np.diff(ways[key].line, axis=0).T).max() > _LONGEST_LEAP
+                odd[_LEAPS] += leaps and bool(_BUILT & way_tags.keys())
     places = tuple((position[name], tags) for name, tags in place_tags.items())
     notes = tuple(f"{count} {what}" for what, count in odd.items() if count)
-    return Extract(centre, heading, tuple(ways.values()), tuple(_areas(ways, relations)), places, notes)
+    areas = tuple(_areas(ways, relations))
+    return Extract(centre, heading, tuple(ways.values()), areas, places, notes, place_tags, tuple(restrictions))
 
 
+def _runs(references: list[str], known: Collection[str]) -> list[list[str]]:
+    """Parts of a way between nodes that the map lacks."""
+    runs: list[list[str]] = [[]]
+    for node in references:
+        if node in known:
+            runs[-1].append(node)
+        elif runs[-1]:
+            runs.append([])
+    return [run for run in runs if len(run) > 1]
+
+
+def _read_restriction(element: ElementTree.Element, tags: Tags) -> tuple[list[Restriction], str]:
+    """Turns that a relation forbids or prescribes, and what of it is not used."""
+    members: dict[str, list[str]] = {}
+    for member in element.iter("member"):
+        members.setdefault(f"{member.get('role')} {member.get('type')}", []).append(member.get("ref", ""))
+    kind = tags.get("restriction", "").strip().lower()
+    if not kind:
+        return [], _TURN_HOURS if any(key.startswith("restriction:") for key in tags) else _TURN_UNREAD
+    via = members.get("via node", [])
+    turns = [
+        Restriction(kind, origin, via[0], target)
+        for origin in members.get("from way", [])
+        for target in members.get("to way", [])
+        if via
+    ]
+    if "no_u_turn" in kind or kind == "no_u_turns":
+        return [], ""  # nobody turns back on these roads
+    if not turns or len(via) > 1 or not kind.startswith(("no_", "only_")):
+        return [], _TURN_UNREAD
+    return turns, _TURN_EXCEPT if "except" in tags else ""
+
+
+_TURN_HOURS = "rules of turning hold for some hours or vehicles only (restriction:conditional), and are not used"
+_TURN_UNREAD = "rules of turning lead over ways or lack a part, and are not used"
+_TURN_EXCEPT = "rules of turning except some vehicles, but hold for all here"
+_GAPS = "roads lack nodes on their way, and are cut there"
+_LEAPS = "roads or buildings leap more than 10 km from node to node"
 _TWICE = "nodes or ways of one id are there twice: the last one counts"
 _BUILT = {"highway", "building"}
 
@@ -140,41 +225,104 @@ def metres(text: str | None) -> float | None:
     return max((length for length in lengths if 0 < length < 1000), default=None)
 
 
+_OTHER_KINDS = (".pbf", ".o5m", ".o5c", ".zip", ".7z", ".osc", ".osh", ".geojson", ".shp", ".gpkg")
+
+
 def _elements(path: Path) -> Iterator[ElementTree.Element]:
-    """Yield the file's elements, each released before the next. Raises ValueError if the file is not OSM XML."""
-    if path.name.lower().endswith((".pbf", ".o5m", ".bz2", ".zip")):
-        raise ValueError(f"{path}: only .osm, .osm.xml and .osm.gz are read: convert it first (osmium cat -o map.osm)")
-    with path.open("rb") as stream:
-        compressed = stream.read(2) == b"\x1f\x8b"
+    """Yield the file's elements, each released before the next. Raises ValueError if the file is no map."""
+    name = path.name.lower().removesuffix(".gz").removesuffix(".bz2")
+    if name.endswith(_OTHER_KINDS):
+        read = "only .osm, .osm.xml and .osm.gz are read, also as .bz2, and JSON of Overpass"
+        raise ValueError(f"{path}: {read}: convert it first (osmium cat -o map.osm)")
     try:
-        with gzip.open(path) if compressed else path.open("rb") as stream:
+        with _open(path) as stream:
             head = stream.read(65536)
-        start = re.search(rb"<(?!\?|!)", head)
-        if start is None or not head[start.start() :].startswith(b"<osm") or b"<!DOCTYPE" in head[: start.start()]:
-            raise ValueError(f"{path}: not OpenStreetMap XML (it does not begin with <osm>): export the map as .osm")
-        parser: ElementTree.XMLPullParser[ElementTree.Element] = ElementTree.XMLPullParser(("start", "end"))
-        root: ElementTree.Element | None = None
-        read, silent, inside = 0, 0, 0  # bytes, bytes since the last tag, tags since the last element
-        with gzip.open(path) if compressed else path.open("rb") as stream:
-            while part := stream.read(_PART):
-                parser.feed(part)
-                read, silent = read + len(part), silent + len(part)
-                for event, element in cast("Iterable[tuple[str, ElementTree.Element]]", parser.read_events()):
-                    root = element if root is None else root
-                    silent, inside = 0, inside + 1
-                    if event == "end" and element.tag in ("node", "way", "relation", "bounds"):
-                        if element.get("action") != "delete" and element.get("visible") != "false":
-                            yield element
-                        root.clear()
-                        inside = 0
-                if read > LARGEST_MAP or silent > _SILENT or inside > MOST_TAGS:
-                    most = f"{LARGEST_MAP >> 20} MB, {_SILENT >> 20} MB without a tag or {MOST_TAGS} tags in an element"
-                    raise ValueError(f"{path}: more than {most}: cut out the site first (osmium extract --bbox)")
-        parser.close()
+        yield from (
+            _json_elements(path) if head.lstrip(b"\xef\xbb\xbf \t\r\n")[:1] == b"{" else _xml_elements(path, head)
+        )
     except (ElementTree.ParseError, LookupError) as error:
         raise ValueError(f"{path}: damaged XML ({error}): download the map again") from None
     except (gzip.BadGzipFile, EOFError, zlib.error) as error:
         raise ValueError(f"{path}: damaged gzip file ({error}): download the map again") from None
+
+
+def _open(path: Path) -> BinaryIO:
+    with path.open("rb") as stream:
+        signature = stream.read(3)
+    if signature[:2] == b"\x1f\x8b":
+        return cast("BinaryIO", gzip.open(path))
+    return cast("BinaryIO", bz2.open(path) if signature == b"BZh" else path.open("rb"))
+
+
+def _xml_elements(path: Path, head: bytes) -> Iterator[ElementTree.Element]:
+    start = re.search(rb"<(?!\?|!)", head)
+    if start is None or not re.match(rb"<osm[\s>]", head[start.start() :]) or b"<!DOCTYPE" in head[: start.start()]:
+        raise ValueError(f"{path}: not OpenStreetMap XML (it does not begin with <osm>): export the map as .osm")
+    parser: ElementTree.XMLPullParser[ElementTree.Element] = ElementTree.XMLPullParser(("start", "end"))
+    root: ElementTree.Element | None = None
+    read, silent, inside = 0, 0, 0  # bytes, bytes since the last tag, tags since the last element
+    with _open(path) as stream:
+        while part := stream.read(_PART):
+            parser.feed(part)
+            read, silent = read + len(part), silent + len(part)
+            for event, element in cast("Iterable[tuple[str, ElementTree.Element]]", parser.read_events()):
+                root = element if root is None else root
+                silent, inside = 0, inside + 1
+                if event == "end" and element.tag == "remark":
+                    _check_remark(path, element.text)
+                if event == "end" and element.tag in ("node", "way", "relation", "bounds"):
+                    yield element
+                    root.clear()
+                    inside = 0
+            if read > LARGEST_MAP or silent > _SILENT or inside > MOST_TAGS:
+                most = f"{LARGEST_MAP >> 20} MB, {_SILENT >> 20} MB without a tag or {MOST_TAGS} tags in an element"
+                raise ValueError(f"{path}: more than {most}: cut out the site first (osmium extract --bbox)")
+    parser.close()
+
+
+def _check_remark(path: Path, remark: object) -> None:
+    """Raise ValueError if Overpass says that it could not finish."""
+    if remark and "error" in str(remark).lower():
+        said = " ".join(str(remark).split())[:90]
+        raise ValueError(f"{path}: the map is incomplete ({said}): ask Overpass again, for a smaller piece")
+
+
+def _json_elements(path: Path) -> Iterator[ElementTree.Element]:
+    """Elements of Overpass's JSON (https://wiki.openstreetmap.org/wiki/OSM_JSON) as those of XML."""
+    with _open(path) as stream:
+        content = stream.read(LARGEST_MAP + 1)
+    if len(content) > LARGEST_MAP:
+        raise ValueError(f"{path}: more than {LARGEST_MAP >> 20} MB: cut out the site first (osmium extract --bbox)")
+    try:
+        values = parse_json(content.decode("utf-8-sig"))
+    except ValueError as error:
+        raise ValueError(f"{path}: damaged JSON ({error}): download the map again") from None
+    elements = values.get("elements") if isinstance(values, dict) else None
+    if not isinstance(elements, list):
+        raise ValueError(f"{path}: not OpenStreetMap JSON (it has no list of elements): export the map as .osm")
+    _check_remark(path, values.get("remark"))
+    for row in elements:
+        if isinstance(row, dict) and row.get("type") in ("node", "way", "relation"):
+            yield _json_element(row)
+
+
+def _json_element(row: Mapping[str, Any]) -> ElementTree.Element:
+    attributes = {key: str(row[key]) for key in ("id", "lat", "lon", "visible") if key in row}
+    attributes |= {"visible": "false"} if row.get("visible") is False else {}
+    element = ElementTree.Element(str(row["type"]), attributes)
+    tags, nodes, places, members = (row.get(key) or () for key in ("tags", "nodes", "geometry", "members"))
+    for key, value in tags.items() if isinstance(tags, dict) else ():
+        ElementTree.SubElement(element, "tag", {"k": str(key), "v": str(value)})
+    for k in range(max(len(nodes), len(places))):
+        place = places[k] if k < len(places) and isinstance(places[k], dict) else {}
+        at = {key: str(place[key]) for key in ("lat", "lon") if key in place}
+        ref = str(nodes[k]) if k < len(nodes) else " ".join(at.values())
+        ElementTree.SubElement(element, "nd", {"ref": ref, **at})
+    for member in members:
+        if isinstance(member, dict):
+            said = {key: str(member.get(key, "")) for key in ("type", "ref", "role")}
+            ElementTree.SubElement(element, "member", said)
+    return element
 
 
 def _lon_lat(element: ElementTree.Element, lon: str, lat: str) -> list[float]:
@@ -208,29 +356,152 @@ def _valid(shape: shapely.Geometry) -> list[shapely.Polygon]:
     return [piece for piece in nets.list_polygons(shapely.make_valid(shape)) if piece.area > 0.1]
 
 
-# class of road: lanes each way, speed (m/s), priority, footways on both sides unless the map says otherwise
-ROADS = {"motorway": (2, 36.1, 14, False), "trunk": (2, 27.8, 13, False), "primary": (1, 13.9, 12, True)}
-ROADS |= {"secondary": (1, 13.9, 11, True), "tertiary": (1, 13.9, 10, True), "unclassified": (1, 13.9, 8, True)}
-ROADS |= {"residential": (1, 8.3, 7, True), "living_street": (1, 2.8, 6, True), "busway": (1, 8.3, 5, False)}
-ROADS |= {"service": (1, 5.6, 4, False), "cycleway": (1, 5.6, 2, False)}
-ROADS |= {f"{kind}_link": ROADS[kind] for kind in ("motorway", "trunk", "primary", "secondary", "tertiary")}
 _PATHS = ("footway", "path", "pedestrian", "steps", "corridor")
 _SIDES = ("both", "left", "right", "no")
-_RULES = {"oneway": "yes|no|true|false|1|0|-1", "junction": "roundabout|circular", "maxspeed": r"\d+( mph)?"}
-_RULES |= dict.fromkeys(("lanes", "lanes:forward", "lanes:backward"), "[1-8]")  # tags passed on, as far as they fit
+_NO_ROADS = {  # values of highway beside paths that are no road to drive on, so that nothing need be said
+    *(
+        "construction",
+        "proposed",
+        "planned",
+        "abandoned",
+        "razed",
+        "disused",
+        "platform",
+        "elevator",
+        "no",
+        "dismantled",
+    ),
+    *("bus_stop", "via_ferrata", "demolished", "historic"),
+}
+_UNUSED_SERVICE = ("driveway", "parking_aisle", "drive-through")
+GATE_GAP_M = 0.75  # of road left out on either side of a barrier
+_BARRED = "barriers on roads that cars cannot pass, and no vehicle here"
+_SIGNS = "stop and give-way signs, not used, as the classes of the roads say who goes first"
+_DRIVEN_WALKS = "pedestrian streets open to some vehicles, not driven on here"
 
 
 def roads(extract: Extract, window: shapely.Geometry, *, lefthand: bool = False) -> tuple[list[Way], list[str]]:
-    """Roads for vehicles within `window`, cut at its edge, and notes. They have the tags meant for netconvert. Tunnels
-    and bridges over another road are left out and noted."""
-    drivable = [way for way in extract.ways if way.tags.get("highway") in ROADS and way.tags.get("area") != "yes"]
-    drivable = [w for w in drivable if w.tags.get("service") not in ("driveway", "parking_aisle", "drive-through")]
-    near = [way for way in drivable if shapely.LineString(way.line).intersects(window)]
+    """Roads for vehicles within `window`, cut at its edge and at barriers, and notes. They have the tags meant for
+    netconvert, and their rules. Tunnels and bridges over another road are left out and noted."""
+    reached = [way for way in extract.ways if "highway" in way.tags and _reaches(way, window)]
+    near = [way for way in reached if _is_road(way.tags)]
     street = [way for way in near if not _below(way.tags)]
     ground = [way for way in street if not _above(way.tags)]
     kept = [way for way in street if not _above(way.tags) or not any(_crosses(way, other) for other in ground)]
     notes = [f"{len(near) - len(kept)} tunnels or bridges over a road were left out"] if len(near) > len(kept) else []
-    return [piece for way in kept for piece in _cut(way, window, lefthand)], notes
+    readings = [read_rules(way.tags) for way in kept]
+    barred = {node for node in {n for way in kept for n in way.nodes} if is_barred(extract.node_tags.get(node, {}))}
+    said = [note for reading in readings for note in reading.notes]
+    said += [_BARRED for way in kept for node, xy in zip(way.nodes, way.line, strict=True) if node in barred]
+    signs = {"stop", "give_way"}
+    inside = [
+        tags for xy, tags in extract.places if tags.get("highway") in signs and shapely.intersects_xy(window, *xy)
+    ]
+    said += [_SIGNS] * len(inside)
+    said += [_DRIVEN_WALKS for way in reached if _is_driven_walk(way.tags)]
+    notes += [*count_notes(said), *_describe_unused(reached), *_describe_rings(kept, lefthand=lefthand)]
+    pieces = [
+        piece
+        for way, reading in zip(kept, readings, strict=True)
+        for part in _split_at(way, barred)
+        for piece in _cut(part, window, reading, lefthand=lefthand)
+    ]
+    rules = number_pieces(cast("Rules", piece.rules) for piece in pieces)
+    return [replace(piece, rules=rule) for piece, rule in zip(pieces, rules, strict=True)], notes
+
+
+def choose_side(extract: Extract, window: shapely.Geometry, lefthand: bool | None) -> tuple[bool, list[str]]:
+    """True if traffic keeps left, and notes. lefthand: as it is asked for; None for what the map's roads say
+    (driving_side), or else the place on earth."""
+    near = [way.tags for way in extract.ways if way.tags.get("highway") in ROADS and _reaches(way, window)]
+    tagged = Counter(tags["driving_side"] for tags in near if tags.get("driving_side") in ("left", "right"))
+    if lefthand is not None:
+        against = tagged["right" if lefthand else "left"]
+        note = f"traffic keeps {_name_side(lefthand)}, as asked; roads that say otherwise (driving_side): {against}"
+        return lefthand, [note] if against else []
+    if tagged:
+        is_left = tagged["left"] > tagged["right"]
+        against = min(tagged["left"], tagged["right"])
+        note = f"traffic keeps {_name_side(is_left)}, as its roads say (driving_side)"
+        more = f"; roads that say otherwise: {against}, give --lefthand or --righthand"
+        return is_left, [note + more if against else note]
+    is_left, is_near_border = find_driving_side(*extract.centre)
+    remedy = f"give {'--righthand' if is_left else '--lefthand'} if it is wrong"
+    if is_near_border:
+        return is_left, [f"traffic keeps {_name_side(is_left)}, but a border to the other side is near: {remedy}"]
+    return is_left, [f"traffic keeps left, as in this country: {remedy}"] if is_left else []
+
+
+def _name_side(is_left: bool) -> str:
+    return "left" if is_left else "right"
+
+
+def _reaches(way: Way, window: shapely.Geometry) -> bool:
+    return bool(shapely.LineString(way.line).intersects(window))
+
+
+def _is_road(tags: Tags) -> bool:
+    return tags.get("highway") in ROADS and tags.get("area") != "yes" and tags.get("service") not in _UNUSED_SERVICE
+
+
+def _is_driven_walk(tags: Tags) -> bool:
+    opened = {"yes", "designated", "destination", "permissive", "delivery"}
+    return tags.get("highway") == "pedestrian" and any(
+        tags.get(key) in opened for key in ACCESS_KEYS - {"access", "bicycle"}
+    )
+
+
+def _describe_unused(ways: Iterable[Way]) -> list[str]:
+    """Note of ways that are driven on by their name but are no roads here."""
+    unused = Counter[str]()
+    for tags in (way.tags for way in ways):
+        kind = tags["highway"]
+        if kind in ROADS and tags.get("area") == "yes":
+            unused["paved area"] += 1
+        elif kind in ROADS and tags.get("service") in _UNUSED_SERVICE:
+            unused[tags["service"]] += 1
+        elif kind not in (*ROADS, *_PATHS) and kind not in _NO_ROADS:
+            unused[kind[:30]] += 1
+    listed = ", ".join(f"{count} {kind}" for kind, count in unused.most_common(6))
+    more = f" and {len(unused) - 6} kinds more" if len(unused) > 6 else ""
+    return [f"no roads are made of: {listed}{more}"] if unused else []
+
+
+def _describe_rings(ways: Iterable[Way], *, lefthand: bool) -> list[str]:
+    """Note of roundabouts that run against the side that traffic keeps to."""
+    rings = [way for way in ways if way.is_closed and way.tags.get("junction") in ("roundabout", "circular")]
+    turns = [shapely.LinearRing(way.line).is_ccw != (way.tags.get("oneway") in ("-1", "reverse")) for way in rings]
+    against = sum(turn == lefthand for turn in turns)
+    said = f"roundabouts that run against traffic that keeps {_name_side(lefthand)}: {against}"
+    return [f"{said}; give {'--righthand' if lefthand else '--lefthand'} if it is wrong"] if against else []
+
+
+def _split_at(way: Way, barred: Collection[str]) -> Iterator[Way]:
+    """Parts of a way between barriers, which keep `GATE_GAP_M` off them."""
+    nodes: list[str] = []
+    line: list[np.ndarray] = []
+    for k, (node, xy) in enumerate(zip(way.nodes, way.line, strict=True)):
+        if node not in barred:
+            nodes.append(node)
+            line.append(xy)
+            continue
+        if line:
+            yield from _part(way, [*nodes, f"{node}_before"], [*line, _step_back(xy, way.line[k - 1])])
+        following = k + 1 < len(way.nodes)
+        nodes = [f"{node}_after"] if following else []
+        line = [_step_back(xy, way.line[k + 1])] if following else []
+    yield from _part(way, nodes, line)
+
+
+def _part(way: Way, nodes: list[str], line: list[np.ndarray]) -> Iterator[Way]:
+    if len(nodes) > 1:
+        yield replace(way, nodes=tuple(nodes), line=np.array(line))
+
+
+def _step_back(barrier: np.ndarray, neighbour: np.ndarray) -> np.ndarray:
+    """Place on the way to a neighbour, a little off a barrier."""
+    distance = max(float(np.hypot(*(neighbour - barrier))), 1e-9)
+    return barrier + (neighbour - barrier) * min(GATE_GAP_M / distance, 0.4)
 
 
 def paths(extract: Extract, window: shapely.Geometry) -> list[shapely.Polygon]:
@@ -253,6 +524,7 @@ def write_osm(pieces: Iterable[Way], extract: Extract) -> str:
     position = {node: point for way in pieces for node, point in zip(way.nodes, way.line, strict=True)}
     points = np.array(list(position.values())).reshape(-1, 2)
     degrees = inverse_project(points @ plane_rotation(extract.heading).T, extract.centre)
+    types = name_types(cast("Rules", piece.rules) for piece in pieces)
     signals = {tuple(xy.round(3)) for xy, tags in extract.places if tags.get("highway") == "traffic_signals"}
     text = ['<osm version="0.6">']
     number = {node: i for i, node in enumerate(position, start=1)}
@@ -261,20 +533,32 @@ def write_osm(pieces: Iterable[Way], extract: Extract) -> str:
         text.append(f'<node id="{number[node]}" lon="{longitude:.9f}" lat="{latitude:.9f}">{tag}</node>')
     for way_number, way in enumerate(pieces, start=1):
         inside = "".join(f'<nd ref="{number[node]}"/>' for node in way.nodes)
-        inside += "".join(nets.format_element("tag", {"k": key, "v": value}) for key, value in way.tags.items())
+        tags = {**way.tags, "highway": types[cast("Rules", way.rules)]}
+        inside += "".join(nets.format_element("tag", {"k": key, "v": value}) for key, value in tags.items())
         text.append(nets.format_element("way", {"id": way_number}, inside))
+    text += _format_restrictions(pieces, number, extract.restrictions)
     return "\n".join([*text, "</osm>\n"])
 
 
-def road_types() -> str:
-    """SUMO's type file for the roads of `roads`."""
-    rows = []
-    for kind, (lanes, speed, priority, _) in ROADS.items():
-        motorway = " ".join(user for user in nets.MOTOR.split() if user not in ("bicycle", "moped"))
-        users = motorway if kind.startswith("motorway") else "bicycle" if kind == "cycleway" else nets.MOTOR
-        row = {"id": f"highway.{kind}", "numLanes": lanes, "speed": speed, "priority": priority, "oneway": "false"}
-        rows.append(nets.format_element("type", {**row, "width": 1.8 if kind == "cycleway" else 3.25, "allow": users}))
-    return nets.format_xml("types", rows)
+def _format_restrictions(
+    pieces: list[Way], number: Mapping[str, int], restrictions: Iterable[Restriction]
+) -> Iterator[str]:
+    """OSM relations of the turns between pieces."""
+    ends: dict[tuple[str, str], list[int]] = {}  # numbers of the pieces of a way at a node
+    for k, piece in enumerate(pieces, start=1):
+        for node in piece.nodes:
+            ends.setdefault((piece.name, node), []).append(k)
+    for r, turn in enumerate(restrictions, start=1):
+        for origin in ends.get((turn.origin, turn.via), ()):
+            for target in ends.get((turn.target, turn.via), ()):
+                members = (("way", origin, "from"), ("node", number[turn.via], "via"), ("way", target, "to"))
+                inside = "".join(
+                    nets.format_element("member", {"type": kind, "ref": ref, "role": role})
+                    for kind, ref, role in members
+                )
+                for key, value in (("type", "restriction"), ("restriction", turn.kind)):
+                    inside += nets.format_element("tag", {"k": key, "v": value})
+                yield nets.format_element("relation", {"id": r}, inside)
 
 
 def _below(tags: Tags) -> bool:
@@ -293,9 +577,9 @@ def _crosses(bridge: Way, road: Way) -> bool:
     return not crossing.difference(shapely.MultiPoint(shared).buffer(0.5) if shared else shapely.Polygon()).is_empty
 
 
-def _cut(way: Way, window: shapely.Geometry, lefthand: bool) -> Iterator[Way]:
-    tags = _road_tags(way.tags, lefthand)
-    step = -1 if way.tags.get("oneway") in ("-1", "reverse") else 1
+def _cut(way: Way, window: shapely.Geometry, reading: Reading, *, lefthand: bool) -> Iterator[Way]:
+    tags = _road_tags(way.tags, reading, lefthand=lefthand)
+    step = -1 if reading.oneway == "-1" else 1
     line, nodes = way.line[::step], way.nodes[::step]
     pieces: list[list[tuple[str, np.ndarray]]] = [[]]  # nodes and points
     for (start, end), (first, last) in zip(pairwise(line), pairwise(nodes), strict=True):
@@ -314,17 +598,18 @@ def _cut(way: Way, window: shapely.Geometry, lefthand: bool) -> Iterator[Way]:
             pieces.append([])
     for piece in pieces:
         if len(piece) > 1:
-            yield Way(np.array([xy for _, xy in piece]), tuple(name for name, _ in piece), tags)
+            points, names = np.array([xy for _, xy in piece]), tuple(name for name, _ in piece)
+            yield Way(points, names, tags, way.name, reading.rules)
 
 
-def _road_tags(tags: Tags, lefthand: bool) -> dict[str, str]:
-    kind, ring = tags["highway"], tags.get("junction") in ("roundabout", "circular")
-    given = {key: tags.get(key, "").strip().lower() for key in _RULES}
-    passed = {key: value for key, value in given.items() if re.fullmatch(_RULES[key], value)}
-    if passed.get("oneway") == "-1" or tags.get("oneway") == "reverse" or (ring and "oneway" not in passed):
-        passed["oneway"] = "yes"
+def _road_tags(tags: Tags, reading: Reading, *, lefthand: bool) -> dict[str, str]:
+    kind, junction = tags["highway"], tags.get("junction", "").strip().lower()
+    ring = junction in ("roundabout", "circular")
+    passed = {"oneway": "no" if reading.oneway == "no" else "yes", **number_lanes(tags)}
+    passed |= {"junction": junction} if ring else {}
     usual = ("left" if lefthand else "right") if ring else "both"
-    side = _sidewalk(tags) or (usual if ROADS[kind][3] else "no")
+    walked = ROADS[kind][3] and tags.get("foot") not in ("no", "use_sidepath") and tags.get("motorroad") != "yes"
+    side = _sidewalk(tags) or (usual if walked else "no")
     street = {"name": " ".join(tags["name"].split())[:60]} if tags.get("name", "").strip() else {}
     return {"highway": kind, **passed, "sidewalk": side, **street}
 
@@ -528,6 +813,13 @@ def find_parking_strips(network: str, parking: Parking) -> dict[str, Sides]:
         if sides != Sides():
             found[street.name] = sides
     return found
+
+
+def restrict_network(folder: Path, types: Mapping[Rules, str]) -> None:
+    """Give the plain edges that netconvert wrote the rules of their direction."""
+    edges = ElementTree.parse(folder / "plain.edg.xml")
+    restrict_edges(edges.iter("edge"), types)
+    edges.write(folder / "plain.edg.xml")
 
 
 def widen_network(folder: Path, found: Mapping[str, Sides]) -> list[str]:

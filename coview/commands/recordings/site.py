@@ -31,9 +31,11 @@ class ImportMap:
         size: Size of the detection area along x and y (m).
         out: Site file to write.
         opendrive: OpenDRIVE file (.xodr).
-        osm: OpenStreetMap file (.osm, .osm.gz).
+        osm: OpenStreetMap file (.osm, also .gz or .bz2, or JSON of Overpass).
         heading_deg: Direction of the area's x axis, counter-clockwise from the map's east.
-        lefthand: Let traffic keep left (OpenStreetMap only).
+        lefthand: Let traffic keep left; without it and --righthand, traffic keeps the side that the map's roads
+            (driving_side) or their country keep to (OpenStreetMap only).
+        righthand: Let traffic keep right (OpenStreetMap only).
         furnish: Draw nothing, or where the map is silent uneven ground, trees along kerbs and street furniture
             (light), also houses, gardens, works and parked cars (dense).
         seed: Seed of the surroundings.
@@ -47,6 +49,7 @@ class ImportMap:
     osm: Path | None = None
     heading_deg: float = 0.0
     lefthand: bool = False
+    righthand: bool = False
     furnish: Literal["none", "light", "dense"] = "dense"
     seed: int = 0
     sensors: int | None = None
@@ -59,15 +62,19 @@ class ImportMap:
         check_least("--seed", self.seed, 0)
         if (self.opendrive is None) == (self.osm is None):
             raise ValueError("give one map: --opendrive FILE or --osm FILE")
-        if self.opendrive is not None and self.lefthand:
-            raise ValueError("--lefthand is for --osm: an OpenDRIVE map says itself which side traffic keeps to")
+        if self.opendrive is not None and (self.lefthand or self.righthand):
+            option = "--lefthand" if self.lefthand else "--righthand"
+            raise ValueError(f"{option} is for --osm: an OpenDRIVE map says itself which side traffic keeps to")
+        if self.lefthand and self.righthand:
+            raise ValueError("traffic keeps one side: give --lefthand or --righthand")
+        side = self.lefthand if self.lefthand or self.righthand else None
         maps = [each for each in (self.opendrive, self.osm) if each is not None]
         check_least("--sensors", self.sensors, 1, "leave it out for a site without sensors")
         seed = None if self.furnish == "none" else self.seed
         piece = MapPiece(maps[0], self.centre, self.size, radians(self.heading_deg), seed, self.furnish)
         check_file(self.out, inputs=maps, overwrite=self.overwrite)
         check_ending(self.out, SITE_ENDINGS, "a site's file")
-        imported = import_osm(piece, lefthand=self.lefthand) if self.osm else import_opendrive(piece)
+        imported = import_osm(piece, lefthand=side) if self.osm else import_opendrive(piece)
         if self.sensors is None:
             code = _save(imported, self.out)
             say(f"it has no sensors yet: coview plan {self.out} says which to build, --sensors N places some to try")

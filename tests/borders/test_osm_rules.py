@@ -1,0 +1,372 @@
+"""Traffic rules of OpenStreetMap's roads: who drives where, which way, how fast, on which side.
+
+Keys and values as the OpenStreetMap wiki defines them (Key:access, Key:maxspeed, Key:oneway, Key:barrier,
+Relation:restriction, Key:driving_side)."""
+
+import warnings
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from toolkit.bodies.fleet import catalogue
+from toolkit.objects import HEAVY, VEHICLE
+from toolkit.sites import network as nets, osm_rules
+from toolkit.sites.driving_side import find_driving_side
+from toolkit.sites.georeference import inverse_project
+from toolkit.sites.maps import MapPiece, import_osm
+from toolkit.sites.osm_rules import is_barred, parse_speed, read_rules
+from toolkit.traffic.snapshots import simulate
+
+CENTRE = (8.0, 49.5)
+LONDON = (-0.1276, 51.5072)
+MOTOR = {"passenger", "taxi", "bus", "coach", "delivery", "truck", "motorcycle", "moped"}
+
+
+def allowed(side: int = 0, highway: str = "residential", **tags: str) -> set[str]:
+    named = {key.replace("__", ":"): value for key, value in tags.items()}
+    return set(read_rules({"highway": highway, **named}).rules.users[side]) - {"emergency"}
+
+
+def test_access_goes_from_the_general_to_the_particular():
+    assert allowed() == MOTOR | {"bicycle"}
+    assert allowed(motor_vehicle="no") == {"bicycle"}
+    assert allowed(access="no") == set()
+    assert allowed(access="private") == set()
+    assert allowed(access="no", bus="yes") == {"bus"}
+    assert allowed(access="no", psv="yes") == {"bus", "taxi"}
+    assert allowed(vehicle="no") == set()
+    assert allowed(vehicle="no", bicycle="yes") == {"bicycle"}
+    assert allowed(motorcar="no") == MOTOR - {"passenger", "taxi"} | {"bicycle"}
+    assert allowed(motorcar="no", motorcycle="no", hgv="no") == {"bus", "coach", "delivery", "moped", "bicycle"}
+    assert allowed(hgv="no") == MOTOR - {"truck"} | {"bicycle"}
+    assert allowed(bicycle="use_sidepath") == MOTOR
+    assert allowed(motor_vehicle="delivery") == {"delivery", "truck", "bicycle"}
+    assert allowed(motor_vehicle="agricultural;forestry") == {"bicycle"}
+    assert allowed(motor_vehicle="destination") == MOTOR | {"bicycle"}
+    assert allowed(access="no", motor_vehicle="destination") == MOTOR
+    assert allowed(Motor_Vehicle="No ") == {"bicycle"}
+    assert allowed(highway="motorway") == MOTOR - {"moped"}
+    assert allowed(highway="motorway", access="yes") == MOTOR - {"moped"}
+    assert allowed(highway="busway") == {"bus"}
+    assert allowed(highway="busway", bicycle="yes") == {"bus", "bicycle"}
+    assert allowed(highway="cycleway") == {"bicycle"}
+    assert allowed(highway="cycleway", motor_vehicle="yes") == MOTOR | {"bicycle"}
+    assert allowed(motorroad="yes", highway="trunk") == MOTOR - {"moped"}
+    assert allowed(maxweight="3.5") == MOTOR - {"truck", "bus", "coach"} | {"bicycle"}
+    assert allowed(maxheight="2.1 m") == MOTOR - {"truck", "bus", "coach"} | {"bicycle"}
+
+
+def test_each_direction_has_rules_of_its_own():
+    tags = {"motor_vehicle__backward": "no", "maxspeed": "50", "maxspeed__backward": "30"}
+    assert allowed(0, **tags) == MOTOR | {"bicycle"}
+    assert allowed(1, **tags) == {"bicycle"}
+    reading = read_rules({"highway": "residential", "maxspeed": "50", "maxspeed:backward": "30"})
+    assert reading.rules.speeds == pytest.approx((50 / 3.6, 30 / 3.6))
+    assert reading.rules.differs
+    against = read_rules({"highway": "residential", "oneway": "-1", "maxspeed:backward": "20"})
+    assert against.oneway == "-1"
+    assert against.rules.speeds[0] == pytest.approx(20 / 3.6)
+
+
+@pytest.mark.parametrize(
+    ("tags", "oneway"),
+    [
+        ({"oneway": "yes"}, "yes"),
+        ({"oneway": "1"}, "yes"),
+        ({"oneway": "-1"}, "-1"),
+        ({"oneway": "reverse"}, "-1"),
+        ({"oneway": "reversible"}, "no"),
+        ({"oneway": "alternating"}, "no"),
+        ({"junction": "roundabout"}, "yes"),
+        ({"junction": "roundabout", "oneway": "no"}, "no"),
+        ({"highway": "motorway"}, "yes"),
+        ({"oneway:motor_vehicle": "yes"}, "yes"),
+        ({"oneway:bicycle": "yes"}, "no"),
+    ],
+)
+def test_oneway(tags, oneway):
+    assert read_rules({"highway": "residential", **tags}).oneway == oneway
+
+
+@pytest.mark.parametrize(
+    ("text", "km_h"),
+    [
+        ("50", 50),
+        ("30.5", 30.5),
+        ("50 km/h", 50),
+        ("30 mph", 48.28032),
+        ("30mph", 48.28032),
+        ("10 knots", 18.52),
+        ("50;30", 30),
+        ("none", 130),
+        ("walk", 7),
+        ("DE:urban", 50),
+        ("de:rural", 100),
+        ("FR:rural", 80),
+        ("BY:urban", 60),
+        ("DE:zone:30", 30),
+        ("DE:zone30", 30),
+        ("FR:zone30", 30),
+        ("DE:30", 30),
+        ("GB:nsl_single", 60 * 1.609344),
+        ("GB:20", 20 * 1.609344),
+    ],
+)
+def test_speeds_in_all_units(text, km_h):
+    assert parse_speed(text) == pytest.approx(km_h / 3.6, abs=1e-4)
+
+
+@pytest.mark.parametrize("text", ["fast", "0", "-5", "50 furlongs", "XX:urban", "DE:bergab", "", "5000", "50;fast"])
+def test_speeds_that_are_none(text):
+    assert parse_speed(text) is None
+
+
+def test_a_source_or_zone_tells_the_limit_where_none_is_given():
+    zone = {"highway": "residential", "source:maxspeed": "DE:urban"}
+    assert read_rules(zone).rules.speeds[0] == pytest.approx(50 / 3.6)
+    assert read_rules({**zone, "maxspeed": "30"}).rules.speeds[0] == pytest.approx(30 / 3.6)
+    assert read_rules({**zone, "source:maxspeed": "sign"}) == read_rules({"highway": "residential"})
+
+
+@pytest.mark.parametrize(
+    ("tags", "note"),
+    [
+        ({"motor_vehicle": "destination"}, osm_rules.LOCAL),
+        ({"motor_vehicle:conditional": "no @ (22:00-06:00)"}, osm_rules.HOURS),
+        ({"maxspeed:conditional": "30 @ (22:00-06:00)"}, osm_rules.HOURS),
+        ({"bus:lanes": "yes|designated"}, osm_rules.OWN_LANES),
+        ({"lanes:psv": "1"}, osm_rules.OWN_LANES),
+        ({"busway:right": "lane"}, osm_rules.OWN_LANES),
+        ({"cycleway:right": "lane"}, osm_rules.OWN_LANES),
+        ({"hov": "designated"}, osm_rules.OWN_LANES),
+        ({"turn:lanes": "left|through"}, osm_rules.ARROWS),
+        ({"oneway": "yes", "oneway:bicycle": "no"}, osm_rules.CONTRAFLOW),
+        ({"oneway": "yes", "cycleway": "opposite"}, osm_rules.CONTRAFLOW),
+        ({"oneway": "reversible"}, osm_rules.EITHER),
+        ({"access": "sometimes"}, osm_rules.UNREAD),
+        ({"maxspeed": "fast"}, osm_rules.SPEED),
+        ({"maxspeed": "signals"}, osm_rules.VARIABLE),
+        ({"maxspeed:hgv": "60"}, osm_rules.SPEEDS),
+        ({"lanes": "2;3"}, osm_rules.LANES),
+        ({"lanes:both_ways": "1"}, osm_rules.MIDDLE),
+        ({"maxweight": "3.5"}, osm_rules.SIZES),
+        ({"bicycle_road": "yes"}, osm_rules.CYCLE_ROAD),
+        ({"access": "no"}, osm_rules.CLOSED),
+    ],
+)
+def test_what_is_not_used_is_said(tags, note):
+    assert note in read_rules({"highway": "residential", **tags}).notes
+
+
+def test_ordinary_tags_need_no_word():
+    tags = {"maxspeed": "50", "lanes": "2", "surface": "asphalt", "lit": "yes", "cycleway": "no", "sidewalk": "both"}
+    assert read_rules({"highway": "residential", **tags}).notes == ()
+
+
+@pytest.mark.parametrize(
+    ("tags", "barred"),
+    [
+        ({"barrier": "bollard"}, True),
+        ({"barrier": "bollard", "motor_vehicle": "yes"}, False),
+        ({"barrier": "gate"}, False),
+        ({"barrier": "gate", "access": "private"}, True),
+        ({"barrier": "gate", "locked": "yes"}, True),
+        ({"barrier": "block"}, True),
+        ({"barrier": "lift_gate", "motor_vehicle": "no"}, True),
+        ({"barrier": "cattle_grid"}, False),
+        ({"motor_vehicle": "no"}, True),
+        ({"highway": "crossing", "motor_vehicle": "no"}, False),
+        ({"highway": "traffic_signals"}, False),
+    ],
+)
+def test_barriers(tags, barred):
+    assert is_barred(tags) is barred
+
+
+def write_map(folder: Path, *ways, nodes=None, relations: str = "", centre=CENTRE) -> Path:
+    """A main road along x and a side street along y, 400 m each, that cross at the centre (node 1)."""
+    spots = {1: (0, 0), 2: (-200, 0), 3: (200, 0), 4: (0, 200), 5: (0, -200), 6: (0, 20), 7: (0, -20)}
+    text = ['<osm version="0.6">']
+    for number, xy in spots.items():
+        ((longitude, latitude),) = inverse_project(np.array([xy], float), centre)
+        tags = "".join(f'<tag k="{k}" v="{v}"/>' for k, v in ((nodes or {}).get(number) or {}).items())
+        text.append(f'<node id="{number}" lat="{latitude:.8f}" lon="{longitude:.8f}">{tags}</node>')
+    for number, (references, tags) in enumerate(ways, start=1):
+        inside = "".join(f'<nd ref="{k}"/>' for k in references)
+        inside += "".join(f'<tag k="{k}" v="{v}"/>' for k, v in tags.items())
+        text.append(f'<way id="{number}">{inside}</way>')
+    path = folder / "town.osm"
+    path.write_text("\n".join([*text, relations, "</osm>"]), "utf-8")
+    return path
+
+
+MAIN = ((2, 1, 3), {"highway": "secondary"})
+
+
+def side_street(**tags: str):
+    return (4, 6, 1, 7, 5), {"highway": "residential", **tags}
+
+
+def read_site(path: Path, centre=CENTRE, **options):
+    """Site and the texts of its notes."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        site = import_osm(MapPiece(path, centre, (80, 80)), **options)
+    return site, [str(each.message) for each in caught]
+
+
+def list_cars(site, frames: int = 8):
+    rows = []
+    for snapshot in simulate(site, catalogue(), frames=frames, seed=1):
+        is_car = np.isin(snapshot.objects.labels, [VEHICLE, HEAVY])
+        rows.append(snapshot.objects.boxes[is_car])
+    return np.concatenate(rows)
+
+
+def test_no_car_drives_where_motor_vehicles_may_not(tmp_path: Path):
+    site, notes = read_site(write_map(tmp_path, MAIN, side_street(motor_vehicle="no")))
+    boxes = list_cars(site)
+    assert len(boxes) > 20
+    assert not (np.abs(boxes[:, 1]) > 10).any()
+    assert any("roads closed to cars, as the map says: 1" in note for note in notes)
+
+
+def edges_of(site) -> dict[str, list[ElementTree.Element]]:
+    """Vehicle lanes of each edge in the network."""
+    edges: dict[str, list[ElementTree.Element]] = {}
+    for edge, lane in nets.list_lanes(site.network):
+        if nets.list_users(lane) - {"pedestrian"}:
+            edges.setdefault(str(edge.get("id")), []).append(lane)
+    return edges
+
+
+def heading(lane: ElementTree.Element) -> tuple[int, int]:
+    x, y = np.sign(np.diff(nets.parse_shape(lane)[[0, -1]], axis=0)[0].round()).astype(int)
+    return int(x), int(y)
+
+
+def test_directions_have_their_users_and_limits(tmp_path: Path):
+    tags = {"motor_vehicle:backward": "no", "maxspeed": "20 mph", "maxspeed:backward": "DE:urban"}
+    site, _ = read_site(write_map(tmp_path, MAIN, side_street(**tags)))
+    lanes = [lane for some in edges_of(site).values() for lane in some]
+    south = [lane for lane in lanes if heading(lane) == (0, -1)]  # the way runs from north to south
+    north = [lane for lane in lanes if heading(lane) == (0, 1)]
+    assert south
+    assert north
+    for lane in south:
+        assert "passenger" in nets.list_users(lane)
+        assert float(lane.get("speed", 0)) == pytest.approx(20 * 0.44704, abs=0.01)
+    for lane in north:
+        assert nets.list_users(lane) == {"bicycle", "emergency"}
+        assert float(lane.get("speed", 0)) == pytest.approx(50 / 3.6, abs=0.01)
+    assert {round(float(lane.get("speed", 0)), 1) for lane in lanes if heading(lane)[0]} == {13.9}
+
+
+def connections(site) -> set[tuple[str, str]]:
+    root = ElementTree.fromstring(site.network)
+    pairs = {(str(each.get("from")), str(each.get("to"))) for each in root.iter("connection")}
+    return {pair for pair in pairs if ":" not in "".join(pair)}
+
+
+def test_turns_that_the_map_forbids_are_not_made(tmp_path: Path):
+    ways = [((2, 1), {"highway": "secondary"}), ((1, 3), {"highway": "secondary"})]
+    ways += [((4, 1), {"highway": "residential"}), ((1, 5), {"highway": "residential"})]
+    free, _ = read_site(write_map(tmp_path, *ways))
+    free_turns = {target for origin, target in connections(free) if origin == "1"}
+    assert len(free_turns) == 3
+    rule = relation(4, "restriction", "no_right_turn")
+    forbidden, notes = read_site(write_map(tmp_path, *ways, relations=rule))
+    (lost,) = free_turns - {target for origin, target in connections(forbidden) if origin == "1"}
+    assert lost == "4"
+    assert not notes
+    rule = relation(2, "restriction", "only_straight_on")
+    only, _ = read_site(write_map(tmp_path, *ways, relations=rule))
+    assert {target for origin, target in connections(only) if origin == "1"} == {"2"}
+    rule = relation(4, "restriction:conditional", "no_right_turn @ (07:00-09:00)")
+    assert "restriction:conditional" in read_site(write_map(tmp_path, *ways, relations=rule))[1][0]
+    rule = relation(4, "restriction", "no_right_turn").replace('type="node" ref="1"', 'type="way" ref="3"')
+    assert "lead over ways" in read_site(write_map(tmp_path, *ways, relations=rule))[1][0]
+
+
+def relation(target: int, key: str, value: str) -> str:
+    members = "".join(
+        f'<member type="{kind}" ref="{ref}" role="{role}"/>'
+        for kind, ref, role in (("way", 1, "from"), ("node", 1, "via"), ("way", target, "to"))
+    )
+    return f'<relation id="1">{members}<tag k="type" v="restriction"/><tag k="{key}" v="{value}"/></relation>'
+
+
+def test_a_bollard_parts_a_street(tmp_path: Path):
+    site, notes = read_site(write_map(tmp_path, MAIN, side_street(), nodes={6: {"barrier": "bollard"}}))
+    lanes = [lane for some in edges_of(site).values() for lane in some if heading(lane)[1]]
+    ends = [nets.parse_shape(lane)[:, 1] for lane in lanes]
+    assert not any(y.min() < 19.5 and y.max() > 20.5 for y in ends)  # none passes the bollard at y = 20
+    assert any("barriers on roads that cars cannot pass" in note for note in notes)
+    open_street, notes = read_site(write_map(tmp_path, MAIN, side_street(), nodes={6: {"barrier": "lift_gate"}}))
+    ends = [nets.parse_shape(lane)[:, 1] for some in edges_of(open_street).values() for lane in some]
+    assert any(y.min() < 19.5 and y.max() > 20.5 for y in ends)
+    assert not notes
+
+
+@pytest.mark.parametrize(
+    ("centre", "tags", "options", "is_left"),
+    [
+        (CENTRE, {}, {}, False),
+        (LONDON, {}, {}, True),
+        (LONDON, {}, {"lefthand": False}, False),
+        (CENTRE, {}, {"lefthand": True}, True),
+        (CENTRE, {"driving_side": "left"}, {}, True),
+    ],
+    ids=["Germany", "Britain", "asked right", "asked left", "tagged left"],
+)
+def test_traffic_keeps_the_side_of_the_place(tmp_path: Path, centre, tags, options, is_left):
+    road = ((2, 1, 3), {"highway": "secondary", **tags})
+    site, notes = read_site(write_map(tmp_path, road, centre=centre), centre, **options)
+    boxes = list_cars(site, frames=4)
+    moving = boxes[(np.abs(boxes[:, 1]) < 3.5)]
+    assert len(moving) > 10
+    is_west = np.cos(moving[:, 6]) < 0
+    assert (is_west == (moving[:, 1] < 0)).all() if is_left else (is_west == (moving[:, 1] > 0)).all()
+    assert any("keeps left" in note for note in notes) == (is_left and not options)
+
+
+PLACES = {
+    "left": (
+        *((-0.1, 51.5), (-6.3, 53.3), (139.7, 35.7), (151.2, -33.9), (72.9, 19.1), (100.5, 13.75), (114.17, 22.3)),
+        *((36.8, -1.3), (18.4, -33.9), (28.3, -15.4), (14.5, 35.9), (33.4, 35.2), (-76.8, 18.0), (-55.2, 5.85)),
+        *((178.4, -18.1), (-171.8, -13.8), (1.31, 51.12), (102.75, 17.87), (71.5, 34.0), (174.8, -36.9)),
+    ),
+    "right": (
+        *((13.4, 52.5), (1.85, 50.95), (-74.0, 40.7), (69.2, 34.5), (96.2, 16.8), (102.6, 17.97), (114.06, 22.55)),
+        *((38.7, 9.0), (30.06, -1.95), (13.2, -8.8), (47.5, -18.9), (121.0, 14.6), (127.0, 37.5), (-66.1, 18.46)),
+        *((-61.05, 14.6), (-52.3, 4.9), (-5.35, 36.14), (-170.7, -14.3), (166.4, -22.3), (55.45, -20.9)),
+    ),
+}
+
+
+@pytest.mark.parametrize("side", PLACES)
+def test_countries(side):
+    for place in PLACES[side]:
+        assert find_driving_side(*place).is_left == (side == "left"), place
+    assert not find_driving_side(-0.1, 51.5).is_near_border
+    assert find_driving_side(102.75, 17.87).is_near_border  # on the Mekong between Thailand and Laos
+
+
+def test_a_roundabout_that_runs_the_other_way_is_said(tmp_path: Path):
+    ring = ((3, 4, 2, 5, 3), {"highway": "secondary", "junction": "roundabout"})  # counter-clockwise
+    _, notes = read_site(write_map(tmp_path, ring, MAIN), lefthand=True)
+    assert any("roundabouts that run against" in note and "--righthand" in note for note in notes)
+    _, notes = read_site(write_map(tmp_path, ring, MAIN))
+    assert not any("roundabouts" in note for note in notes)
+
+
+def test_what_is_no_road_here_is_named(tmp_path: Path):
+    ways = [MAIN, ((6, 1), {"highway": "track"}), ((7, 1), {"highway": "service", "service": "driveway"})]
+    ways += [((6, 4), {"highway": "construction"}), ((7, 5), {"highway": "pedestrian", "bus": "yes"})]
+    _, notes = read_site(write_map(tmp_path, *ways, nodes={7: {"highway": "stop"}}))
+    text = "\n".join(notes)
+    assert "no roads are made of: 1 track, 1 driveway" in text
+    assert "pedestrian streets open to some vehicles" in text
+    assert "stop and give-way signs, not used" in text

@@ -1,0 +1,39 @@
+"""Side of the road that traffic keeps to at a place on earth, by the countries where it keeps left.
+
+`left_hand.toml` has their outlines: within 3 km at land borders, wide of the coasts at sea."""
+
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+import shapely
+
+from toolkit.runtime.files import read_own_table
+
+NEAR_BORDER_DEG = 0.05  # some 5 km, within which the outlines may be wrong
+
+
+class DrivingSide(NamedTuple):
+    """Side of the road at a place: True for left, and True if a border to the other side is near."""
+
+    is_left: bool
+    is_near_border: bool
+
+
+def find_driving_side(longitude: float, latitude: float) -> DrivingSide:
+    """Side of the road that traffic keeps to at a place (degrees)."""
+    spot = shapely.Point((longitude + 180.0) % 360.0 - 180.0, latitude)
+    region = _left_hand()
+    return DrivingSide(bool(region.intersects(spot)), bool(region.boundary.distance(spot) < NEAR_BORDER_DEG))
+
+
+@cache
+def _left_hand() -> shapely.Geometry:
+    table = read_own_table(__file__, "left_hand.toml")
+    outlines, holes = (
+        shapely.union_all([shapely.make_valid(shapely.Polygon(np.reshape(row, (-1, 2)))) for row in table[key]])
+        for key in ("outlines", "holes")
+    )
+    region = outlines.difference(holes)
+    shapely.prepare(region)
+    return region

@@ -1,0 +1,397 @@
+"""Traffic rules of OpenStreetMap's roads: who may drive which way, and how fast.
+
+Access is read from the general to the particular: access, vehicle, motor_vehicle and then the kind of vehicle; the last
+one that speaks holds, and for one direction its own key before all. A road that a user may not take is closed to that
+user; emergency vehicles may take every road. Rules that a network cannot hold (hours, lanes of their own, local traffic
+only) are counted as notes. https://wiki.openstreetmap.org/wiki/Key:access
+https://wiki.openstreetmap.org/wiki/Key:maxspeed"""
+
+import re
+from collections import Counter
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any
+
+from toolkit.runtime.files import read_own_table
+from toolkit.sites import network as nets
+
+Tags = Mapping[str, str]
+Users = frozenset[str]
+
+# class of road: lanes each way, speed (m/s), priority, footways on both sides unless the map says otherwise
+ROADS = {"motorway": (2, 36.1, 14, False), "trunk": (2, 27.8, 13, False), "primary": (1, 13.9, 12, True)}
+ROADS |= {"secondary": (1, 13.9, 11, True), "tertiary": (1, 13.9, 10, True), "unclassified": (1, 13.9, 8, True)}
+ROADS |= {"residential": (1, 8.3, 7, True), "living_street": (1, 2.8, 6, True), "busway": (1, 8.3, 5, False)}
+ROADS |= {"service": (1, 5.6, 4, False), "cycleway": (1, 5.6, 2, False)}
+ROADS |= {f"{kind}_link": ROADS[kind] for kind in ("motorway", "trunk", "primary", "secondary", "tertiary")}
+
+MPH_M_S, KNOT_M_S, KMH_M_S = 0.44704, 1852 / 3600, 1 / 3.6
+UNITS_M_S = {"": KMH_M_S, "km/h": KMH_M_S, "kmh": KMH_M_S, "kph": KMH_M_S, "mph": MPH_M_S, "knots": KNOT_M_S}
+MIN_SPEED_M_S, MAX_SPEED_M_S = 0.5, 100.0
+
+_MOTOR = frozenset(nets.MOTOR.split())
+_ALWAYS = "emergency"  # may take every road
+_LONG = frozenset({"truck", "bus", "coach"})
+_WHEELS = "access vehicle"
+_ENGINES = f"{_WHEELS} motor_vehicle"
+_KEY_TEXTS = {  # of each of SUMO's vehicle classes, the last one that speaks holds
+    "passenger": f"{_ENGINES} motorcar",
+    "taxi": f"{_ENGINES} motorcar psv taxi",
+    "bus": f"{_ENGINES} psv bus",
+    "coach": f"{_ENGINES} tourist_bus coach",
+    "delivery": f"{_ENGINES} goods",
+    "truck": f"{_ENGINES} hgv",
+    "motorcycle": f"{_ENGINES} motorcycle",
+    "moped": f"{_ENGINES} moped",
+    "bicycle": f"{_WHEELS} bicycle",
+}
+_KEYS = {user: tuple(keys.split()) for user, keys in _KEY_TEXTS.items()}
+ACCESS_KEYS = frozenset(key for keys in _KEYS.values() for key in keys)
+_OPEN = {"yes", "permissive", "designated", "official", "public", "discouraged", "true", "1", "allowed", "mandatory"}
+_LOCAL = {"destination", "customers", "residents", "residential", "permit", "employees", "visitors", "members"}
+_LOCAL |= {"tenants", "guests"}
+_CLOSED = {"no", "private", "restricted", "false", "0", "none", "agricultural", "forestry", "military", "emergency"}
+_CLOSED |= {"use_sidepath", "dismount", "construction", "prohibited"}
+_DELIVERS = {"delivery", "loading", "hgv", "goods"}
+_PUBLIC = {"bus", "psv", "taxi", "public_transport"}
+_FORWARD = {"yes", "true", "1"}
+_BACKWARD = {"-1", "reverse"}
+_BOTH_WAYS = {"no", "false", "0"}
+_HALF_THE_TIME = {"reversible", "alternating"}
+_PASSABLE = {  # barriers on a road that cars drive through unless their tags close them
+    *("gate", "lift_gate", "swing_gate", "cattle_grid", "toll_booth", "border_control", "entrance", "no", "kerb"),
+    *("height_restrictor", "sally_port", "arch", "checkpoint", "sump_buster", "rising_bollard", "hampshire_gate"),
+}
+
+# kinds of rules, each followed by a colon and the number of roads
+LOCAL = "roads for local traffic only (destination, customers), driven through here"
+HOURS = "roads with rules for some hours or vehicles only (:conditional), not used"
+OWN_LANES = "roads with lanes for some users only (bus:lanes, busway, cycleway=lane, hov), open to all here"
+ARROWS = "roads with arrows on their lanes (turn:lanes, change:lanes), not used"
+CONTRAFLOW = "one-way streets open both ways to some (oneway:bicycle, cycleway=opposite), who ride one way here"
+EITHER = "roads that run one way at a time (oneway=reversible, alternating), open both ways here"
+UNREAD = "roads with access that is not understood, open as is usual for their class"
+SPEED = "roads with a speed limit that is not understood, driven as is usual for their class"
+VARIABLE = "roads with a speed limit that signs set (maxspeed=signals, variable), driven as is usual for their class"
+SPEEDS = "roads with speed limits for some lanes or vehicles (maxspeed:hgv, maxspeed:lanes), not used"
+LANES = "roads with a number of lanes that is not understood"
+MIDDLE = "roads with a middle lane for both directions (lanes:both_ways), not used"
+SIZES = "roads with limits of weight or size, closed to trucks and buses"
+CYCLE_ROAD = "roads for bicycles first (bicycle_road, cyclestreet), open to motor traffic as their access says"
+CLOSED = "roads closed to cars, as the map says"
+_SIZE_LIMITS = {"maxweight": 7.5, "maxheight": 3.5, "maxlength": 10.0, "maxwidth": 2.5, "maxaxleload": 4.0}  # t and m
+
+
+@dataclass(frozen=True)
+class Rules:
+    """Rules of a piece of road.
+
+    Attributes:
+        kind: class of road.
+        users: SUMO's vehicle classes that may drive along its line, and against it.
+        speeds: limits (m/s) along its line, and against it.
+        number: of the piece, if its two directions differ; else None.
+    """
+
+    kind: str
+    users: tuple[Users, Users]
+    speeds: tuple[float, float]
+    number: int | None = None
+
+    @property
+    def differs(self) -> bool:
+        """True if the two directions have rules of their own."""
+        return self.users[0] != self.users[1] or self.speeds[0] != self.speeds[1]
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What the tags of a road say.
+
+    Attributes:
+        rules: of the road.
+        oneway: yes, no or -1, against its line.
+        notes: kinds of rules that are not used.
+    """
+
+    rules: Rules
+    oneway: str
+    notes: tuple[str, ...]
+
+
+def usual_users(kind: str) -> Users:
+    """SUMO's classes that may take a class of road whose map says nothing of access."""
+    if kind == "cycleway":
+        return frozenset({"bicycle"})
+    if kind == "busway":
+        return frozenset({"bus", _ALWAYS})
+    return _MOTOR - {"bicycle", "moped"} if kind.startswith("motorway") else _MOTOR
+
+
+def usual_rules(kind: str) -> Rules:
+    """Rules of a class of road whose map says nothing more."""
+    users, speed = usual_users(kind), ROADS[kind][1]
+    return Rules(kind, (users, users), (speed, speed))
+
+
+def read_rules(tags: Tags) -> Reading:
+    """Rules of a road of a class in `ROADS`, by its tags."""
+    tags = {key.strip().lower(): value.strip().lower() for key, value in tags.items()}
+    notes = _list_unused(tags)
+    oneway = _read_oneway(tags, notes)
+    sides = [_read_users(tags, side, notes) for side in ("forward", "backward")]
+    speeds = [_read_speed(tags, side, notes) for side in ("forward", "backward")]
+    driven = sides[1:] if oneway == "-1" else sides[:1] if oneway == "yes" else sides
+    if tags["highway"] not in ("cycleway", "busway") and not any("passenger" in users for users in driven):
+        notes.append(CLOSED)
+    if oneway == "-1":
+        sides, speeds = sides[::-1], speeds[::-1]
+    if oneway != "no":
+        sides, speeds = [sides[0]] * 2, [speeds[0]] * 2
+    rules = Rules(tags["highway"], (sides[0], sides[1]), (speeds[0], speeds[1]))
+    return Reading(rules, oneway, tuple(dict.fromkeys(notes)))
+
+
+def is_barred(tags: Tags) -> bool:
+    """True for a node of a road that no car can pass, such as a bollard or a gate that is locked."""
+    tags = {key.strip().lower(): value.strip().lower() for key, value in tags.items()}
+    barrier = tags.get("barrier")
+    if barrier is None and not ACCESS_KEYS & tags.keys():
+        return False
+    opened: bool | None = None if barrier is None else barrier in _PASSABLE
+    if barrier == "bollard":
+        opened = tags.get("bollard") == "rising"
+    for key in _KEYS["passenger"]:
+        value = tags.get(key, "")
+        if value in _OPEN | _LOCAL | _DELIVERS:
+            opened = True
+        elif value in _CLOSED:
+            opened = False
+    if tags.get("locked") == "yes":
+        opened = False
+    return opened is False and tags.get("highway") != "crossing"
+
+
+def number_lanes(tags: Tags) -> dict[str, str]:
+    """Numbers of lanes that are whole, from 1 to 8."""
+    found = {}
+    for key in ("lanes", "lanes:forward", "lanes:backward"):
+        value = tags.get(key, "").strip()
+        if re.fullmatch("[1-8]", value):
+            found[key] = value
+    return found
+
+
+def name_types(rules: Iterable[Rules]) -> dict[Rules, str]:
+    """Name of SUMO's edge type for each rule, its class of road if it is the usual one."""
+    names: dict[Rules, str] = {}
+    for rule in rules:
+        if rule not in names:
+            names[rule] = rule.kind if rule == usual_rules(rule.kind) else f"{rule.kind}.{len(names)}"
+    return names
+
+
+def format_types(names: Mapping[Rules, str]) -> str:
+    """SUMO's type file for edge types by their names, and for all classes of road.
+
+    Roads whose directions differ have a speed that no other has, so that netconvert joins them to none;
+    `restrict_edges` gives them theirs."""
+    rows = []
+    usual = {usual_rules(kind): kind for kind in ROADS}
+    for rule, name in {**usual, **names}.items():
+        lanes, _, priority, _ = ROADS[rule.kind]
+        speed = 50.0 + 0.01 * rule.number if rule.number is not None else rule.speeds[0]
+        row: dict[str, Any] = {"id": f"highway.{name}", "numLanes": lanes, "speed": f"{speed:.3f}".rstrip("0")}
+        row |= {"priority": priority, "oneway": "false", "width": 1.8 if rule.kind == "cycleway" else 3.25}
+        rows.append(nets.format_element("type", {**row, "allow": _format_users(rule.users[0])}))
+    return nets.format_xml("types", rows)
+
+
+def _format_users(users: Users) -> str:
+    return " ".join(user for user in nets.MOTOR.split() if user in users)
+
+
+def restrict_edges(edges: Iterable[Any], names: Mapping[Rules, str]) -> None:
+    """Give plain edges (XML elements) of roads whose directions differ the users and the speed of their direction."""
+    types = {f"highway.{name}": rule for rule, name in names.items() if rule.number is not None}
+    for edge in edges:
+        rule = types.get(edge.get("type", ""))
+        if rule is None:
+            continue
+        side = int(str(edge.get("id")).startswith("-"))
+        for lane in [edge, *edge.findall("lane")]:
+            if lane.get("speed") is not None:
+                lane.set("speed", f"{rule.speeds[side]:.3f}")
+            if lane.get("allow") and set(lane.get("allow").split()) - {"pedestrian"}:
+                lane.set("allow", _format_users(rule.users[side]))
+        edge.set("speed", f"{rule.speeds[side]:.3f}")
+
+
+def count_notes(notes: Iterable[str]) -> list[str]:
+    """Notes with their numbers."""
+    return [f"{note}: {count}" for note, count in Counter(notes).items()]
+
+
+def _read_users(tags: Tags, side: str, notes: list[str]) -> Users:
+    """SUMO's classes that may drive in a direction."""
+    kind = tags["highway"]
+    usual = usual_users(kind)
+    if tags.get("motorroad") == "yes":
+        usual -= {"bicycle", "moped"}
+    allowed = {
+        user for user, keys in _KEYS.items() if _is_open(tags, user, keys, side, usual=user in usual, notes=notes)
+    }
+    if any(_is_tight(tags, key, limit) for key, limit in _SIZE_LIMITS.items()):
+        allowed -= _LONG
+        notes.append(SIZES)
+    return frozenset(allowed | ({_ALWAYS} if kind != "cycleway" or allowed - {"bicycle"} else set()))
+
+
+def _is_open(tags: Tags, user: str, keys: Collection[str], side: str, *, usual: bool, notes: list[str]) -> bool:
+    opened = usual
+    for key in keys:
+        for name in (key, f"{key}:{side}"):
+            if name in tags:
+                answer = _read_access(tags[name], user, notes)
+                is_general = key in _WHEELS.split()  # nobody cycles on a motorway because of access=yes
+                opened = opened if answer is None or (is_general and answer and not usual) else answer
+    return opened
+
+
+def _read_access(value: str, user: str, notes: list[str]) -> bool | None:
+    """True if a value of access is open to a user, None if it is not understood."""
+    values = {part.strip() for part in value.split(";")} - {""}
+    known = _OPEN | _LOCAL | _CLOSED | _DELIVERS | _PUBLIC
+    if not values or not values <= known:
+        notes.append(UNREAD)
+        return None
+    if values & _OPEN:
+        return True
+    if values & _LOCAL:
+        notes.append(LOCAL)
+        return True
+    if values & _DELIVERS and user in ("delivery", "truck"):
+        return True
+    return bool(values & _PUBLIC and user in ("bus", "taxi"))
+
+
+def _is_tight(tags: Tags, key: str, limit: float) -> bool:
+    match = re.match(r"(\d+(?:[.,]\d+)?)\s*(t|m|kg|lbs|st|')?", tags.get(key, ""))
+    if match is None:
+        return False
+    scale = {"kg": 0.001, "lbs": 0.000454, "st": 0.907, "'": 0.3048}.get(match[2] or "", 1.0)
+    return float(match[1].replace(",", ".")) * scale < limit + 1e-9
+
+
+def _read_oneway(tags: Tags, notes: list[str]) -> str:
+    """yes, no or -1."""
+    value = tags.get("oneway", "")
+    for key in ("oneway:vehicle", "oneway:motor_vehicle", "oneway:motorcar"):
+        value = value if value in _FORWARD | _BACKWARD else tags.get(key, value)
+    ring = tags.get("junction") in ("roundabout", "circular")
+    implied = "yes" if ring or tags["highway"] == "motorway" else "no"
+    if value in _HALF_THE_TIME:
+        notes.append(EITHER)
+        return "no"
+    oneway = "yes" if value in _FORWARD else "-1" if value in _BACKWARD else "no" if value in _BOTH_WAYS else implied
+    both = [key for key in tags if key.startswith("oneway:") and tags[key] in _BOTH_WAYS]
+    opposite = any(key.startswith("cycleway") and tags[key].startswith("opposite") for key in tags)
+    if oneway != "no" and (both or opposite):
+        notes.append(CONTRAFLOW)
+    return oneway
+
+
+def _read_speed(tags: Tags, side: str, notes: list[str]) -> float:
+    """Limit of a direction (m/s)."""
+    usual = ROADS[tags["highway"]][1]
+    for key in (f"maxspeed:{side}", "maxspeed", "maxspeed:type", "source:maxspeed", "zone:maxspeed", "zone:traffic"):
+        value = tags.get(key, "")
+        if not value or (key != "maxspeed" and not key.endswith(side) and ":" not in value):
+            continue  # of a source, only a country's rule tells a speed
+        if value in ("signals", "variable"):
+            notes.append(VARIABLE)
+            return usual
+        speed = parse_speed(value)
+        if speed is not None:
+            return speed
+        if key.startswith("maxspeed"):
+            notes.append(SPEED)
+            return usual
+    return usual
+
+
+def parse_speed(value: str) -> float | None:
+    """Speed limit (m/s) as mappers write it; the least of several. None for one that is not understood."""
+    speeds = [_parse_one_speed(part.strip().lower()) for part in value.split(";") if part.strip()]
+    known = [speed for speed in speeds if speed is not None and MIN_SPEED_M_S < speed <= MAX_SPEED_M_S]
+    return min(known) if known and len(known) == len(speeds) else None
+
+
+def _parse_one_speed(text: str) -> float | None:
+    match = re.fullmatch(r"(\d+(?:[.,]\d+)?)\s*([a-z/]*)", text)
+    if match is not None:
+        unit = UNITS_M_S.get(match[2])
+        return None if unit is None else float(match[1].replace(",", ".")) * unit
+    zones = _speed_zones()
+    if text in zones["everywhere"]:
+        return float(zones["everywhere"][text]) * KMH_M_S
+    match = re.fullmatch(r"([a-z]{2})(?:-[a-z]+)?:(?:zone[:_]?)?([a-z_]+|\d+)(?:[:_]zone)?", text)
+    if match is None:
+        return None
+    country, zone = match[1], match[2]
+    unit = MPH_M_S if country in zones["miles"] else KMH_M_S
+    if zone.isdigit():
+        return float(zone) * unit
+    limit = zones["limits"].get(zone, {}).get(country)
+    return None if limit is None else float(limit) * unit
+
+
+@cache
+def _speed_zones() -> dict[str, Any]:
+    return read_own_table(__file__, "speed_zones.toml")
+
+
+def _list_unused(tags: Tags) -> list[str]:
+    """Kinds of rules in a road's tags that are not used."""
+    notes = []
+    conditional = [key.removesuffix(":conditional") for key in tags if key.endswith(":conditional")]
+    if any(_bears_on_traffic(key) for key in conditional):
+        notes.append(HOURS)
+    if any(_is_own_lane(key, value) for key, value in tags.items()):
+        notes.append(OWN_LANES)
+    if any(key.startswith(("turn:lanes", "change:lanes")) for key in tags):
+        notes.append(ARROWS)
+    if any(re.fullmatch(r"maxspeed:(lanes|hgv|bus|psv|goods|motorcycle|trailer|\w+:lanes).*", key) for key in tags):
+        notes.append(SPEEDS)
+    if {"lanes", "lanes:forward", "lanes:backward"} & tags.keys() - number_lanes(tags).keys():
+        notes.append(LANES)
+    if "lanes:both_ways" in tags:
+        notes.append(MIDDLE)
+    if tags.get("bicycle_road") == "yes" or tags.get("cyclestreet") == "yes":
+        notes.append(CYCLE_ROAD)
+    return notes
+
+
+def _bears_on_traffic(key: str) -> bool:
+    return key.partition(":")[0] in ACCESS_KEYS | {"maxspeed", "oneway", "lanes", "turn", "restriction", "hov"}
+
+
+def _is_own_lane(key: str, value: str) -> bool:
+    head, _, rest = key.partition(":")
+    if key.endswith(":conditional"):
+        return False
+    if "lanes" in rest.split(":") and head in ACCESS_KEYS | {"hov"}:
+        return set(value.split("|")) - {"", "yes"} != set()
+    if head == "lanes" and rest.split(":")[0] in ("bus", "psv", "taxi", "hov"):
+        return True
+    if head == "busway":
+        return value in ("lane", "opposite_lane")
+    if head == "cycleway" and rest in ("", "left", "right", "both"):
+        return value in ("lane", "opposite_lane", "share_busway", "shared_lane")
+    return key == "hov" and value in ("designated", "yes", "lane")
+
+
+def number_pieces(rules: Iterable[Rules]) -> list[Rules]:
+    """The same rules, numbered where their directions differ."""
+    return [replace(rule, number=k) if rule.differs else rule for k, rule in enumerate(rules)]
