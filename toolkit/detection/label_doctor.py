@@ -288,29 +288,29 @@ def other_frames(samples: Sequence[Frame]) -> list[OtherFrame]:
     names = sorted({cloud.name for sample in samples for cloud in sample.clouds})
     wrong = []
     for name in names:
-        pose_of = partial(_pose_of, name)
+        find_pose = partial(_find_pose, name)
         stated = f"labels are in the frame of sensor {name}, not in the world"
-        wrong.append(_moved_by(pose_of, stated, f"move them by the pose of {name}, or name their frame"))
+        wrong.append(_make_other_frame(find_pose, stated, f"move them by the pose of {name}, or name their frame"))
     for name in names:
-        inverse_of = partial(_inverse_of, name)
+        find_inverse = partial(_find_inverse, name)
         away = f"labels were moved into the frame of sensor {name}, away from the world"
-        wrong.append(_moved_by(inverse_of, away, "leave them in the world"))
+        wrong.append(_make_other_frame(find_inverse, away, "leave them in the world"))
     in_map = "labels are in the map, not in the world"
     remedy = "move them by the pose of the vehicle"
-    wrong.append(_moved_by(lambda sample: invert(sample.map_SE3_world), in_map, remedy))
+    wrong.append(_make_other_frame(lambda sample: invert(sample.map_SE3_world), in_map, remedy))
     return wrong
 
 
-def _pose_of(name: str, sample: Frame) -> Pose:
+def _find_pose(name: str, sample: Frame) -> Pose:
     """Pose of a frame's sensor, identity if the frame lacks it."""
     return next((cloud.world_SE3_sensor for cloud in sample.clouds if cloud.name == name), np.eye(4))
 
 
-def _inverse_of(name: str, sample: Frame) -> Pose:
-    return invert(_pose_of(name, sample))
+def _find_inverse(name: str, sample: Frame) -> Pose:
+    return invert(_find_pose(name, sample))
 
 
-def _moved_by(world_SE3_labels: Callable[[Frame], Pose], name: str, remedy: str) -> OtherFrame:
+def _make_other_frame(world_SE3_labels: Callable[[Frame], Pose], name: str, remedy: str) -> OtherFrame:
     def choose(sample: Frame) -> list[BoxRows]:
         return [records.move_boxes(world_SE3_labels(sample), sample.objects.boxes)]
 

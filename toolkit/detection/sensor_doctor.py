@@ -46,7 +46,7 @@ def _sensor_names(samples: Sequence[Frame]) -> list[str]:
     return sorted({cloud.name for sample in samples for cloud in sample.clouds})
 
 
-def _clouds_of(samples: Sequence[Frame], name: str) -> list[SensorCloud | None]:
+def _list_clouds(samples: Sequence[Frame], name: str) -> list[SensorCloud | None]:
     """Cloud of one sensor in each frame, None if the frame has none."""
     return [next((cloud for cloud in sample.clouds if cloud.name == name), None) for sample in samples]
 
@@ -69,7 +69,7 @@ def suspect_rates(samples: Sequence[Frame]) -> Iterator[Finding]:
     """Find sensors that measure at another rate than the fastest."""
     steps_s, repeated, missing = {}, {}, {}
     for name in _sensor_names(samples):
-        clouds = _clouds_of(samples, name)
+        clouds = _list_clouds(samples, name)
         stamps = np.unique([cloud.stamp_s for cloud in clouds if cloud is not None and cloud.stamp_s is not None])
         if len(stamps) > 2:
             steps_s[name] = float(np.median(np.diff(stamps)))
@@ -116,17 +116,17 @@ def suspect_late_sensors(seen: Sequence[Seen]) -> Iterator[Finding]:
     late: dict[str, tuple[float, np.ndarray, np.ndarray]] = {}
     timely = []
     for name in names:
-        own = [_seen_by(each, name) for each in seen]
+        own = [_restrict_sensor(each, name) for each in seen]
 
-        def fit_at(shift_s: float, own: list[Seen] = own) -> np.ndarray:
+        def measure_shift(shift_s: float, own: list[Seen] = own) -> np.ndarray:
             moved = []
             for moving in movers:
                 path = np.column_stack([shift_s * moving.velocities, np.zeros((len(moving.boxes), 5))])
                 moved.append(moving.boxes + path)
             return fits(own, moved)
 
-        now = fit_at(0.0)
-        shifted = {sign * seconds: fit_at(sign * seconds) for seconds in SHIFTS_S for sign in (1, -1)}
+        now = measure_shift(0.0)
+        shifted = {sign * seconds: measure_shift(sign * seconds) for seconds in SHIFTS_S for sign in (1, -1)}
         best = max(shifted, key=lambda shift: float(shifted[shift].mean()))
         if better(now, shifted[best]):
             late[name] = (best, now, shifted[best])
@@ -140,7 +140,7 @@ def suspect_late_sensors(seen: Sequence[Seen]) -> Iterator[Finding]:
         yield Finding("warning", f"sensor {name}", words, evidence, "pair clouds by their times, or move its points")
 
 
-def _seen_by(seen: Seen, name: str) -> Seen:
+def _restrict_sensor(seen: Seen, name: str) -> Seen:
     """Points of one sensor above the ground."""
     points = [cloud.in_world() for cloud in seen.sample.clouds if cloud.name == name]
     own = np.concatenate([np.zeros((0, 3)), *points])
