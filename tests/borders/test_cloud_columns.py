@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from toolkit.clouds import attributes, load
-from toolkit.datasets.cloud_files import fuse_files, read_recorded
+from toolkit.datasets.cloud_files import fuse_files, read_poses, read_recorded
 from toolkit.point_columns import find_axes
 
 POINTS = np.array([[1.5, -2.25, 0.5], [3.0, 4.0, 5.0], [-7.5, 0.25, 1.0]])
@@ -152,3 +152,17 @@ def test_coordinates_that_float32_rounded_are_said(tmp_path):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         fuse_files([tmp_path / "double.npy"], [np.eye(4)])
+
+
+def test_poses_that_end_in_their_quaternion(tmp_path):
+    """TUM trajectories: timestamp tx ty tz qx qy qz qw."""
+    (tmp_path / "tum.txt").write_text("north 5 3 6 0 0 0.6 0.8\n")
+    with pytest.raises(ValueError, match="write qw qx qy qz tx ty tz"):
+        read_poses(tmp_path / "tum.txt")
+    (tmp_path / "both.txt").write_text("north 1 0 0 0 0.6 0 0.8\n")
+    with pytest.warns(UserWarning, match="might be tx ty tz qx qy qz qw"):
+        read_poses(tmp_path / "both.txt")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        (tmp_path / "plain.txt").write_text("north 1 0 0 0 0 0 1\nsouth 0.8 0 0 0.6 5 3 6\n")
+        read_poses(tmp_path / "plain.txt")

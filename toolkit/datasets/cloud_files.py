@@ -176,6 +176,7 @@ def parse_pose(numbers: object, name: str = "pose") -> Pose:
         raise ValueError(f"{name} must be numbers, got {str(numbers)[:60]}") from None
     if flat.size == 7:
         with files.name_errors(name):
+            _check_order(flat)
             placed = quaternion_pose(flat[:4], flat[4:])
         return check_pose(placed, name)
     if flat.size == 12:
@@ -183,6 +184,16 @@ def parse_pose(numbers: object, name: str = "pose") -> Pose:
     if flat.size != 16:
         raise ValueError(f"{name} must be 16, 12 or 7 numbers (4×4, 3×4, or qw qx qy qz tx ty tz), got {flat.size}")
     return check_pose(flat.reshape(4, 4), name)
+
+
+def _check_order(numbers: Float64[np.ndarray, "7"]) -> None:
+    """Raise ValueError if the quaternion comes last, as in TUM's trajectories; warn if it might."""
+    is_first, is_last = (abs(np.linalg.norm(part) - 1) < 0.01 for part in (numbers[:4], numbers[3:]))
+    if is_last and not is_first:
+        raise ValueError(f"it ends in a quaternion of length 1, got {numbers.tolist()}: write qw qx qy qz tx ty tz")
+    if is_last and np.any(numbers[4:6]):
+        read = "qw qx qy qz tx ty tz, but might be tx ty tz qx qy qz qw: write a 4×4 matrix if so"
+        warnings.warn(f"the pose {numbers.tolist()} is read as {read}", stacklevel=4)
 
 
 def quaternion_pose(quaternion: Float64[np.ndarray, "4"], translation: Float64[np.ndarray, "3"]) -> Pose:
