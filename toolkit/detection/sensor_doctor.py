@@ -13,16 +13,21 @@ from typing import NamedTuple
 import numpy as np
 
 from toolkit.arrays import BoxRows, Float64, Mask, Points
-from toolkit.boxes import count_points
+from toolkit.boxes import count_points, iou_bev
 from toolkit.calibration.ground import Ground
 from toolkit.datasets.doctor import Finding
-from toolkit.detection.label_fits import LEAST_BOXES, SHIFTS_S, Seen, better, find_movers, fits
+from toolkit.detection.label_fits import LEAST_BOXES, SHIFTS_S, Movers, Seen, find_movers, fits
 from toolkit.frame import Frame, SensorCloud
 
 MAX_APART_S = 0.02  # of clouds of one frame
 MAX_RATE_RATIO = 1.2
 MAX_REPEATED_SHARE = 0.2  # of a sensor's clouds
 MAX_MISSING_SHARE = 0.3  # of the frames between a sensor's first and last cloud
+MIN_LATE_GAIN = 0.05  # in mean fit, for a sensor to be late
+MIN_LATE_OBJECTS = 5  # that must fit better, and hardly any worse
+MIN_TIMELY_OBJECTS = 3
+SAME_FIT = 0.01
+MIN_STALE_POINTS = 20  # on the former place of an object that has left it
 MIN_FRONT_POINTS = 5  # on the ground in front of a box, which show that a sensor sees it
 FRONT_M = 2.0
 MARGIN_M = 0.1  # that a point may be outside its box
@@ -82,7 +87,7 @@ def suspect_rates(samples: Sequence[Frame]) -> Iterator[Finding]:
         return
     fresh = [name for name in repeated if repeated[name] <= MAX_REPEATED_SHARE]
     for name, share in repeated.items():
-        if share > MAX_REPEATED_SHARE and fresh:
+        if share > MAX_REPEATED_SHARE and fresh and _shows_the_past(samples, name):
             evidence = f"{share:.0%} of its clouds repeat the one before, those of {fresh[0]} do not"
             yield Finding("warning", f"sensor {name}", "it is slower than the frames", evidence, remedy)
     complete = [name for name in missing if missing[name] < 0.1]
@@ -97,6 +102,20 @@ def _share_repeated(clouds: Sequence[SensorCloud | None]) -> float:
     pairs = [(former, latter) for former, latter in pairwise(clouds) if former and latter]
     same = [len(former.points) > 0 and np.array_equal(former.points, latter.points) for former, latter in pairs]
     return float(np.mean(same)) if len(same) > 2 else 0.0
+
+
+def _shows_the_past(samples: Sequence[Frame], name: str) -> bool:
+    """Whether a cloud that repeats the one before shows objects where they were then; True if none moves."""
+    stale, moves = 0, 0
+    for former, latter in pairwise(samples):
+        places = former.objects.boxes
+        gone = places[~(iou_bev(places, latter.objects.boxes) > 0).any(axis=1)]
+        clouds = [cloud for cloud in latter.clouds if cloud.name == name]
+        before = [cloud for cloud in former.clouds if cloud.name == name]
+        if clouds and before and len(gone) and np.array_equal(clouds[0].points, before[0].points):
+            moves += 1
+            stale += bool((count_points(clouds[0].in_world(), gone) >= MIN_STALE_POINTS).any())
+    return moves == 0 or stale > 0.5 * moves
 
 
 def _share_missing(clouds: Sequence[SensorCloud | None]) -> float:
@@ -116,28 +135,41 @@ def suspect_late_sensors(seen: Sequence[Seen]) -> Iterator[Finding]:
     late: dict[str, tuple[float, np.ndarray, np.ndarray]] = {}
     timely = []
     for name in names:
-        own = [_restrict_sensor(each, name) for each in seen]
-
-        def measure_shift(shift_s: float, own: list[Seen] = own) -> np.ndarray:
-            moved = []
-            for moving in movers:
-                path = np.column_stack([shift_s * moving.velocities, np.zeros((len(moving.boxes), 5))])
-                moved.append(moving.boxes + path)
-            return fits(own, moved)
-
-        now = measure_shift(0.0)
-        shifted = {sign * seconds: measure_shift(sign * seconds) for seconds in SHIFTS_S for sign in (1, -1)}
-        best = max(shifted, key=lambda shift: float(shifted[shift].mean()))
-        if better(now, shifted[best]):
+        views = [_restrict_sensor(each, name) for each in seen]
+        now = _measure_shift(views, movers, 0.0)
+        shifts = [sign * seconds for seconds in SHIFTS_S for sign in (1, -1)]
+        shifted = {shift_s: _measure_shift(views, movers, shift_s) for shift_s in shifts}
+        best = max(shifts, key=lambda shift_s: float(shifted[shift_s].mean()))
+        if _is_later(now, shifted[best]):
             late[name] = (best, now, shifted[best])
-        elif (now > 0).sum() >= LEAST_BOXES:
+        elif (now > 0).sum() >= MIN_TIMELY_OBJECTS:
             timely.append(name)
     for name, (shift_s, before, after) in late.items() if timely else ():
         side = "ahead of" if shift_s > 0 else "behind"
         words = f"its clouds are about {abs(shift_s):g} s {side} the labels and {', '.join(timely)}"
         share = f"{before.mean():.0%} as they are, {after.mean():.0%} with that undone"
-        evidence = f"mean fit of {len(before)} moving boxes to its points: {share}"
+        evidence = f"mean fit of {len(before)} moving objects to its points: {share}"
         yield Finding("warning", f"sensor {name}", words, evidence, "pair clouds by their times, or move its points")
+
+
+def _is_later(before: Float64[np.ndarray, " tracks"], after: Float64[np.ndarray, " tracks"]) -> bool:
+    """Whether nearly all moving objects fit better with their boxes moved."""
+    change = (after - before)[(before > 0) | (after > 0)]
+    improved, spoilt = int((change > SAME_FIT).sum()), int((change < -SAME_FIT).sum())
+    return improved >= MIN_LATE_OBJECTS and spoilt <= 0.1 * improved and float(change.mean()) >= MIN_LATE_GAIN
+
+
+def _measure_shift(views: Sequence[Seen], movers: Sequence[Movers], shift_s: float) -> Float64[np.ndarray, " tracks"]:
+    """Mean fit of each moving object's boxes, moved along its track by some time.
+
+    Frames of one object tell the same, so they count as one."""
+    moved = []
+    for moving in movers:
+        path = np.column_stack([shift_s * moving.velocities, np.zeros((len(moving.boxes), 5))])
+        moved.append(moving.boxes + path)
+    ids = np.concatenate([moving.ids for moving in movers if len(moving.ids)])
+    tracks, places = np.unique(ids, return_inverse=True)
+    return np.bincount(places, fits(views, moved)) / np.bincount(places, minlength=len(tracks))
 
 
 def _restrict_sensor(seen: Seen, name: str) -> Seen:
