@@ -488,6 +488,8 @@ def read_entries(path: str | Path) -> dict[str, Unchecked]:
         content = load_json(path)
         if entry(content, "coview") != "boxes" or entry(content, "version") != _VERSION:
             raise ValueError(f"it must say coview boxes, version {_VERSION}: see docs/how-to/labels.md")
+        if (frame := content.get("frame", "world")) != "world":
+            raise ValueError(f"its boxes must be in the frame world, got {str(frame)[:40]!r}: move them by poses.json")
         entries = as_list(entry(content, "samples"), "samples")
         named = {str(entry(each, "name")): each for each in entries}
         if len(named) < len(entries):

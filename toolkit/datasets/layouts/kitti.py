@@ -62,7 +62,9 @@ def _sample(folder: Path, name: str, middles: Middles) -> Frame:
         rows = [line.split() for line in read_bytes(labels).decode("utf-8-sig").splitlines() if line.strip()]
         for row in rows:
             if len(row) not in (15, 16):
-                raise ValueError(f"a line must have 15 or 16 entries, got {len(row)}")
+                is_tracking = len(row) in (17, 18) and row[0].isdigit()
+                remedy = ": it is KITTI's tracking, write a file per frame without the first two" if is_tracking else ""
+                raise ValueError(f"a line must have 15 or 16 entries, got {len(row)}{remedy}")
         values = np.array([[records.as_number(cell) for cell in row[1:15]] for row in rows]).reshape(-1, 14)
         real = np.array([row[0] != "DontCare" for row in rows], bool)
         boxes = _boxes(values[real], invert(camera_SE3_lidar))

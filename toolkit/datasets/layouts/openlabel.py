@@ -360,7 +360,9 @@ class _Rows:
                     add_problem(problems, UNKNOWN_FRAME, 1)
                     continue
                 unnamed += not system
-                boxes.append(records.move_boxes(in_root, _box(entry(cuboid, "val"))[None])[0])
+                box, angles = _parse_box(entry(cuboid, "val"))
+                records.count_full_turns(angles, problems)
+                boxes.append(records.move_boxes(in_root, box[None])[0])
                 kinds.append(str(data.get("type") or entry({"objects": described}, "objects", track, "type")))
                 ids.append(track)
                 counts.append(_count(cuboid))
@@ -396,14 +398,17 @@ def _count(cuboid: Unchecked) -> int:
     return -1
 
 
-def _box(value: Unchecked) -> np.ndarray:
+def _parse_box(value: Unchecked) -> tuple[Float64[np.ndarray, "7"], Float64[np.ndarray, " n"]]:
+    """Box of a cuboid's numbers, and its Euler angles (rad) if it has any."""
+    angles = np.zeros(0)
     if np.size(np.array(value, dtype=object)) == 9:
         x, y, z, roll, pitch, yaw, *sizes = numbers(value, 9, "cuboid val")
+        angles = np.array([max(roll, pitch, yaw, key=abs)])
         turned = pose(roll=roll, pitch=pitch, yaw=yaw)[:3, :3]
     else:
         x, y, z, qx, qy, qz, qw, *sizes = numbers(value, 10, "cuboid val")
         turned = turn_by_quaternion(np.array([qx, qy, qz, qw]))
-    return np.array([x, y, z, *sizes, np.arctan2(turned[1, 0], turned[0, 0])])
+    return np.array([x, y, z, *sizes, np.arctan2(turned[1, 0], turned[0, 0])]), angles
 
 
 def write_openlabel(samples: Iterable[Frame], folder: Path) -> None:
