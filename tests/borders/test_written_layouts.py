@@ -7,6 +7,7 @@ SUSTechPOINTS README, ASAM OpenLABEL 1.0.0 clause 7.10.1. Corners are compared a
 import json
 import struct
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ import numpy as np
 import pytest
 import yaml
 
-from toolkit.boxes import corners
+from toolkit.boxes import corners, count_points
 from toolkit.datasets.recordings import write_recording
 from toolkit.frame import Frame, SensorCloud
 from toolkit.geometry import pose, transform
@@ -174,6 +175,41 @@ def nuscenes(folder: Path) -> Found:
     (ego,) = (row for row in table("ego_pose") if row["token"] == data["ego_pose_token"])
     points = np.fromfile(folder / data["filename"], "<f4").reshape(-1, 5)[:, :3].astype(np.float64)
     return np.array(found), transform(in_parent(ego) @ in_parent(mounted), points)
+
+
+@pytest.mark.parametrize("counted", [True, False])
+def test_nuscenes_holds_all_that_its_devkit_follows(tmp_path, counted):
+    """nuscenes-devkit 1.2.0: `NuScenes.__init__` reads map[0] and its file, scenes' and instances' ends and lists of
+    samples; evaluation adds num_lidar_pts and num_radar_pts."""
+    shown = [replace(frame(), time=START_S + k, counts=np.arange(5) if counted else None) for k in range(3)]
+    write_recording(shown, tmp_path, "nuscenes")
+    tables = {path.stem: json.loads(path.read_text()) for path in (tmp_path / "v1.0-coview").glob("*.json")}
+    tokens = {name: {row["token"]: row for row in rows} for name, rows in tables.items()}
+    assert all(len(tokens[name]) == len(rows) for name, rows in tables.items())
+    (kept,) = tables["map"]
+    assert (tmp_path / kept["filename"]).read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+    assert [log["token"] for log in tables["log"]] == kept["log_tokens"]
+    (scene,) = tables["scene"]
+    assert scene["log_token"] in tokens["log"]
+    for table, first, last, count in (
+        ("sample", scene["first_sample_token"], scene["last_sample_token"], scene["nbr_samples"]),
+        *(
+            ("sample_annotation", row["first_annotation_token"], row["last_annotation_token"], row["nbr_annotations"])
+            for row in tables["instance"]
+        ),
+    ):
+        followed = [first]
+        while following := tokens[table][followed[-1]]["next"]:
+            assert tokens[table][following]["prev"] == followed[-1]
+            followed.append(following)
+        assert followed[-1] == last
+        assert len(followed) == count == 3
+    for row in tables["sample_data"]:
+        mounted = tokens["calibrated_sensor"][row["calibrated_sensor_token"]]
+        assert tokens["sensor"][mounted["sensor_token"]]["modality"] == "lidar"
+    assert all(row["scene_token"] in tokens["scene"] for row in tables["sample"])
+    counts = [row["num_lidar_pts"] + row["num_radar_pts"] for row in tables["sample_annotation"][:5]]
+    assert counts == (list(range(5)) if counted else count_points(shown[0].points(), shown[0].objects.boxes).tolist())
 
 
 def argoverse(folder: Path) -> Found:
