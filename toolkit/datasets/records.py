@@ -191,6 +191,7 @@ TOO_LARGE = "boxes too large or too far away to be"
 THINNEST_BOX, LONGEST_BOX = 0.01, 100.0  # m; no side of a road user is shorter or longer
 OTHER_KINDS = "labels of other kinds than ours"
 STRAY = "names, times or tokens of labels have no cloud"
+UNLABELLED = "frames without labels among labelled ones, whose objects are unknown"
 DOUBLED = "doubled labels"
 FULL_TURNS = "yaws beyond a full turn"
 

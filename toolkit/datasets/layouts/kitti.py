@@ -46,15 +46,16 @@ def kitti(path: Path) -> records.Listing:
         raise FileNotFoundError(f"{folder / 'velodyne'} holds no *.bin")
     labelled = [file.stem for file in sorted((folder / "label_2").glob("*.txt"))]
     middles = Middles({SENSOR: folder / "velodyne" / f"{names[0]}.bin"})
-    return records.Listing(names, lambda name: _sample(folder, name, middles), labelled=labelled)
+    return records.Listing(names, lambda name: _sample(folder, name, middles, bool(labelled)), labelled=labelled)
 
 
-def _sample(folder: Path, name: str, middles: Middles) -> Frame:
+def _sample(folder: Path, name: str, middles: Middles, is_labelled: bool) -> Frame:
     problems: records.Problems = {}
     file = folder / "velodyne" / f"{name}.bin"
     cloud = records.read_cloud(file, SENSOR, np.eye(4), problems, middles=middles)
     labels, calib = folder / "label_2" / f"{name}.txt", folder / "calib" / f"{name}.txt"
     if not lexists(labels):
+        records.add_problem(problems, records.UNLABELLED, int(is_labelled))
         return Frame.of_clouds(name, (cloud,), *records.no_labels(), problems=problems)
     with records.named_damage(calib, "calibration"):
         camera_SE3_lidar, projection, map_SE3_lidar = _parse_calibration(read_bytes(calib).decode("utf-8-sig"))
