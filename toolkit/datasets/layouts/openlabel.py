@@ -41,6 +41,7 @@ UNPLACED_SENSOR = "clouds whose sensor is none of the file's coordinate systems,
 UNCONNECTED_SENSOR = "clouds whose coordinate system nothing connects with the first cloud's, taken in its root"
 NO_POSE = "coordinate systems without a pose in their parent, taken as being at its origin"
 OTHER_SHAPES = "objects of other shapes than cuboids"
+NO_CLOUD = "clouds that a frame names and that are not there"
 NOT_OPENLABEL = "JSON files without openlabel"
 ONLY_SENSOR = "clouds whose sensor nothing tells, taken as the file's only one"
 BY_ORDER = "clouds whose stream only its place in the list tells"
@@ -108,16 +109,20 @@ def _find_sensors(
 ) -> dict[str, Path]:
     """Cloud file of each sensor of a frame."""
     of_streams = _find_stream_clouds(file, content, frame, clouds)
-    files = _find_clouds(file, frame, of_streams, clouds)
+    files = _find_clouds(file, frame, of_streams, clouds, problems)
     return _name_sensors(content, frame, files, of_streams, problems)
 
 
-def _find_clouds(file: Path, frame: Unchecked, of_streams: Mapping[Path, str], clouds: _Clouds) -> list[Path]:
+def _find_clouds(
+    file: Path, frame: Unchecked, of_streams: Mapping[Path, str], clouds: _Clouds, problems: Problems
+) -> list[Path]:
     """Files of a frame's clouds: those it names, those of its streams, else those of its file's name."""
     listed = [str(name) for name in (frame.get("frame_properties") or {}).get("point_cloud_file_names") or ()]
     if listed:
         chosen = [_find_cloud(name, file, clouds) for name in listed]
-        return list(dict.fromkeys(cloud for cloud in chosen if cloud is not None))
+        found = list(dict.fromkeys(cloud for cloud in chosen if cloud is not None))
+        add_problem(problems, NO_CLOUD, chosen.count(None) if found else 0)
+        return found
     if of_streams:
         return list(of_streams)
     candidates = [cloud for ending in records.ENDINGS for cloud in clouds.get(f"{file.stem}{ending}", ())]
