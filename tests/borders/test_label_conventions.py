@@ -14,6 +14,7 @@ from toolkit.datasets.recordings import open_recording, write_recording
 from toolkit.datasets.records import FULL_TURNS
 from toolkit.frame import Frame, SensorCloud
 from toolkit.objects import Objects
+from toolkit.point_files import pcd_bytes
 
 YAW = np.deg2rad(30)
 BOX = np.array([[12.0, 3.0, -1.0, 4.5, 1.8, 1.5, YAW]])
@@ -61,6 +62,29 @@ def test_dair_has_the_boxs_centre_strings_and_radians(tmp_path):
     np.testing.assert_allclose(read(path, "dair").objects.boxes, BOX, atol=1e-9)
     (path / "label/virtuallidar/000000.json").write_text(json.dumps([row | {"rotation": "30"}]))
     assert read(path, "dair").problems == {FULL_TURNS: 1}
+
+
+@pytest.mark.parametrize("folder", ["label_world", "label"])
+def test_pairs_of_dair_are_labelled_in_the_world_and_those_of_v2x_seq_in_the_vehicles_lidar(tmp_path, folder):
+    """AIR-THU/DAIR-V2X-Seq#23: cooperative labels are in the vehicle's lidar frame. It is 30 m north of the pole."""
+    level = np.eye(3).tolist()
+    places = {
+        "infrastructure-side/calib/virtuallidar_to_world/10.json": [1000.0, 2000.0, 20.0],
+        "vehicle-side/calib/novatel_to_world/20.json": [1000.0, 2030.0, 18.0],
+        "vehicle-side/calib/lidar_to_novatel/20.json": [0.0, 0.0, 2.0],
+    }
+    pair = {"infrastructure_frame": "10", "vehicle_frame": "20", "system_error_offset": {"delta_x": 0, "delta_y": 0}}
+    centre = {"x": 1012.0, "y": 2003.0, "z": 19.0} if folder == "label_world" else {"x": 12, "y": -27, "z": -1}
+    row = {"type": "Car", "3d_location": centre, "rotation": YAW, "3d_dimensions": {"h": 1.5, "w": 1.8, "l": 4.5}}
+    contents = {name: {"rotation": level, "translation": [[x] for x in place]} for name, place in places.items()}
+    contents |= {"cooperative/data_info.json": [pair], f"cooperative/{folder}/20.json": [row]}
+    for name, content in contents.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(json.dumps(content))
+    for name in ("infrastructure-side/velodyne/10.pcd", "vehicle-side/velodyne/20.pcd"):
+        (tmp_path / name).parent.mkdir(parents=True)
+        (tmp_path / name).write_bytes(pcd_bytes(dict(zip("xyz", POINTS.T, strict=True))))
+    np.testing.assert_allclose(read(tmp_path, "dair").objects.boxes, BOX, atol=1e-9)
 
 
 def test_nuscenes_has_width_first_and_w_first(tmp_path):

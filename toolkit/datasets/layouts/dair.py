@@ -6,7 +6,8 @@ level with the ground, and the clouds of velodyne/ are in it already.
 - Numbers are often strings ("3d_location": {"x": "12.3", ...}), and translations are columns, [[x], [y], [z]].
 - 3d_location is the centre of the box, 3d_dimensions has h, w and l, rotation is the yaw about z.
 - Rotations of calib/ are not orthonormal: they are made so here.
-- Labels of the cooperative part are in the (virtual) world, tens of kilometres from its origin.
+- Labels of the cooperative part are in the (virtual) world, tens of kilometres from its origin, in label_world of
+  DAIR-V2X, and in the vehicle's lidar in label of V2X-Seq.
 - system_error_offset (delta_x, delta_y) of a pair, in V2X-Seq relative_error of the calibration, is to be added to the
   infrastructure's place in that world; a missing offset is left out or an empty string.
 - Infrastructure and vehicle of a pair measured up to tens of milliseconds apart: pointcloud_timestamp of each side's
@@ -35,7 +36,8 @@ _IMAGE = 1920, 1080  # pixels
 NO_PARTNER = "pairs whose clouds are not there, left out"
 NO_PLACE = "calibrations that say where the lidar is in the map and cannot be read"
 NO_CAMERA = "labels of a camera without its calibration: what it does not show counts as empty"
-_COOPERATIVE = "cooperative/label_world", "cooperative/label"
+WORLD_LABELS = "label_world"
+_COOPERATIVE = f"cooperative/{WORLD_LABELS}", "cooperative/label"
 
 
 def dair(path: Path) -> records.Listing:
@@ -141,7 +143,8 @@ def _pairs(root: Path) -> records.Listing:
         far = records.read_cloud(own, "vehicle", road_SE3_car, problems, stamp_s=car_stamps.get(vehicle))
         file = _first(root, _COOPERATIVE, vehicle)
         records.add_problem(problems, records.UNLABELLED, int(bool(labelled) and file is None))
-        found = read_annotations(file, invert(map_SE3_road), problems)
+        in_world = file is None or file.parent.name == WORLD_LABELS
+        found = read_annotations(file, invert(map_SE3_road) if in_world else road_SE3_car, problems)
         time = records.frame_time([near])
         return Frame.of_clouds(name, (near, far), *found, time=time, map_SE3_world=map_SE3_road, problems=problems)
 
