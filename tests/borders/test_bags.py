@@ -253,6 +253,24 @@ def test_a_sensor_with_a_clock_that_counts_from_its_start(tmp_path):
     np.testing.assert_allclose([frame.time for frame in frames], [START + 0.1 * k + 0.01 for k in range(4)], atol=1e-6)
 
 
+def test_a_lidar_that_stamps_from_its_start_moves_with_tf(tmp_path):
+    """ouster-lidar/ouster-sdk#48, #74: stamps of 3,484 s, tf in seconds since 1970. Not the first pose for ever."""
+    messages = [tf("/tf", START + t, "map", "lidar", t) for t in range(6)]
+    messages += [cloud("/points", 3484.0 + t, recorded=START + t) for t in (1.25, 4.5)]
+    frames = read(write(tmp_path / "bag", messages))
+    assert list_x(frames) == [1.25, 4.5]
+    assert [frame.problems for frame in frames] == [{layout.OTHER_CLOCKS: 1}] * 2
+
+
+def test_a_simulated_clock_is_one_clock(tmp_path):
+    """use_sim_time: clouds and tf count from the start of the simulation, the recorder from 1970."""
+    messages = [tf("/tf", t, "map", "lidar", t, recorded=START + 2 * t) for t in (1.0, 2.0, 3.0)]
+    messages += [cloud("/points", t, recorded=START + 2 * t) for t in (1.5, 2.25)]
+    frames = read(write(tmp_path / "bag", messages))
+    assert list_x(frames) == [1.5, 2.25]
+    assert [frame.time for frame in frames] == [1.5, 2.25]
+
+
 def test_clouds_without_a_stamp_have_the_time_of_their_recording(tmp_path):
     messages = [cloud("/a", 0.0, recorded=START + 1.5)]
     (frame,) = read(write(tmp_path / "bag", messages))

@@ -65,7 +65,7 @@ def json_change(content: bytes, rng: Rng) -> tuple[str, bytes]:
     every = places([document])
     changes: tuple[Callable[[Any, list[Place], Rng], str], ...] = (
         *(_scale, _scale, _swap, _count, _drop, _misspell, _repeat, _empty, _reverse, _rename, _comma, _time, _deepen),
-        *(_share, _dangle, _back),
+        *(_share, _dangle, _back, _frame, _far, _turn),
     )
     what = pick(rng, changes)(document, every, rng)
     return what, json.dumps(document).encode()
@@ -192,6 +192,34 @@ def _dangle(document: Any, every: list[Place], rng: Rng) -> str:
     holder, key = pick(rng, tokens or every)
     holder[key] = "0" * 32
     return f"{key!r} leads nowhere"
+
+
+def _frame(document: Any, every: list[Place], rng: Rng) -> str:
+    """A coordinate system is another one, unknown, or none."""
+    words = ("coordinate_system", "frame", "parent", "src", "dst", "sensor")
+    named = [(h, k) for h, k in every if isinstance(k, str) and k in words]
+    holder, key = pick(rng, named or every)
+    holder[key] = pick(rng, (*FRAMES, "", None, "world", "north"))
+    return f"{key!r} is {holder[key]!r}"
+
+
+def _far(document: Any, every: list[Place], rng: Rng) -> str:
+    """Places are counted from the origin of UTM, all of one name or one of them."""
+    holder, key = _some(every, rng, is_number)
+    chosen = _alike(every, key) if rng.random() < 0.5 else [(holder, key)]
+    for some, k in chosen:
+        some[k] = some[k] + 5_336_000.0 if is_number(some[k]) else some[k]
+    return f"{len(chosen)} of {key!r} in UTM"
+
+
+def _turn(document: Any, every: list[Place], rng: Rng) -> str:
+    """Angles have the other sign, or are degrees."""
+    words = ("rotation", "yaw_deg", "yaw", "z", "rotation_y", "angle")
+    turned = [(h, k) for h, k in every if k in words and is_number(h[k])]
+    factor = pick(rng, (-1.0, 180 / np.pi, np.pi / 180))
+    for holder, key in turned:
+        holder[key] = holder[key] * factor
+    return f"{len(turned)} angles times {factor:.3g}"
 
 
 def json_doubled(content: bytes, rng: Rng) -> tuple[str, bytes]:

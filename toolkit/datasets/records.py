@@ -192,6 +192,7 @@ TOO_LARGE = "boxes too large or too far away to be"
 THINNEST_BOX, LONGEST_BOX = 0.01, 100.0  # m; no side of a road user is shorter or longer
 OTHER_KINDS = "labels of other kinds than ours"
 STRAY = "names, times or tokens of labels have no cloud"
+UNLABELLED = "frames without labels among labelled ones, whose objects are unknown"
 DOUBLED = "doubled labels"
 FULL_TURNS = "yaws beyond a full turn"
 
@@ -477,6 +478,8 @@ def read_entries(path: str | Path) -> dict[str, Unchecked]:
         content = load_json(path)
         if entry(content, "coview") != "boxes" or entry(content, "version") != _VERSION:
             raise ValueError(f"it must say coview boxes, version {_VERSION}: see docs/how-to/labels.md")
+        if (frame := content.get("frame", "world")) != "world":
+            raise ValueError(f"its boxes must be in the frame world, got {str(frame)[:40]!r}: move them by poses.json")
         entries = as_list(entry(content, "samples"), "samples")
         named = {str(entry(each, "name")): each for each in entries}
         if len(named) < len(entries):

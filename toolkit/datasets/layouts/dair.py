@@ -6,7 +6,8 @@ level with the ground, and the clouds of velodyne/ are in it already.
 - Numbers are often strings ("3d_location": {"x": "12.3", ...}), and translations are columns, [[x], [y], [z]].
 - 3d_location is the centre of the box, 3d_dimensions has h, w and l, rotation is the yaw about z.
 - Rotations of calib/ are not orthonormal: they are made so here.
-- Labels of the cooperative part are in the (virtual) world, tens of kilometres from its origin.
+- Labels of the cooperative part are in the (virtual) world, tens of kilometres from its origin, in label_world of
+  DAIR-V2X, and in the vehicle's lidar in label of V2X-Seq.
 - system_error_offset (delta_x, delta_y) of a pair, in V2X-Seq relative_error of the calibration, is to be added to the
   infrastructure's place in that world; a missing offset is left out or an empty string.
 - Infrastructure and vehicle of a pair measured up to tens of milliseconds apart: pointcloud_timestamp of each side's
@@ -35,7 +36,8 @@ _IMAGE = 1920, 1080  # pixels
 NO_PARTNER = "pairs whose clouds are not there, left out"
 NO_PLACE = "calibrations that say where the lidar is in the map and cannot be read"
 NO_CAMERA = "labels of a camera without its calibration: what it does not show counts as empty"
-_COOPERATIVE = "cooperative/label_world", "cooperative/label"
+WORLD_LABELS = "label_world"
+_COOPERATIVE = f"cooperative/{WORLD_LABELS}", "cooperative/label"
 
 
 def dair(path: Path) -> records.Listing:
@@ -47,7 +49,7 @@ def dair(path: Path) -> records.Listing:
     if not names:
         raise FileNotFoundError(f"{path} is no DAIR-V2X folder: it has neither velodyne/*.pcd nor infrastructure-side/")
 
-    stamps = _read_stamps(path)
+    labelled, stamps = _labelled(path, _LABELS), _read_stamps(path)
     middles = Middles({"lidar": path / "velodyne" / f"{names[0]}.pcd"})
 
     def load(name: str) -> Frame:
@@ -55,15 +57,16 @@ def dair(path: Path) -> records.Listing:
         recorded = path / "velodyne" / f"{name}.pcd"
         cloud = records.read_cloud(recorded, "lidar", np.eye(4), problems, stamp_s=stamps.get(name), middles=middles)
         file = _first(path, _LABELS, name)
+        records.add_problem(problems, records.UNLABELLED, int(bool(labelled) and file is None))
         found = read_annotations(file, np.eye(4), problems)
         complete: Region = Everywhere()
         if file is not None and file.parent.name == "camera":  # nobody labelled what the camera does not show
             complete = _read_camera(path / "calib", name, problems)
         place, time = _read_place(path / "calib", name, problems), records.frame_time([cloud])
-        labelled = name, (cloud,), *found
-        return Frame.of_clouds(*labelled, time=time, complete=complete, map_SE3_world=place, problems=problems)
+        measured = name, (cloud,), *found
+        return Frame.of_clouds(*measured, time=time, complete=complete, map_SE3_world=place, problems=problems)
 
-    return records.Listing(names, load, labelled=_labelled(path, _LABELS))
+    return records.Listing(names, load, labelled=labelled)
 
 
 def _read_place(folder: Path, name: str, problems: records.Problems) -> Pose:
@@ -138,12 +141,16 @@ def _pairs(root: Path) -> records.Listing:
         seen, own = road / "velodyne" / f"{name}.pcd", car / "velodyne" / f"{vehicle}.pcd"
         near = records.read_cloud(seen, "infrastructure", np.eye(4), problems, stamp_s=road_stamps.get(name))
         far = records.read_cloud(own, "vehicle", road_SE3_car, problems, stamp_s=car_stamps.get(vehicle))
-        found = read_annotations(_first(root, _COOPERATIVE, vehicle), invert(map_SE3_road), problems)
+        file = _first(root, _COOPERATIVE, vehicle)
+        records.add_problem(problems, records.UNLABELLED, int(bool(labelled) and file is None))
+        in_world = file is None or file.parent.name == WORLD_LABELS
+        found = read_annotations(file, invert(map_SE3_road) if in_world else road_SE3_car, problems)
         time = records.frame_time([near])
         return Frame.of_clouds(name, (near, far), *found, time=time, map_SE3_world=map_SE3_road, problems=problems)
 
+    labelled = _labelled(root, _COOPERATIVE)
     noted = {NO_PARTNER: len(every) - len(whole)}
-    return records.Listing(tuple(pairs), load, labelled=_labelled(root, _COOPERATIVE), known=vehicles, noted=noted)
+    return records.Listing(tuple(pairs), load, labelled=labelled, known=vehicles, noted=noted)
 
 
 def _has_clouds(pair: records.Unchecked, road: Path, car: Path) -> bool:

@@ -78,6 +78,7 @@ def folder(path: Path, *, poses: Path | None = None, inverted: bool = False) -> 
         records.add_problem(problems, UNPAIRED, int(len(names[name]) < len(clouds)))
         records.add_problem(problems, BY_ORDER, int(by_order))
         records.add_problem(problems, OTHER_NAME, max(0, len(set(labelled[name])) - 1))
+        records.add_problem(problems, records.UNLABELLED, int(bool(entries) and not labelled[name]))
         title = next(iter(labelled[name]), name)
         seconds, stamps = times.get(title, (None, {}))
         measured = []

@@ -46,15 +46,16 @@ def kitti(path: Path) -> records.Listing:
         raise FileNotFoundError(f"{folder / 'velodyne'} holds no *.bin")
     labelled = [file.stem for file in sorted((folder / "label_2").glob("*.txt"))]
     middles = Middles({SENSOR: folder / "velodyne" / f"{names[0]}.bin"})
-    return records.Listing(names, lambda name: _sample(folder, name, middles), labelled=labelled)
+    return records.Listing(names, lambda name: _sample(folder, name, middles, bool(labelled)), labelled=labelled)
 
 
-def _sample(folder: Path, name: str, middles: Middles) -> Frame:
+def _sample(folder: Path, name: str, middles: Middles, is_labelled: bool) -> Frame:
     problems: records.Problems = {}
     file = folder / "velodyne" / f"{name}.bin"
     cloud = records.read_cloud(file, SENSOR, np.eye(4), problems, middles=middles)
     labels, calib = folder / "label_2" / f"{name}.txt", folder / "calib" / f"{name}.txt"
     if not lexists(labels):
+        records.add_problem(problems, records.UNLABELLED, int(is_labelled))
         return Frame.of_clouds(name, (cloud,), *records.no_labels(), problems=problems)
     with records.named_damage(calib, "calibration"):
         camera_SE3_lidar, projection, map_SE3_lidar = _parse_calibration(read_bytes(calib).decode("utf-8-sig"))
@@ -62,7 +63,9 @@ def _sample(folder: Path, name: str, middles: Middles) -> Frame:
         rows = [line.split() for line in read_bytes(labels).decode("utf-8-sig").splitlines() if line.strip()]
         for row in rows:
             if len(row) not in (15, 16):
-                raise ValueError(f"a line must have 15 or 16 entries, got {len(row)}")
+                is_tracking = len(row) in (17, 18) and row[0].isdigit()
+                remedy = ": it is KITTI's tracking, write a file per frame without the first two" if is_tracking else ""
+                raise ValueError(f"a line must have 15 or 16 entries, got {len(row)}{remedy}")
         values = np.array([[records.as_number(cell) for cell in row[1:15]] for row in rows]).reshape(-1, 14)
         real = np.array([row[0] != "DontCare" for row in rows], bool)
         boxes = _boxes(values[real], invert(camera_SE3_lidar))

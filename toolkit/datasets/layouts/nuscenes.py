@@ -12,22 +12,27 @@ World frame: the ego vehicle's when the lidar measured, x forward, z up, its ori
 - Time is in microseconds."""
 
 import json
-from collections.abc import Iterable
+import struct
+import zlib
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import numpy as np
 
 from toolkit.arrays import Float64, Pose
+from toolkit.boxes import count_points
 from toolkit.datasets import records
 from toolkit.datasets.cloud_files import quaternion_pose
 from toolkit.datasets.origins import near_frames
 from toolkit.datasets.records import as_number, entry, named_damage, numbers
-from toolkit.frame import Frame
+from toolkit.frame import Frame, SensorCloud
 from toolkit.geometry import invert, transform
 from toolkit.objects import LABELS
 from toolkit.runtime.files import resolve_below, write_bytes, write_text
 
 _NAMES = "vehicle.car", "vehicle.bicycle", "human.pedestrian.adult", "vehicle.truck"  # of `LABELS`
+SCENE = "scene"  # token of the one scene that is written, of its log and its map
+MAP_FILE = "maps/none.png"
 NO_SENSOR = "rows of sample_data whose sensor the tables lack"
 _SENSING = ("sample", "sample_data", "sample_annotation", "calibrated_sensor", "ego_pose", "sensor")
 _TABLES = (*_SENSING, "instance", "category")
@@ -127,46 +132,112 @@ def _kind(tables: dict[str, _Row], row: _Row, instance: str) -> str:
 
 
 def write_nuscenes(samples: Iterable[Frame], folder: Path) -> None:
-    """Write frames as a root with v1.0-coview/. Each sensor is a channel in its own frame."""
+    """Write frames as a root with v1.0-coview/, one scene that the nuScenes devkit loads. Each sensor is a channel in
+    its own frame. Objects without a count of points get that of the frame's points in their box."""
     tables: dict[str, list[_Row]] = {name: [] for name in (*_TABLES, "scene", "log", "map", "attribute", "visibility")}
     named = zip(LABELS, _NAMES, strict=True)
     tables["category"] = [{"token": label, "name": name, "description": ""} for label, name in named]
+    channels: dict[str, str] = {}  # by sensor
     instances: dict[str, str] = {}  # category by token
-    alone = {"prev": "", "next": ""}
     for number, sample in enumerate(near_frames(samples), 1):
         token = f"{number - 1:06d}"
         seconds = records.clock_time(sample, number)
         stamp = round(seconds * 1e6)
-        tables["sample"].append({"token": token, "timestamp": stamp, "scene_token": "", **alone})
+        tables["sample"].append({"token": token, "timestamp": stamp, "scene_token": SCENE})
         tables["ego_pose"].append({"token": token, "timestamp": stamp, **_format_pose(sample.map_SE3_world)})
         for cloud in sample.clouds:
-            channel = cloud.name if cloud.name.startswith("LIDAR") else f"LIDAR_{cloud.name}"
-            key, file = f"{token}_{channel}", f"samples/{channel}/{token}.pcd.bin"
-            columns = cloud.in_sensor(), records.get_intensity(cloud), np.zeros(len(cloud.points))
-            rows = np.column_stack(columns).astype("<f4")
-            write_bytes(folder / file, rows.tobytes())
-            tables["sensor"].append({"token": key, "channel": channel, "modality": "lidar"})
-            mounted = {"token": key, "sensor_token": key, "camera_intrinsic": []}
-            tables["calibrated_sensor"].append({**mounted, **_format_pose(cloud.world_SE3_sensor)})
-            tokens = {"token": key, "sample_token": token, "ego_pose_token": token, "calibrated_sensor_token": key}
-            measured = round(records.cloud_time(cloud, seconds) * 1e6)
-            data = {"timestamp": measured, "is_key_frame": True, "fileformat": "pcd", "filename": file, **alone}
-            tables["sample_data"].append({**tokens, **data})
-        for k, (box, label, track) in enumerate(records.list_rows(sample.objects, {name: name for name in LABELS})):
-            # objects of recordings without tracks are counted anew in each frame: a number may have several classes
-            instance = str(track) if instances.setdefault(str(track), label) == label else f"{track}_{label}"
-            instances.setdefault(instance, label)
-            placed, row = sample.map_SE3_world, np.array(box)
-            yaw = float(records.heading(placed, row[6]))
-            counted = {} if sample.counts is None else {"num_lidar_pts": int(sample.counts[k]), "num_radar_pts": 0}
-            tokens = {"token": f"{number}_{k}", "sample_token": token, "instance_token": instance}
-            place = {"translation": transform(placed, row[None, :3])[0].tolist(), "size": row[[4, 3, 5]].tolist()}
-            place["rotation"] = [float(np.cos(yaw / 2)), 0.0, 0.0, float(np.sin(yaw / 2))]
-            none = {"attribute_tokens": [], "visibility_token": "", **alone}
-            tables["sample_annotation"].append({**tokens, **place, **none, **counted})
-    tables["instance"] = [{"token": name, "category_token": category} for name, category in instances.items()]
+            channel = channels.setdefault(cloud.name, _name_channel(cloud.name))
+            _write_cloud(folder, tables, channel, token, cloud, records.cloud_time(cloud, seconds))
+        tables["sample_annotation"] += _format_labels(sample, token, number, instances)
+    for channel in channels.values():
+        tables["sensor"].append({"token": channel, "channel": channel, "modality": "lidar"})
+    _link(tables["sample"], lambda row: SCENE)
+    _link(tables["sample_data"], lambda row: str(row["filename"]).split("/")[1])
+    annotations = _link(tables["sample_annotation"], lambda row: str(row["instance_token"]))
+    tables["instance"] = [
+        {
+            "token": name,
+            "category_token": instances[name],
+            "nbr_annotations": len(rows),
+            "first_annotation_token": rows[0]["token"],
+            "last_annotation_token": rows[-1]["token"],
+        }
+        for name, rows in annotations.items()
+    ]
+    if tables["sample"]:
+        tables["scene"] = [_format_scene(tables["sample"])]
+    log = {"token": SCENE, "logfile": "", "vehicle": "", "date_captured": "", "location": ""}
+    tables["log"] = [log]
+    tables["map"] = [{"token": SCENE, "log_tokens": [SCENE], "category": "semantic_prior", "filename": MAP_FILE}]
+    write_bytes(folder / MAP_FILE, _draw_pixel())
     for name, table in tables.items():
         write_text(folder / "v1.0-coview" / f"{name}.json", json.dumps(table, indent=0))
+
+
+def _name_channel(sensor: str) -> str:
+    return sensor if sensor.startswith("LIDAR") else f"LIDAR_{sensor}"
+
+
+def _write_cloud(
+    folder: Path, tables: dict[str, list[_Row]], channel: str, token: str, cloud: SensorCloud, time_s: float
+) -> None:
+    """Write a cloud's file, and its rows of sample_data and calibrated_sensor."""
+    key, file = f"{token}_{channel}", f"samples/{channel}/{token}.pcd.bin"
+    ring = np.zeros(len(cloud.points)) if cloud.ring is None else cloud.ring
+    columns = cloud.in_sensor(), records.get_intensity(cloud), ring
+    write_bytes(folder / file, np.column_stack(columns).astype("<f4").tobytes())
+    mounted = {"token": key, "sensor_token": channel, "camera_intrinsic": []}
+    tables["calibrated_sensor"].append({**mounted, **_format_pose(cloud.world_SE3_sensor)})
+    tokens = {"token": key, "sample_token": token, "ego_pose_token": token, "calibrated_sensor_token": key}
+    measured = {"timestamp": round(time_s * 1e6), "is_key_frame": True, "width": 0, "height": 0}
+    tables["sample_data"].append({**tokens, **measured, "fileformat": "pcd", "filename": file})
+
+
+def _format_labels(sample: Frame, token: str, number: int, instances: dict[str, str]) -> list[_Row]:
+    """Rows of sample_annotation. instances: category of each track, to which new ones are added."""
+    counts = count_points(sample.points(), sample.objects.boxes) if sample.counts is None else sample.counts
+    placed, formatted = sample.map_SE3_world, []
+    for k, (box, label, track) in enumerate(records.list_rows(sample.objects, {name: name for name in LABELS})):
+        # objects of recordings without tracks are counted anew in each frame: a number may have several classes
+        instance = str(track) if instances.setdefault(str(track), label) == label else f"{track}_{label}"
+        instances.setdefault(instance, label)
+        row = np.array(box)
+        yaw = float(records.heading(placed, row[6]))
+        tokens = {"token": f"{number}_{k}", "sample_token": token, "instance_token": instance}
+        place = {"translation": transform(placed, row[None, :3])[0].tolist(), "size": row[[4, 3, 5]].tolist()}
+        place["rotation"] = [float(np.cos(yaw / 2)), 0.0, 0.0, float(np.sin(yaw / 2))]
+        counted = {"num_lidar_pts": int(counts[k]), "num_radar_pts": 0}
+        formatted.append({**tokens, **place, "attribute_tokens": [], "visibility_token": "", **counted})
+    return formatted
+
+
+def _link(rows: list[_Row], find_group: Callable[[_Row], str]) -> dict[str, list[_Row]]:
+    """Give each row the tokens of its neighbours among the rows of one group, in their order; return the groups."""
+    groups: dict[str, list[_Row]] = {}
+    for row in rows:
+        groups.setdefault(find_group(row), []).append(row)
+    for group in groups.values():
+        tokens = ["", *(row["token"] for row in group), ""]
+        for place, row in enumerate(group):
+            row["prev"], row["next"] = tokens[place], tokens[place + 2]
+    return groups
+
+
+def _format_scene(rows: list[_Row]) -> _Row:
+    """Row of the one scene of all samples."""
+    named = {"token": SCENE, "log_token": SCENE, "name": "scene-0001", "description": ""}
+    ends = {"first_sample_token": rows[0]["token"], "last_sample_token": rows[-1]["token"]}
+    return {**named, **ends, "nbr_samples": len(rows)}
+
+
+def _draw_pixel() -> bytes:
+    """A PNG of one white pixel: the devkit loads no set without a map."""
+
+    def chunk(kind: bytes, content: bytes) -> bytes:
+        return struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(kind + content))
+
+    header = chunk(b"IHDR", struct.pack(">IIBBBBB", 1, 1, 8, 0, 0, 0, 0))
+    return b"\x89PNG\r\n\x1a\n" + header + chunk(b"IDAT", zlib.compress(b"\0\xff")) + chunk(b"IEND", b"")
 
 
 def _format_pose(placed: np.ndarray) -> dict[str, list[float]]:

@@ -41,6 +41,7 @@ UNPLACED_SENSOR = "clouds whose sensor is none of the file's coordinate systems,
 UNCONNECTED_SENSOR = "clouds whose coordinate system nothing connects with the first cloud's, taken in its root"
 NO_POSE = "coordinate systems without a pose in their parent, taken as being at its origin"
 OTHER_SHAPES = "objects of other shapes than cuboids"
+NO_CLOUD = "clouds that a frame names and that are not there"
 NOT_OPENLABEL = "JSON files without openlabel"
 ONLY_SENSOR = "clouds whose sensor nothing tells, taken as the file's only one"
 BY_ORDER = "clouds whose stream only its place in the list tells"
@@ -108,16 +109,20 @@ def _find_sensors(
 ) -> dict[str, Path]:
     """Cloud file of each sensor of a frame."""
     of_streams = _find_stream_clouds(file, content, frame, clouds)
-    files = _find_clouds(file, frame, of_streams, clouds)
+    files = _find_clouds(file, frame, of_streams, clouds, problems)
     return _name_sensors(content, frame, files, of_streams, problems)
 
 
-def _find_clouds(file: Path, frame: Unchecked, of_streams: Mapping[Path, str], clouds: _Clouds) -> list[Path]:
+def _find_clouds(
+    file: Path, frame: Unchecked, of_streams: Mapping[Path, str], clouds: _Clouds, problems: Problems
+) -> list[Path]:
     """Files of a frame's clouds: those it names, those of its streams, else those of its file's name."""
     listed = [str(name) for name in (frame.get("frame_properties") or {}).get("point_cloud_file_names") or ()]
     if listed:
         chosen = [_find_cloud(name, file, clouds) for name in listed]
-        return list(dict.fromkeys(cloud for cloud in chosen if cloud is not None))
+        found = list(dict.fromkeys(cloud for cloud in chosen if cloud is not None))
+        add_problem(problems, NO_CLOUD, chosen.count(None) if found else 0)
+        return found
     if of_streams:
         return list(of_streams)
     candidates = [cloud for ending in records.ENDINGS for cloud in clouds.get(f"{file.stem}{ending}", ())]
@@ -360,7 +365,9 @@ class _Rows:
                     add_problem(problems, UNKNOWN_FRAME, 1)
                     continue
                 unnamed += not system
-                boxes.append(records.move_boxes(in_root, _box(entry(cuboid, "val"))[None])[0])
+                box, angles = _parse_box(entry(cuboid, "val"))
+                records.count_full_turns(angles, problems)
+                boxes.append(records.move_boxes(in_root, box[None])[0])
                 kinds.append(str(data.get("type") or entry({"objects": described}, "objects", track, "type")))
                 ids.append(track)
                 counts.append(_count(cuboid))
@@ -396,14 +403,17 @@ def _count(cuboid: Unchecked) -> int:
     return -1
 
 
-def _box(value: Unchecked) -> np.ndarray:
+def _parse_box(value: Unchecked) -> tuple[Float64[np.ndarray, "7"], Float64[np.ndarray, " n"]]:
+    """Box of a cuboid's numbers, and its Euler angles (rad) if it has any."""
+    angles = np.zeros(0)
     if np.size(np.array(value, dtype=object)) == 9:
         x, y, z, roll, pitch, yaw, *sizes = numbers(value, 9, "cuboid val")
+        angles = np.array([max(roll, pitch, yaw, key=abs)])
         turned = pose(roll=roll, pitch=pitch, yaw=yaw)[:3, :3]
     else:
         x, y, z, qx, qy, qz, qw, *sizes = numbers(value, 10, "cuboid val")
         turned = turn_by_quaternion(np.array([qx, qy, qz, qw]))
-    return np.array([x, y, z, *sizes, np.arctan2(turned[1, 0], turned[0, 0])])
+    return np.array([x, y, z, *sizes, np.arctan2(turned[1, 0], turned[0, 0])]), angles
 
 
 def write_openlabel(samples: Iterable[Frame], folder: Path) -> None:

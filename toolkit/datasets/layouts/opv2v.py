@@ -21,11 +21,13 @@ import numpy as np
 
 from toolkit.arrays import Pose
 from toolkit.datasets import records
+from toolkit.datasets.clock_times import UNPAIRED
 from toolkit.datasets.records import entry, named_damage, numbers
 from toolkit.frame import Frame, SensorCloud
 from toolkit.geometry import invert, pose
 from toolkit.runtime.files import parse_yaml, read_text, write_text
 
+NO_YAML = "clouds of agents without their YAML file, left out"
 MIRROR = np.diag([1.0, -1.0, 1.0, 1.0])
 
 
@@ -34,11 +36,13 @@ def opv2v(path: Path, *, left_handed: bool = True) -> records.Listing:
     names: dict[str, list[Path]] = {}
     clouds: dict[Path, set[str]] = {}  # of agents; a scenario's own files, such as data_protocol.yaml, lie above
     labelled, known = list[str](), list[str]()
+    described: dict[Path, set[str]] = {}
     for file in sorted(path.rglob("*.yaml")):
         if file.parent not in clouds:
             clouds[file.parent] = {each.stem for each in file.parent.iterdir() if each.suffix in records.ENDINGS}
         place = file.with_suffix("").relative_to(path.parent).as_posix()
         labelled += [place] * bool(clouds[file.parent])
+        described.setdefault(file.parent, set()).add(file.stem)
         if file.stem in clouds[file.parent]:
             names.setdefault((file.parent.parent / file.stem).relative_to(path.parent).as_posix(), []).append(file)
             known.append(place)
@@ -46,11 +50,19 @@ def opv2v(path: Path, *, left_handed: bool = True) -> records.Listing:
         raise FileNotFoundError(f"{path} is no folder of OPV2V: it has no AGENT/*.yaml beside clouds of their names")
     agents = {name: sorted(files, key=_agent) for name, files in sorted(names.items())}
     mirror = MIRROR if left_handed else np.eye(4)
+    of_scenario: dict[Path, set[str]] = {}
+    for file in (file for files in agents.values() for file in files):
+        of_scenario.setdefault(file.parent.parent, set()).add(file.parent.name)
+    undescribed = sum(len(stems - described.get(agent, set())) for agent, stems in clouds.items() if agent in described)
 
     def load(name: str) -> Frame:
-        return _sample(name, agents[name], mirror)
+        files = agents[name]
+        problems: records.Problems = {}
+        records.add_problem(problems, UNPAIRED, int(len(files) < len(of_scenario[files[0].parent.parent])))
+        return _sample(name, files, mirror, problems)
 
-    return records.Listing(tuple(agents), load, labelled=labelled, known=known)
+    noted = {NO_YAML: undescribed}
+    return records.Listing(tuple(agents), load, labelled=labelled, known=known, noted=noted)
 
 
 v2xreal = partial(opv2v, left_handed=False)
@@ -64,8 +76,7 @@ def _agent(file: Path) -> tuple[int, int | str]:
     return int(name.startswith("-")), abs(int(name))
 
 
-def _sample(name: str, files: list[Path], mirror: np.ndarray) -> Frame:
-    problems: records.Problems = {}
+def _sample(name: str, files: list[Path], mirror: np.ndarray, problems: records.Problems) -> Frame:
     contents, poses = [], []
     for file in files:
         with named_damage(file, "YAML file of an agent"):

@@ -19,7 +19,7 @@ from toolkit.arrays import Int64
 from toolkit.boxes import iou_bev
 from toolkit.datasets.clock_times import BY_ORDER, UNPAIRED, find_epoch, group_by_time
 from toolkit.datasets.layouts.dair import read_annotations, read_transform
-from toolkit.datasets.records import ENDINGS, Listing, Problems, frame_time, read_cloud
+from toolkit.datasets.records import ENDINGS, UNLABELLED, Listing, Problems, add_problem, frame_time, read_cloud
 from toolkit.frame import Frame, SensorCloud
 from toolkit.objects import Objects
 
@@ -46,9 +46,11 @@ def rcooper(path: Path) -> Listing:
                 noted[name] = {UNPAIRED: int(len(group) < len(agents)), BY_ORDER: int(by_order)}
     if not names:
         raise FileNotFoundError(f"{path} is no RCooper folder: it has no data/SCENE/AGENT/SEQUENCE/lidar/*.pcd")
-    return Listing(
-        tuple(names), lambda name: _sample(path, name, names[name], noted[name]), labelled=labelled, known=known
-    )
+
+    def load(name: str) -> Frame:
+        return _sample(path, name, names[name], noted[name], bool(labelled))
+
+    return Listing(tuple(names), load, labelled=labelled, known=known)
 
 
 def _match(files: Mapping[str, Sequence[Path]]) -> tuple[list[dict[str, Path]], bool]:
@@ -72,7 +74,7 @@ def _time(file: Path) -> tuple[float, str]:
         return float("inf"), file.stem
 
 
-def _sample(root: Path, name: str, files: list[tuple[str, Path]], noted: Problems) -> Frame:
+def _sample(root: Path, name: str, files: list[tuple[str, Path]], noted: Problems, is_labelled: bool) -> Frame:
     problems = {kind: count for kind, count in noted.items() if count}
     scene, sequence, _ = name.split("/")
     clouds: list[SensorCloud] = []
@@ -82,7 +84,9 @@ def _sample(root: Path, name: str, files: list[tuple[str, Path]], noted: Problem
         pose = read_transform(root / "calib" / "lidar2world" / f"{agent}.json")
         clouds.append(read_cloud(file, agent, pose, problems, stamp_s=find_epoch(file.stem)))
         labels = root / "label" / scene / agent / sequence / f"{file.stem}.json"
-        found = read_annotations(labels if lexists(labels) else None, pose, problems)
+        is_there = lexists(labels)
+        add_problem(problems, UNLABELLED, int(is_labelled and not is_there))
+        found = read_annotations(labels if is_there else None, pose, problems)
         parts.append(found.objects)
         categories += found.categories
     objects, rows = merged(parts)

@@ -56,7 +56,7 @@ FAR_TF = "clouds a second or more from the nearest transform of a moving frame"
 UNREADABLE = "clouds that cannot be read"
 NO_XYZ = "topics of PointCloud2 without x, y and z"
 NO_STAMP = "clouds without a stamp, of the time of their recording"
-OTHER_CLOCKS = "clouds whose stamps are of another clock than other topics', of the time of their recording"
+OTHER_CLOCKS = "clouds of the time of their recording: stamps of clouds and tf are of different clocks"
 RosObject = Any  # of rosbags, which has no types
 MAX_TF_GAP_S = 1.0
 MAX_CLOCK_OFFSET_S = 1.0  # that one topic's stamps are further from their recording than another's
@@ -177,7 +177,8 @@ class Bag:
     ) -> SensorCloud:
         """A topic's cloud in the world. roots: of the frame's clouds before it, and then of this one too."""
         frame, stamp = clean_frame(cloud.header.frame_id), _stamp(cloud.header)
-        placed = self.tree.find(frame, stamp or message.recorded_ns, message.recorded_ns)
+        measured = message.recorded_ns if message.topic in self.recorded else stamp or message.recorded_ns
+        placed = self.tree.find(frame, measured, message.recorded_ns)
         is_placed = self.tree.knows(frame)
         is_alone = not self.tree.static and not self.tree.moving and len(self.topics) == 1
         add_problem(problems, NO_TF, int(not is_placed and not is_alone))
@@ -224,7 +225,12 @@ def rosbag(path: Path) -> Bag:
         _refuse(path, bool(with_points), reason)
     own_clock = {topic: np.array(stamps[topic], np.int64) for topic in topics}
     on_record = {topic: np.array(recorded[topic], np.int64) for topic in topics}
-    instead = _find_other_clocks(own_clock, on_record)
+    tree = TransformTree.from_links(links)
+    moving = [link for link in links if not link.is_static and link.stamp_ns and link.child in tree.moving]
+    of_tf = {}
+    if moving:
+        of_tf = {TF: (np.array([link.stamp_ns for link in moving]), np.array([link.recorded_ns for link in moving]))}
+    instead = _find_other_clocks({topic: (own_clock[topic], on_record[topic]) for topic in topics}, of_tf)
     times = {}
     for topic in topics:
         if topic in instead:
@@ -233,22 +239,25 @@ def rosbag(path: Path) -> Bag:
             times[topic] = np.where(own_clock[topic] == 0, on_record[topic], own_clock[topic])
     start = min(int(each.min()) for each in times.values())
     groups = group_by_time({topic: (each - start) / NS_PER_S for topic, each in times.items()})
-    tree = TransformTree.from_links(links)
     problems = dict(tree.problems)
     add_problem(problems, NO_XYZ, len(stamps) - len(topics))
     return Bag(path, tuple(groups), tree, topics, instead, problems)
 
 
-def _find_other_clocks(own_clock: Mapping[str, np.ndarray], on_record: Mapping[str, np.ndarray]) -> dict[str, str]:
-    """Topics whose clouds have the time of their recording, and why: all if their stamps are of different clocks."""
+def _find_other_clocks(
+    clouds: Mapping[str, tuple[np.ndarray, np.ndarray]], moving: Mapping[str, tuple[np.ndarray, np.ndarray]]
+) -> dict[str, str]:
+    """Topics whose clouds have the time of their recording, and why: all if stamps are of different clocks.
+
+    clouds: stamps and times of recording (ns) by topic; moving: those of moving transforms."""
     offsets_s = []
-    for topic, stamps in own_clock.items():
+    for stamps, recorded in (*clouds.values(), *moving.values()):
         is_stamped = stamps != 0
-        late = on_record[topic][is_stamped] - stamps[is_stamped]
+        late = recorded[is_stamped] - stamps[is_stamped]
         offsets_s.append(float(np.median(late)) / NS_PER_S if len(late) else 0.0)
     if max(offsets_s) - min(offsets_s) <= MAX_CLOCK_OFFSET_S:
         return {}
-    return dict.fromkeys(own_clock, OTHER_CLOCKS)
+    return dict.fromkeys(clouds, OTHER_CLOCKS)
 
 
 def _refuse(path: Path, has_clouds: bool, reason: Exception | None) -> None:

@@ -33,13 +33,19 @@ def sustech(path: Path) -> Listing:
         raise FileNotFoundError(f"{path} is no SUSTechPOINTS scene: it has no lidar/*.pcd")
     labelled = [file.stem for file in sorted((path / "label").glob("*.json"))]
     middles = Middles({"lidar": next(iter(files.values()))})
-    return Listing(tuple(files), lambda name: _sample(path, name, files[name], middles), labelled=labelled)
+    is_labelled = bool(labelled)
+
+    def load(name: str) -> Frame:
+        return _sample(path, name, files[name], middles, is_labelled)
+
+    return Listing(tuple(files), load, labelled=labelled)
 
 
-def _sample(folder: Path, name: str, file: Path, middles: Middles) -> Frame:
+def _sample(folder: Path, name: str, file: Path, middles: Middles, is_labelled: bool) -> Frame:
     problems: records.Problems = {}
     cloud = records.read_cloud(file, "lidar", np.eye(4), problems, stamp_s=find_epoch(name), middles=middles)
     path = folder / "label" / f"{name}.json"
+    records.add_problem(problems, records.UNLABELLED, int(is_labelled and not lexists(path)))
     with records.named_damage(path, "list of labels"):
         labels = records.as_list(records.load_json(path)) if lexists(path) else []
         poses = [entry(each, "psr") for each in labels]
