@@ -2,8 +2,9 @@
 
 SUMO's netconvert makes their roads. The site frame is centred at the given place, x along `heading`; `map_SE3_site`
 leads back to the map's coordinates: those of the OpenDRIVE file's projection, which its header's offset leads to, or
-metres of a transverse Mercator map of WGS84 (`geo_reference`) about the centre. The site has no sensors yet; mounts on lamp posts are real, mounts along the kerbs
-are suggestions, all at the price of one. Where the map is silent, surroundings are drawn from a seed."""
+metres of a transverse Mercator map of WGS84 (`geo_reference`) about the centre. The site has no sensors yet; mounts on
+lamp posts are real, mounts along the kerbs are suggestions, all at the price of one. Where the map is silent,
+surroundings are drawn from a seed."""
 
 import re
 import tempfile
