@@ -137,13 +137,19 @@ def test_height_of_the_header_is_of_the_map(imported):
 @pytest.mark.parametrize(
     ("header", "remedy"),
     [
-        (UTM32 + UTM_OFFSET.format(0), "these are coordinates of its projection, .* leads to --centre 0 0"),
+        (UTM32 + UTM_OFFSET.format(0), "these are coordinates of its projection, in the file it is --centre 0 0"),
         (UTM32, "give --centre X Y inside it, as --centre 0 0"),
     ],
 )
 def test_a_centre_in_the_projection_is_told_its_place(imported, header, remedy):
     with pytest.raises(ValueError, match=f"centre 692000 5336000 lies outside the map, .*{remedy}"):
         imported(street(), header, centre=(692000.0, 5336000.0))
+
+
+def test_a_centre_in_degrees_is_told_its_place(imported):
+    near = r"these are degrees, in the file it is --centre (692000|691999\.99)\d* (5336000|5335999\.99)"
+    with pytest.raises(ValueError, match=near):
+        imported(street(start=(691850.0, 5336000.0)), UTM32, centre=(11.5813804, 48.1482452))
 
 
 def test_a_missing_grid_of_shifts_leaves_metres(imported):
@@ -394,6 +400,16 @@ def test_access_to_lanes(imported):
     assert "1 <access> rules without allow or deny count as deny" in notes
 
 
+def test_roads_for_pedestrians_and_bicycles(imported):
+    """1.8, 10.4: the type of a road is valid for all of its cross section."""
+    roads = street(inside='<type s="0" type="pedestrian"/>') + street(name="2", start=(-150.0, 15.0))
+    roads += street(name="3", start=(-150.0, -15.0), inside='<type s="0" type="bicycle"/><type s="150" type="town"/>')
+    site, notes = imported(roads, size=(80.0, 80.0))
+    for y, x, users in ((-1.75, 0, {"pedestrian"}), (13.25, 0, CARS), (-16.75, -40, {"bicycle"}), (-16.75, 40, CARS)):
+        assert find_lane(site, y, x)[0] == users
+    assert "2 lanes of roads of type 'pedestrian' are closed to other traffic" in notes
+
+
 @pytest.mark.parametrize(("attribute", "text"), [("roadWorks", "closed"), ("dynamicLaneType", "stay as the map")])
 def test_lanes_that_a_scenario_changes(imported, attribute, text):
     site, notes = imported(street(sections=section(lane(1), lane(-1, attributes=f'{attribute}="true"'))), minor=8)
@@ -457,31 +473,35 @@ def test_arcs_and_spirals_at_their_limits(imported, shape, radius):
         assert np.hypot(*(line[-1] - line[0])) > 95
 
 
-LINK = '<link><predecessor id="-1"/><successor id="-1"/></link>'
-
-
+@pytest.mark.parametrize("sign", [1, -1])
 @pytest.mark.parametrize(
     ("geometry", "links"),
     [
-        ("", '<laneLink from="-1" to="-1"/>'),
+        ("", '<laneLink from="{0}" to="{0}"/>'),
         ("", ""),
-        ('<geometry s="0" x="-10" y="0" hdg="0" length="0"><line/></geometry>', '<laneLink from="-1" to="-1"/>'),
+        ('<geometry s="0" x="-10" y="0" hdg="0" length="0"><line/></geometry>', '<laneLink from="{0}" to="{0}"/>'),
     ],
 )
-def test_a_connection_joins_its_roads(imported, geometry, links):
+def test_a_connection_joins_its_roads(imported, geometry, links, sign):
     """Without links, lanes of the same id (1.4, 5.4.2); pieces of no length are none (eclipse-sumo/sumo#17163)."""
-    roads = street(length=140.0, inside=joined("9", "successor"))
-    roads += street(name="2", start=(10.0, 0.0), length=140.0, inside=joined("9", "predecessor"))
+    rule = 'rule="RHT"' if sign > 0 else 'rule="LHT"'
+    roads = street(length=140.0, inside=joined("9", "successor"), attributes=rule)
+    roads += street(name="2", start=(10.0, 0.0), length=140.0, inside=joined("9", "predecessor"), attributes=rule)
     ends = '<link><predecessor elementType="road" elementId="1" contactPoint="end"/>'
     ends += '<successor elementType="road" elementId="2" contactPoint="start"/></link>'
-    lanes = section("", lane(-1, inside=LINK))
-    inner = street(name="3", start=(-10.0, 0.0), length=20.0, sections=lanes, inside=ends, junction="9")
+    one = lane(-sign, inside=f'<link><predecessor id="{-sign}"/><successor id="{-sign}"/></link>')
+    lanes = section("", one) if sign > 0 else section(one, "")
+    inner = street(
+        name="3", start=(-10.0, 0.0), length=20.0, sections=lanes, inside=ends, junction="9", attributes=rule
+    )
     roads += inner.replace("<planView>", f"<planView>{geometry}")
-    way = f'<connection id="0" incomingRoad="1" connectingRoad="3" contactPoint="start">{links}</connection>'
+    way = '<connection id="0" incomingRoad="1" connectingRoad="3" contactPoint="start">'
+    way += f"{links.format(-sign)}</connection>"
     bad = '<connection id="1" incomingRoad="1" contactPoint="start"/>'
     site, notes = imported(f'{roads}<junction id="9" name="">{way}{bad}</junction>')
     root = ElementTree.fromstring(site.network)
     assert ("-1", "-2") in {(c.get("from"), c.get("to")) for c in root.iter("connection")}
+    assert heads(site, -1.75 * sign, -60.0) == 1
     assert "1 connections of junctions lead to roads that are not in the file" in notes
 
 

@@ -15,6 +15,7 @@ from typing import Any
 
 import h5py
 import layout_formats as layouts
+import map_formats as maps
 import network_formats as networks
 import numpy as np
 import point_formats as points
@@ -40,10 +41,10 @@ from toolkit.frame import Frame
 from toolkit.geometry import look, pose
 from toolkit.objects import Detections, Objects
 from toolkit.runtime.cache import Cache, make_key
-from toolkit.runtime.files import name_errors, write_arrays
+from toolkit.runtime.files import write_arrays
 from toolkit.sensors.models import DepthCamera, SpinningLidar
 from toolkit.sensors.sensor import Sensor
-from toolkit.sites import opendrive, osm
+from toolkit.sites import osm
 from toolkit.sites.files import load_site, save_site
 from toolkit.sites.georeference import inverse_project
 from toolkit.sites.maps import MapPiece
@@ -85,7 +86,8 @@ def known_damage(name: str) -> tuple[Mutation, ...]:
         ((".json", ".geojson", ".gltf"), structured.STRUCTURED_JSON),
         ((".yaml",), structured.STRUCTURED_YAML),
         ((".osm.gz",), (structured.osm_gz_change,)),
-        ((".osm", ".xodr"), structured.STRUCTURED_XML),
+        ((".xodr",), (*maps.OPENDRIVE, *structured.STRUCTURED_XML)),
+        ((".osm",), structured.STRUCTURED_XML),
         ((".toml",), structured.STRUCTURED_TOML),
         (("y.ply",), (structured.ply_change,)),
         (("t.ply",), (structured.ply_change, structured.text_change)),
@@ -144,7 +146,7 @@ def _formats() -> dict[str, Format]:
         "map.osm.gz": Format(_osm_packed, _read_osm),
         "sensors.toml": Format(_catalogue, _read_catalogue, TEXT),
         "meshes.toml": Format(_mesh_catalogue, _read_mesh_catalogue, TEXT),
-        "map.xodr": Format(_opendrive, _read_opendrive, TEXT),
+        "map.xodr": Format(maps.make_opendrive, maps.read_opendrive, TEXT),
         "table.npz": Format(
             _table, calls("placement_env.fidelity.table:load_table"), (*BYTES, _another_table, _another_table), 1
         ),
@@ -316,36 +318,6 @@ def _read_osm(path: Path) -> None:
     osm.barriers(town, window, street)
     osm.trees(town, window, street)
     osm.furniture(town, window, street)
-
-
-def _opendrive(path: Path) -> None:
-    road = (
-        '<road name="" length="{length}" id="{i}" junction="-1"><planView><geometry s="0" x="{x}" y="{y}" hdg="{hdg}" '
-        'length="{length}"><line/></geometry></planView><elevationProfile><elevation s="0" a="0" b="0" c="0" d="0"/>'
-        '</elevationProfile><lanes><laneSection s="0"><center><lane id="0" type="none" level="false"/></center><right>'
-        '<lane id="-1" type="driving" level="false"><width sOffset="0" a="3.5" b="0" c="0" d="0"/></lane></right>'
-        '</laneSection></lanes><objects><object type="building" id="7" s="5" t="12" zOffset="0" hdg="0.1" length="8" '
-        'width="6" height="5"/><object type="tree" id="8" s="3" t="9" radius="1.5" height="6"><repeat s="3" '
-        'length="30" distance="10" tStart="9" tEnd="9"/></object></objects><signals><signal id="9" s="4" t="-4" '
-        'zOffset="2.5" height="0.6" width="0.6" dynamic="no" orientation="+"/></signals></road>'
-    )
-    roads = [road.format(i=1, x=-60, y=0, hdg=0, length=120), road.format(i=2, x=60, y=20, hdg=3.1, length=120)]
-    path.write_text(
-        "\n".join(['<?xml version="1.0"?>', '<OpenDRIVE><header revMajor="1" revMinor="4"/>', *roads, "</OpenDRIVE>"])
-    )
-
-
-def _read_opendrive(path: Path) -> None:
-    """Run all of `import_opendrive` but SUMO's netconvert."""
-    MapPiece(path, centre=(0.0, 0.0), size=(60, 60))
-    with name_errors(path):
-        root = opendrive.read_opendrive(path, (0.0, 0.0))
-        window = shapely.box(-80, -80, 80, 80)
-        roads, _ = opendrive.roads_near(root, window, 0.0, 3.5)
-        for road in roads:
-            list(opendrive.lanes(road))
-        opendrive.find_plane(roads, window, np.eye(4))
-        opendrive.read_standing(roads)
 
 
 def _table(path: Path) -> None:

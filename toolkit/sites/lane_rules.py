@@ -38,6 +38,7 @@ USERS: dict[str, str] = {
     "rail": "rail rail_urban rail_electric rail_fast",
     **dict.fromkeys(_CLOSED, ""),
 }
+_ROADS = {"pedestrian": (FOOT,), "bicycle": ("bicycle",)}  # who uses all lanes of a road of that type
 _NOTED = ("restricted", "stop", "roadWorks")  # closed types on which a reader may expect traffic
 _RESTRICTED = {
     "passengerCar": "passenger",
@@ -81,6 +82,11 @@ def find_use(
 
     defaults: limits (m/s) by type of road, as `read_defaults` gives them."""
     users = _find_users(section, lane, problems)
+    for kind in _active(road.findall("type"), section.start, key="s"):
+        allowed = _ROADS.get(kind.get("type", ""))
+        if allowed is not None and not set(users) <= {*allowed, FOOT}:
+            problems[f"lanes of roads of type {kind.get('type')!r} are closed to other traffic"] += 1
+            users = tuple(user for user in users if user in allowed) or allowed
     if not set(users) & set(MOTOR.split()) or lane.kind == "biking":
         return LaneUse(users, None)
     return LaneUse(users, _find_limit(road, section, lane, defaults, problems))
@@ -125,7 +131,7 @@ def _apply_access(
     for rule in rules:
         names = [rule.get("restriction"), *(each.get("type") for each in rule.findall("restriction"))]
         allows = rule.get("rule") == "allow"
-        if rule.get("rule") not in ("allow", "deny"):
+        if rule.get("rule") not in ("allow", "deny") and set(names) - {None, "none"}:
             problems["<access> rules without allow or deny count as deny"] += 1
         for name in names:
             if name in (None, "none"):

@@ -72,7 +72,8 @@ def read_sections(
         if min((abs(cut - place) for place in (*starts, length)), default=0.0) > MIN_PIECE_M:
             starts.append(cut)
     for start, end in pairwise([*sorted(set(starts)), length]):
-        empty = [element for element in elements if number(element, "s") == start][:-1] if keep_empty else []
+        whole = [element for element in elements if all(_describes(element, side) for side in _SIDES)]
+        empty = [element for element in whole if number(element, "s") == start][:-1] if keep_empty else []
         for element in empty:
             sides = ((side, _Description(element, start, start)) for side in _SIDES)
             ends = [lane for side, described in sides for lane in _read_side(described, side, (start, start), offset)]

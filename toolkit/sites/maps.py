@@ -1,9 +1,10 @@
 """Sites from pieces of OpenDRIVE or OpenStreetMap files.
 
 SUMO's netconvert makes their roads. The site frame is centred at the given place, x along `heading`; `map_SE3_site`
-leads back to the map's coordinates: those of the OpenDRIVE file, or metres of a transverse Mercator map of WGS84
-(`geo_reference`) about the centre. The site has no sensors yet; mounts on lamp posts are real, mounts along the kerbs
-are suggestions, all at the price of one. Where the map is silent, surroundings are drawn from a seed."""
+leads back to the map's coordinates: those of the OpenDRIVE file's projection, which its header's offset leads to, or
+metres of a transverse Mercator map of WGS84 (`geo_reference`) about the centre. The site has no sensors yet; mounts on
+lamp posts are real, mounts along the kerbs are suggestions, all at the price of one. Where the map is silent,
+surroundings are drawn from a seed."""
 
 import re
 import tempfile
@@ -302,11 +303,11 @@ class MapPiece:
 
 
 def import_opendrive(piece: MapPiece) -> Site:
-    """Import a site from an OpenDRIVE file.
+    """Import a site from an OpenDRIVE file (1.4 to 1.8; docs/reference/opendrive.md lists its elements).
 
-    Roads lie on one plane, which slopes as they do; those more than SAME_LEVEL m above or below are left out. Objects
-    and signals become solids and bays, mounts are made along the kerbs. Warnings name a georeference that is no
-    projection, what is left out and what is drawn.
+    Roads lie on one plane, which slopes as they do; those more than SAME_LEVEL m above or below are left out. Traffic
+    keeps to the side, limits and users of the map. Objects and signals become solids and bays, mounts are made along
+    the kerbs. Warnings name a georeference that leads nowhere, what is left out or taken otherwise, and what is drawn.
 
     Raises ValueError in one line if the file is no OpenDRIVE map or has no road there, ImportError without SUMO."""
     path, (x, y), heading = piece.path, map(float, piece.centre), piece.heading

@@ -350,14 +350,32 @@ def _describe_outside(root: ElementTree.Element, centre: tuple[float, float], ro
     low, high = rows[:, :2].min(axis=0), rows[:, :2].max(axis=0)
     spans = f"x {low[0]:.10g} to {high[0]:.10g} and y {low[1]:.10g} to {high[1]:.10g}"
     outside = f"centre {centre[0]:.10g} {centre[1]:.10g} lies outside the map, whose roads start at {spans}"
-    inside = transform(invert(find_placement(root)), np.array([[*centre, 0.0]]))[0, :2].round(2)
-    if not _reaches(rows, inside):
-        along = np.column_stack([np.cos(rows[:, 2]), np.sin(rows[:, 2])])
-        middles = (rows[:, :2] + rows[:, 3:] / 2 * along).round(1)
-        inside = middles[np.hypot(*(middles - np.median(middles, axis=0)).T).argmin()]
-        return f"{outside}: give --centre X Y inside it, as --centre {inside[0]:.10g} {inside[1]:.10g}"
-    turned = "these are coordinates of its projection, from which its header's offset leads to"
-    return f"{outside}: {turned} --centre {inside[0]:.10g} {inside[1]:.10g}"
+    for kind, metres in (("coordinates of its projection", centre), ("degrees", _project(root, centre))):
+        if metres is not None:
+            inside = transform(invert(find_placement(root)), np.array([[*metres, 0.0]]))[0, :2].round(2)
+            if _reaches(rows, inside):
+                return f"{outside}: these are {kind}, in the file it is --centre {inside[0]:.10g} {inside[1]:.10g}"
+    along = np.column_stack([np.cos(rows[:, 2]), np.sin(rows[:, 2])])
+    middles = (rows[:, :2] + rows[:, 3:] / 2 * along).round(1)
+    inside = middles[np.hypot(*(middles - np.median(middles, axis=0)).T).argmin()]
+    return f"{outside}: give --centre X Y inside it, as --centre {inside[0]:.10g} {inside[1]:.10g}"
+
+
+def _project(root: ElementTree.Element, place: tuple[float, float]) -> tuple[float, float] | None:
+    """Longitude and latitude in metres of a map's projection; None if they or it are none, or PROJ is not here."""
+    reference = (root.findtext("header/geoReference") or "").strip()
+    if not reference or not (abs(place[0]) <= 180 and abs(place[1]) <= 90):
+        return None
+    try:
+        from pyproj import Transformer
+        from pyproj.exceptions import ProjError
+    except ImportError:
+        return None
+    try:
+        x, y = Transformer.from_crs("EPSG:4326", reference, always_xy=True).transform(*place)
+    except ProjError:
+        return None
+    return (x, y) if np.isfinite([x, y]).all() else None
 
 
 def find_placement(root: ElementTree.Element) -> Pose:
