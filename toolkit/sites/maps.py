@@ -284,10 +284,11 @@ class MapPiece:
         """Ground up to `margin` m around the area."""
         return shapely.box(*(self.area + margin * np.array([-1, -1, 1, 1])))
 
-    def no_road(self) -> ValueError:
-        """Error for a piece without a road."""
+    def no_road(self, nearby: str = "") -> ValueError:
+        """Error for a piece without a road. nearby: what the map has there instead."""
         where = f"{self.centre[0]:g} {self.centre[1]:g}"
-        return ValueError(f"{self.path}: no road within the area about {where}: move --centre onto a road")
+        instead = f" ({nearby})" if nearby else ""
+        return ValueError(f"{self.path}: no road within the area about {where}{instead}: move --centre onto a road")
 
 
 def import_opendrive(piece: MapPiece) -> Site:
@@ -366,7 +367,7 @@ def import_osm(piece: MapPiece, *, lefthand: bool | None = None) -> Site:
     pieces, notes = osm.roads(extract, within, lefthand=lefthand)
     notes = [*extract.notes, *side_notes, *notes]
     if not pieces:
-        raise piece.no_road()
+        raise piece.no_road(osm.describe_roadless(extract, within))
     parking = osm.find_parking(extract, osm_rules.ROADS, within, lefthand=lefthand)
     map_SE3_site, driving, on_earth = pose(yaw=heading), ["--lefthand"] if lefthand else [], projection(*place)
     types = osm_rules.name_types(cast("osm_rules.Rules", way.rules) for way in pieces)
@@ -379,7 +380,7 @@ def import_osm(piece: MapPiece, *, lefthand: bool | None = None) -> Site:
         with name_errors(path):
             network, warned = nets.convert_with_notes(options)
         if ElementTree.fromstring(network).find("edge") is None:
-            raise piece.no_road()
+            raise piece.no_road(osm.describe_roadless(extract, within))
         notes += warned
         network = _in_site_frame(network, map_SE3_site)
         strips = osm.find_parking_strips(network, parking) if parking else {}
@@ -412,6 +413,8 @@ def import_osm(piece: MapPiece, *, lefthand: bool | None = None) -> Site:
     bays, name = np.concatenate([bays, at_kerbs]), path.name.partition(".")[0]
     make = partial(Site, name, piece.area, map_SE3_site=map_SE3_site, geo_reference=on_earth)
     site = make(lanes=lanes, footways=footways, parking=bays, network=network)
+    if not nets.unite(lanes).intersects(shapely.box(*site.area)):
+        raise piece.no_road(osm.describe_roadless(extract, piece.around(0.0)))
     return _finish(site, piece, solids, lamps=lamps, notes=[*notes, *cut])
 
 

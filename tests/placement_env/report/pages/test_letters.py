@@ -1,6 +1,7 @@
 """Names of poles beyond Latin in the report: whole, or numbered with a note."""
 
 import re
+from collections.abc import Iterator
 from dataclasses import replace
 
 import pytest
@@ -14,7 +15,7 @@ NAMES = {"post00": "信号灯杆一", "post01": "Ώμος", "post02": "عمود"
 
 
 @pytest.fixture
-def planned(example, monkeypatch) -> Planned:
+def planned(example, monkeypatch) -> Iterator[Planned]:
     """The example with other names of poles, on a computer without fonts of its own."""
     monkeypatch.setattr(fonts, "list_system_fonts", lambda: ())
     fonts._choose.cache_clear()
