@@ -138,7 +138,7 @@ def centred(folder: Path, centre, size=(20, 20)) -> str:
     path = folder / "town.osm"
     footway = '<way id="20"><nd ref="4"/><nd ref="3"/><tag k="highway" v="footway"/></way>'
     path.write_text(xml(footway), "utf-8")
-    with pytest.raises(ValueError, match="town.osm") as raised:
+    with pytest.raises(ValueError, match=r"town\.osm") as raised:
         import_osm(MapPiece(path, centre, size))
     return str(raised.value)
 
