@@ -131,3 +131,24 @@ def test_numbers_of_json_may_be_negative_or_text(tmp_path: Path):
     extract = read_map(path, CENTRE)
     assert [way.nodes for way in extract.ways] == [("-2", "-1", "-3")]
     assert extract.ways[0].line == pytest.approx(np.array([[-150.0, 0.0], [0.0, 0.0], [150.0, 0.0]]), abs=2e-3)
+
+
+def centred(folder: Path, centre, size=(20, 20)) -> str:
+    """What is said of a piece about a centre that has no road."""
+    path = folder / "town.osm"
+    footway = '<way id="20"><nd ref="4"/><nd ref="3"/><tag k="highway" v="footway"/></way>'
+    path.write_text(xml(footway), "utf-8")
+    with pytest.raises(ValueError, match=r"town\.osm") as raised:
+        import_osm(MapPiece(path, centre, size))
+    return str(raised.value)
+
+
+def test_remedies_name_what_was_found(tmp_path: Path):
+    assert "longitude comes first, give --centre 8 49.5" in centred(tmp_path, CENTRE[::-1])
+    assert "not metres of a projection" in centred(tmp_path, (427590.0, 5483530.0))
+    ((longitude, latitude),) = inverse_project(np.array([[140.0, 140.0]]), CENTRE)
+    said = centred(tmp_path, (longitude, latitude))
+    assert "no road within the area" in said
+    assert "there is 1 footway; the nearest road is 140 m away, at 8.0" in said
+    ((longitude, latitude),) = inverse_project(np.array([[40.0, 40.0]]), CENTRE)
+    assert "nothing is tagged highway there; the nearest road is 40 m away" in centred(tmp_path, (longitude, latitude))

@@ -12,6 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import h5py
 import layout_formats as layouts
@@ -44,7 +45,7 @@ from toolkit.runtime.cache import Cache, make_key
 from toolkit.runtime.files import write_arrays
 from toolkit.sensors.models import DepthCamera, SpinningLidar
 from toolkit.sensors.sensor import Sensor
-from toolkit.sites import osm
+from toolkit.sites import osm, osm_rules
 from toolkit.sites.files import load_site, save_site
 from toolkit.sites.georeference import inverse_project
 from toolkit.sites.maps import MapPiece
@@ -83,11 +84,12 @@ def known_damage(name: str) -> tuple[Mutation, ...]:
     for endings, mutations in (
         ((".pcd.bin", ".bin"), (structured.bin_change,)),
         ((".hdf5", ".packed"), structured.STRUCTURED_HDF5),
-        ((".json", ".geojson", ".gltf"), structured.STRUCTURED_JSON),
+        ((".geojson",), structured.STRUCTURED_GEOJSON),
+        ((".json", ".gltf"), structured.STRUCTURED_JSON),
         ((".yaml",), structured.STRUCTURED_YAML),
         ((".osm.gz",), (structured.osm_gz_change,)),
         ((".xodr",), (*maps.OPENDRIVE, *structured.STRUCTURED_XML)),
-        ((".osm",), structured.STRUCTURED_XML),
+        ((".osm",), structured.STRUCTURED_OSM),
         ((".toml",), structured.STRUCTURED_TOML),
         (("y.ply",), (structured.ply_change,)),
         (("t.ply",), (structured.ply_change, structured.text_change)),
@@ -144,6 +146,7 @@ def _formats() -> dict[str, Format]:
         "poles.geojson": Format(_poles, _read_poles, JSON, 2),
         "map.osm": Format(_osm, _read_osm, TEXT, 2),
         "map.osm.gz": Format(_osm_packed, _read_osm),
+        "map.json": Format(_overpass, _read_osm, JSON),
         "sensors.toml": Format(_catalogue, _read_catalogue, TEXT),
         "meshes.toml": Format(_mesh_catalogue, _read_mesh_catalogue, TEXT),
         "map.xodr": Format(maps.make_opendrive, maps.read_opendrive, TEXT),
@@ -277,6 +280,21 @@ def _osm_packed(path: Path) -> None:
     path.write_bytes(gzip.compress(path.read_bytes()))
 
 
+def _overpass(path: Path) -> None:
+    """The same map as Overpass gives it in JSON."""
+    _osm(path)
+    elements = []
+    for element in ElementTree.fromstring(path.read_text()):
+        row: dict[str, object] = {"type": element.tag, "id": int(element.get("id", "0"))}
+        row |= {key: float(element.get(key, "0")) for key in ("lat", "lon") if key in element.attrib}
+        nodes = [int(nd.get("ref", "0")) for nd in element.iter("nd")]
+        row |= {"nodes": nodes} if nodes else {}
+        members = [{**member.attrib, "ref": int(member.get("ref", "0"))} for member in element.iter("member")]
+        row |= {"members": members} if members else {}
+        elements.append({**row, "tags": {str(tag.get("k")): tag.get("v") for tag in element.iter("tag")}})
+    path.write_text(json.dumps({"version": 0.6, "generator": "Overpass API", "elements": elements}))
+
+
 def _catalogue(path: Path) -> None:
     path.write_text(
         'currency = "EUR"\npole_price = 4000\n[[sensor]]\nname = "camera"\nmodel = "DepthCamera"\nprice = 1500\n'
@@ -310,8 +328,11 @@ def _read_osm(path: Path) -> None:
     """Run all of `import_osm` but SUMO's netconvert, which sees only what is written anew."""
     MapPiece(path, centre=(13.4, 52.5), size=(60, 60))
     town, window = osm.read_map(path, (13.4, 52.5), 0.3), shapely.box(-60, -60, 60, 60)
-    pieces, _ = osm.roads(town, window)
+    lefthand, _ = osm.choose_side(town, window, None)
+    pieces, _ = osm.roads(town, window, lefthand=lefthand)
     osm.write_osm(pieces, town)
+    osm_rules.format_types(osm_rules.name_types(piece.rules for piece in pieces if piece.rules is not None))
+    osm.describe_roadless(town, window)
     osm.paths(town, window)
     street = shapely.box(-60, -4, 60, 4)
     osm.buildings(town, window, street)

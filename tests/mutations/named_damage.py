@@ -5,6 +5,7 @@ command would.
 """
 
 import json
+import re
 import sys
 import tempfile
 import warnings
@@ -49,6 +50,11 @@ def _text(content: str) -> Spoil:
 
 def _replaced(old: str, new: str) -> Spoil:
     return lambda path: path.write_bytes(path.read_bytes().replace(old.encode(), new.encode(), 1))
+
+
+def _exchanged(path: Path) -> None:
+    """Latitude and longitude of a map change places."""
+    path.write_text(re.sub(r'lat="(.*?)" lon="(.*?)"', r'lat="\2" lon="\1"', path.read_text()))
 
 
 def _hdf5(change: Callable[[h5py.File], Any]) -> Spoil:
@@ -127,8 +133,18 @@ CASES: dict[str, dict[str, Spoil]] = {
             "solid", "geometry", coordinates=[[[0, 0], [4, 4], [4, 0], [0, 4], [0, 0]]]
         ),
     },
-    "poles.geojson": {"100,000 brackets": _text("[" * 100_000), "a height that is text": _replaced("6", '"high"')},
-    "map.osm": {"cut in half": _cut, "without roads": _text("<osm version='0.6'></osm>")},
+    "poles.geojson": {
+        "100,000 brackets": _text("[" * 100_000),
+        "a height that is text": _replaced("6", '"high"'),
+        "in another system": _replaced('"coview_site": 1', '"crs": {"properties": {"name": "EPSG:25833"}}'),
+    },
+    "map.osm": {
+        "cut in half": _cut,
+        "without roads": _text("<osm version='0.6'></osm>"),
+        "latitude and longitude exchanged": _exchanged,
+        "Overpass ran out of time": _replaced("</osm>", "<remark>runtime error: Query timed out</remark></osm>"),
+    },
+    "map.json": {"no list of elements": _text('{"type": "FeatureCollection", "features": []}')},
     "map.xodr": {"cut in half": _cut},
     "table.npz": {"cut in half": _cut},
     "surrogate.json": {"100,000 brackets": _text("[" * 100_000)},

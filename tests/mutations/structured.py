@@ -390,6 +390,96 @@ def _float(text: str) -> float:
 
 STRUCTURED_XML: tuple[Mutation, ...] = (xml_change,)
 
+_ROAD_TAGS = {  # units, frames and sides of the road, as mappers write them and as they should not
+    "maxspeed": ("30 mph", "50 knots", "walk", "none", "signals", "DE:urban", "XX:rural", "1e9", "-5", "50;30", "٥٠"),
+    "maxspeed:backward": ("20", "GB:nsl_single", "fast"),
+    "oneway": ("-1", "reversible", "alternating", "yes;no", "1.0"),
+    "oneway:bicycle": ("no",),
+    "access": ("no", "private", "destination;delivery", "sometimes", "no @ (22:00-06:00)"),
+    "motor_vehicle": ("no", "agricultural", "yes;no"),
+    "motor_vehicle:forward": ("no",),
+    "motor_vehicle:conditional": ("no @ (Mo-Fr 07:00-09:00)",),
+    "bus:lanes": ("yes|designated", "|||||"),
+    "lanes": ("0", "2;3", "99", "1.5", "-1"),
+    "turn:lanes": ("left|through", "||"),
+    "driving_side": ("left", "both"),
+    "junction": ("roundabout", "circular"),
+    "barrier": ("bollard", "gate", "block"),
+    "maxweight": ("3.5 t", "7500 kg", "5 st", "heavy"),
+    "highway": ("motorway", "track", "busway", "residential;service", ""),
+    "name": ("信号灯杆一", "عمود", "a;b", "&#10;"),
+}
+
+
+def osm_change(content: bytes, rng: Rng) -> tuple[str, bytes]:
+    """A map whose places, roads or rules are in other units, of another side, of other kinds, or lack a partner."""
+    text = content.decode(errors="replace")
+    key = pick(rng, list(_ROAD_TAGS))
+    value = pick(rng, _ROAD_TAGS[key])
+    tag, way = f'<tag k="{key}" v="{value}"/>', pick(rng, ["100", "101"])
+    via = pick(
+        rng, ['type="node" ref="2"', 'type="node" ref="9999"', 'type="way" ref="101"', 'type="relation" ref="1"']
+    )
+    kind = pick(rng, ["no_left_turn", "only_straight_on", "no_u_turn", "no", "", "no_entry"])
+    turn = f'<relation id="7"><member type="way" ref="100" role="from"/><member {via} role="via"/>'
+    turn += (
+        f'<member type="way" ref="{way}" role="to"/><tag k="type" v="restriction"/><tag k="restriction" v="{kind}"/>'
+    )
+    changes: dict[str, Callable[[], str]] = {
+        f"a road with {key}={value}": lambda: text.replace(f'<way id="{way}">', f'<way id="{way}">{tag}'),
+        f"a node with {key}={value}": lambda: re.sub(r'(<node id="2"[^>]*)/>', rf"\1>{tag}</node>", text),
+        "latitude and longitude exchanged": lambda: re.sub(r'lat="(.*?)" lon="(.*?)"', r'lat="\2" lon="\1"', text),
+        "places in thousandths": lambda: re.sub(
+            r'(lat|lon)="([\d.]+)"', lambda found: f'{found[1]}="{float(found[2]) * 1000}"', text
+        ),
+        "a node that is missing": lambda: re.sub(rf'<node id="{pick(rng, "12345")}".*\n', "", text),
+        "a way that is deleted": lambda: text.replace(f'<way id="{way}"', f'<way action="delete" id="{way}"'),
+        "a rule of turning": lambda: text.replace("</osm>", f"{turn}</relation></osm>"),
+        "numbers of a draft": lambda: re.sub(r'(id|ref)="(\d+)"', r'\1="-\2"', text),
+        "Overpass ran out of time": lambda: text.replace("</osm>", "<remark>runtime error: timed out</remark></osm>"),
+    }
+    what = pick(rng, list(changes))
+    return what, changes[what]().encode()
+
+
+_POLE_SYSTEMS = ("EPSG:25833", "urn:ogc:def:crs:EPSG::4326", "urn:ogc:def:crs:OGC:1.3:CRS84", "EPSG:2227", "", "31468")
+
+
+def geojson_change(content: bytes, rng: Rng) -> tuple[str, bytes]:
+    """Poles in another system, order or unit, or without a place."""
+    document = json.loads(content)
+    feature = pick(rng, document["features"])
+    crs = {"type": "name", "properties": {"name": pick(rng, _POLE_SYSTEMS)}}
+
+    def swap() -> None:
+        feature["geometry"]["coordinates"] = list(reversed(feature["geometry"]["coordinates"]))
+
+    def scale() -> None:
+        def scaled(value: Any) -> Any:
+            return [scaled(part) for part in value] if isinstance(value, list) else value * 1000.0
+
+        feature["geometry"]["coordinates"] = scaled(feature["geometry"]["coordinates"])
+
+    changes: dict[str, Callable[[], object]] = {
+        "a system": lambda: document.update(crs=crs),
+        "a system of a feature": lambda: feature.update(crs=crs),
+        "a system of a geometry": lambda: feature["geometry"].update(crs=crs),
+        "no site's metres": lambda: document.pop("coview_site", None),
+        "coordinates turned round": swap,
+        "coordinates in millimetres": scale,
+        "a feature without a place": lambda: feature.update(geometry=None),
+        "a name beyond Latin": lambda: feature["properties"].update(
+            name=pick(rng, ["信号灯杆一", "עמוד", "\ue000", "a\n;b"])
+        ),
+    }
+    what = pick(rng, list(changes))
+    changes[what]()
+    return what, json.dumps(document).encode()
+
+
+STRUCTURED_OSM: tuple[Mutation, ...] = (xml_change, osm_change, osm_change)
+STRUCTURED_GEOJSON: tuple[Mutation, ...] = (*STRUCTURED_JSON, *[geojson_change] * 5)
+
 
 def toml_change(content: bytes, rng: Rng) -> tuple[str, bytes]:
     text = content.decode()

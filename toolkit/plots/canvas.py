@@ -15,11 +15,12 @@ from io import BytesIO
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
-from warnings import catch_warnings, filterwarnings
+from warnings import catch_warnings, filterwarnings, warn
 
 import numpy as np
 
 from toolkit.arrays import Float, Float64, Shaped
+from toolkit.plots.fonts import choose_fonts, name_letters, own_font
 from toolkit.runtime.files import write_bytes
 
 if TYPE_CHECKING:
@@ -114,7 +115,7 @@ def house_style() -> Iterator[None]:
     from matplotlib import style
 
     with style.context(Path(__file__).parent / "house.mplstyle"), catch_warnings():
-        filterwarnings("ignore", message="Glyph .* missing from font")  # the picture shows an empty box
+        filterwarnings("ignore", message="Glyph .* missing from font")  # `set_letters` gives it another
         yield
 
 
@@ -137,6 +138,7 @@ def check_picture(out: Path | str) -> None:
 def write_figure(figure: "Figure", out: Path | str) -> None:
     """Write a figure as SVG or PNG, with the same bytes each time. Raises ValueError for another suffix."""
     check_picture(out)
+    set_letters(figure)
     drawn = BytesIO()
     if Path(out).suffix.lower() == ".svg":
         drawn.write(f'<?xml version="1.0" encoding="utf-8"?>\n{svg_text(figure)}\n'.encode())
@@ -147,14 +149,43 @@ def write_figure(figure: "Figure", out: Path | str) -> None:
 
 def render_pixels(figure: "Figure") -> Shaped[np.ndarray, "height width 3"]:
     """Render the figure as RGB, uint8, 100 pixels an inch."""
+    set_letters(figure)
     canvas: Any = figure.canvas
     canvas.draw()
     return np.array(canvas.buffer_rgba())[..., :3]
 
 
+def set_letters(figure: "Figure") -> None:
+    """Give texts whose letters the house's font lacks another font of this computer. A text that no font can set is
+    numbered, and a warning names it and its letters."""
+    from matplotlib import ft2font
+    from matplotlib.font_manager import fontManager
+    from matplotlib.text import Text
+
+    foreign = [text for text in figure.findobj(Text) if not text.get_text().isascii()]
+    if not foreign:
+        return
+    shaping = hasattr(ft2font, "__libraqm_version__")
+    fonts = choose_fonts((text.get_text() for text in foreign), own_font("DejaVuSans"), shaping=shaping)
+    for file in fonts.files:
+        fontManager.addfont(str(file))
+    for text in foreign:
+        text.set_fontfamily([*text.get_fontfamily(), *fonts.families])
+    numbers: dict[str, str] = {}
+    for text in foreign:
+        if fonts.unset & set(text.get_text()):
+            shown = numbers.setdefault(text.get_text(), f"({len(numbers) + 1})")
+            text.set_text(shown)
+    if numbers:
+        listed = ", ".join(f"{shown} for {name!r}" for name, shown in numbers.items())
+        reason = f"no font here can set the letters {''.join(sorted(fonts.unset))} ({name_letters(fonts.unset)})"
+        warn(f"{reason}: the picture shows {listed}; install a font that has them, such as Noto Sans", stacklevel=3)
+
+
 def svg_text(figure: "Figure", title: str = "") -> str:
     """Return the figure as an <svg> element. Its texts are outlines. It is for a page or a file. title: for screen
     readers. Ids begin with a digest of the figure, so that several pictures can share a page."""
+    set_letters(figure)
     drawn = BytesIO()
     nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
     figure.savefig(drawn, format="svg", dpi=DPI, metadata=nothing)

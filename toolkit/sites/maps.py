@@ -288,11 +288,16 @@ class MapPiece:
         """Ground up to `margin` m around the area."""
         return shapely.box(*(self.area + margin * np.array([-1, -1, 1, 1])))
 
-    def no_road(self, nearest: tuple[float, float] | None = None) -> ValueError:
-        """Error for a piece without a road. nearest: place on the nearest one, in the map's coordinates."""
+    def no_road(self, nearest: tuple[float, float] | None = None, nearby: str = "") -> ValueError:
+        """Error for a piece without a road.
+
+        nearest: place on the nearest road, in the map's coordinates. nearby: what the map has here instead."""
         where = f"{self.centre[0]:.10g} {self.centre[1]:.10g}"
+        instead = f" ({nearby})" if nearby else ""
         onto = "" if nearest is None else f", as --centre {nearest[0]:.10g} {nearest[1]:.10g}"
-        return ValueError(f"{self.path}: no road within the area about {where}: move --centre onto a road{onto}")
+        return ValueError(
+            f"{self.path}: no road within the area about {where}{instead}: move --centre onto a road{onto}"
+        )
 
     def no_carriageway(self, kinds: Sequence[str]) -> ValueError:
         """Error for a piece whose roads have no carriageway. kinds: types of their lanes."""
@@ -380,7 +385,7 @@ def import_osm(piece: MapPiece, *, lefthand: bool | None = None) -> Site:
     pieces, notes = osm.roads(extract, within, lefthand=lefthand)
     notes = [*extract.notes, *side_notes, *notes]
     if not pieces:
-        raise piece.no_road()
+        raise piece.no_road(nearby=osm.describe_roadless(extract, within))
     parking = osm.find_parking(extract, osm_rules.ROADS, within, lefthand=lefthand)
     map_SE3_site, driving, on_earth = pose(yaw=heading), ["--lefthand"] if lefthand else [], projection(*place)
     types = osm_rules.name_types(cast("osm_rules.Rules", way.rules) for way in pieces)
@@ -390,7 +395,10 @@ def import_osm(piece: MapPiece, *, lefthand: bool | None = None) -> Site:
         type_file.write_text(osm_rules.format_types(types), "utf-8")
         options = [f"--osm-files={streets}", f"--type-files={type_file}", f"--proj={on_earth}", *_OSM_OPTIONS, *driving]
         options += [f"--plain-output-prefix={Path(folder, 'plain')}"]
-        network, warned = _convert(options, piece)
+        with name_errors(path):
+            network, warned = nets.convert_with_warnings(options)
+        if ElementTree.fromstring(network).find("edge") is None:
+            raise piece.no_road(nearby=osm.describe_roadless(extract, within))
         notes += describe_warnings(warned)
         network = _in_site_frame(network, map_SE3_site)
         strips = osm.find_parking_strips(network, parking) if parking else {}
@@ -423,6 +431,8 @@ def import_osm(piece: MapPiece, *, lefthand: bool | None = None) -> Site:
     bays, name = np.concatenate([bays, at_kerbs]), path.name.partition(".")[0]
     make = partial(Site, name, piece.area, map_SE3_site=map_SE3_site, geo_reference=on_earth)
     site = make(lanes=lanes, footways=footways, parking=bays, network=network)
+    if not nets.unite(lanes).intersects(shapely.box(*site.area)):
+        raise piece.no_road(nearby=osm.describe_roadless(extract, piece.around(0.0)))
     return _finish(site, piece, solids, lamps=lamps, notes=[*notes, *cut])
 
 

@@ -151,13 +151,13 @@ def read_map(path: Path, centre: tuple[float, float], heading: float = 0.0) -> E
     if not ((low - AT_THE_EDGE <= centre) & (centre <= high + AT_THE_EDGE)).all():
         spans = f"longitude {low[0]:.6g} to {high[0]:.6g} and latitude {low[1]:.6g} to {high[1]:.6g}"
         outside = f"{path}: centre {centre[0]:g} {centre[1]:g} lies outside the map, which spans {spans}"
-        raise ValueError(f"{outside}: give --centre LONGITUDE LATITUDE inside it")
+        raise ValueError(f"{outside}: {_correct_centre(centre, low, high)}")
     position = dict(zip(points, project(degrees, centre) @ plane_rotation(-heading).T, strict=True))
     ways = {}
     for name, (references, way_tags) in raw_ways.items():
         runs = _runs(references, position) if "highway" in way_tags else [[n for n in references if n in position]]
         odd[_GAPS] += len(runs) > 1
-        for k, known in enumerate(runs):
+        for k, known in enumerate(run for run in runs if len(run) > 1):
             nodes = [node for i, node in enumerate(known) if i == 0 or node != known[i - 1]]
             if len(nodes) > 1:
                 key = f"{name}~{k}" if k else name
@@ -170,6 +170,16 @@ def read_map(path: Path, centre: tuple[float, float], heading: float = 0.0) -> E
     return Extract(centre, heading, tuple(ways.values()), areas, places, notes, place_tags, tuple(restrictions))
 
 
+def _correct_centre(centre: tuple[float, float], low: np.ndarray, high: np.ndarray) -> str:
+    """Remedy for a centre outside a map that spans from `low` to `high`."""
+    swapped = centre[::-1]
+    if ((low - AT_THE_EDGE <= swapped) & (swapped <= high + AT_THE_EDGE)).all():
+        return f"longitude comes first, give --centre {swapped[0]:g} {swapped[1]:g}"
+    if abs(centre[0]) > 180 or abs(centre[1]) > 90:
+        return "these are no degrees, give --centre LONGITUDE LATITUDE inside it, not metres of a projection"
+    return "give --centre LONGITUDE LATITUDE inside it"
+
+
 def _runs(references: list[str], known: Collection[str]) -> list[list[str]]:
     """Parts of a way between nodes that the map lacks."""
     runs: list[list[str]] = [[]]
@@ -178,7 +188,7 @@ def _runs(references: list[str], known: Collection[str]) -> list[list[str]]:
             runs[-1].append(node)
         elif runs[-1]:
             runs.append([])
-    return [run for run in runs if len(run) > 1]
+    return [run for run in runs if run]
 
 
 def _read_restriction(element: ElementTree.Element, tags: Tags) -> tuple[list[Restriction], str]:
@@ -408,6 +418,25 @@ def roads(extract: Extract, window: shapely.Geometry, *, lefthand: bool = False)
     ]
     rules = number_pieces(cast("Rules", piece.rules) for piece in pieces)
     return [replace(piece, rules=rule) for piece, rule in zip(pieces, rules, strict=True)], notes
+
+
+def describe_roadless(extract: Extract, window: shapely.Geometry) -> str:
+    """What the map has within a window without roads, and where its nearest road is."""
+    ways = [way for way in extract.ways if "highway" in way.tags]
+    there = Counter(way.tags["highway"][:30] for way in ways if _reaches(way, window))
+    covered = sum(_is_road(way.tags) and _below(way.tags) for way in ways if _reaches(way, window))
+    listed = ", ".join(f"{count} {kind}" for kind, count in there.most_common(4))
+    found = [f"there is {listed}" if listed else "nothing is tagged highway there"]
+    found += [f"{covered} in tunnels"] if covered else []
+    lines = [shapely.LineString(way.line) for way in ways if _is_road(way.tags) and not _below(way.tags)]
+    outside = [line for line in lines if not line.intersects(window)]
+    if outside:
+        middle = shapely.Point(0.0, 0.0)
+        nearest = min(outside, key=middle.distance)
+        spot = shapely.get_coordinates(shapely.shortest_line(middle, nearest))[1:]
+        ((longitude, latitude),) = inverse_project(spot @ plane_rotation(extract.heading).T, extract.centre)
+        found.append(f"the nearest road is {middle.distance(nearest):.0f} m away, at {longitude:.5f} {latitude:.5f}")
+    return "; ".join(found)
 
 
 def choose_side(extract: Extract, window: shapely.Geometry, lefthand: bool | None) -> tuple[bool, list[str]]:

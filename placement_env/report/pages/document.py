@@ -10,15 +10,19 @@ import json
 import math
 import re
 import tempfile
+import unicodedata
+import warnings
 from base64 import b64decode, b64encode
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, is_dataclass, replace
 from pathlib import Path
+from shutil import copyfile
 from typing import Any, ClassVar
 
 from placement_env.report import content
 from placement_env.report.pages.scene import Scene
 from toolkit.display import describe_count
+from toolkit.plots.fonts import UNSET, choose_fonts, name_letters, number_names, own_font, replace_letters
 from toolkit.sites.site import Site
 from toolkit.viewing.scene import render_page
 
@@ -201,14 +205,36 @@ def to_pdf(document: Document) -> bytes:
                     values["file"] = f"drawing{drawings}.svg"
                     Path(folder, values["file"]).write_text(values.pop("svg"), encoding="utf-8")
                     drawings += 1
+        fonts = choose_fonts(list_texts(document), own_font(PAPER_FONT))
+        content["fonts"] = list(fonts.families)
         Path(folder, "content.json").write_text(json.dumps(content), encoding="utf-8")
         Path(folder, "report.typ").write_bytes((_FOLDER / "report.typ").read_bytes())
+        Path(folder, "fonts").mkdir()
+        for k, file in enumerate(fonts.files):
+            copyfile(file, Path(folder, "fonts", f"{k}{file.suffix}"))
+        source, font_folder = str(Path(folder, "report.typ")), str(Path(folder, "fonts"))
         try:
-            pages = typst.compile(str(Path(folder, "report.typ")), root=folder, ignore_system_fonts=True, timestamp=0)
+            pages = typst.compile(source, root=folder, font_paths=[font_folder], ignore_system_fonts=True, timestamp=0)
         except typst.TypstError as error:
             raise ValueError(f"the PDF cannot be set: {error.message}: the drawings must be SVG") from error
     assert isinstance(pages, bytes)
     return pages
+
+
+PAPER_FONT = "DejaVuSansMono"  # one of typst's own, for letters that its main font lacks
+
+
+def list_texts(value: object) -> list[str]:
+    """All texts of a document, or of a part of it."""
+    if isinstance(value, str):
+        return [value]
+    if isinstance(value, Drawing):
+        return [value.caption, value.alt]
+    if isinstance(value, tuple):
+        return [text for part in value for text in list_texts(part)]
+    if is_dataclass(value):
+        return [text for each in fields(value) for text in list_texts(getattr(value, each.name))]
+    return []
 
 
 LINE, LETTER, INSET = 487.0, 0.5, 6.0  # points: width of a page's text, of a letter at 1 pt, beside a cell's text
@@ -222,8 +248,8 @@ def _lay_out(block: TableBlock) -> dict[str, object]:
     texts = [[re.sub(rf"\S{{{LONGEST_WORD},}}", _break_up, text) for text in line] for line in lines]
     needs = []
     for column in zip(*texts, strict=True):
-        word = max(len(word) for text in column for word in re.split(r"[\s\u200b]", text))
-        needs.append(max(word, min(max(map(len, column)), max(LONGEST_WORD, 110 // len(block.columns)))))
+        word = max(_count_letters(word) for text in column for word in re.split(r"[\s\u200b]", text))
+        needs.append(max(word, min(max(map(_count_letters, column)), max(LONGEST_WORD, 110 // len(block.columns)))))
     size = (LINE - INSET * len(needs)) / (LETTER * sum(needs))
     size = min(max(size, LEAST_SIZE), USUAL_SIZE if len(needs) > 2 else LIST_SIZE)
     columns = [
@@ -231,6 +257,11 @@ def _lay_out(block: TableBlock) -> dict[str, object]:
         for heading, column, need in zip(texts[0], block.columns, needs, strict=True)
     ]
     return {"size": size, "columns": columns, "rows": texts[1:]}
+
+
+def _count_letters(text: str) -> int:
+    """Width of a text in Latin letters; those of East Asia are two wide."""
+    return sum(2 if unicodedata.east_asian_width(letter) in "WF" else 1 for letter in text)
 
 
 def _break_up(word: re.Match[str]) -> str:
@@ -274,6 +305,67 @@ def interval_text(judged: content.Judgement) -> str:
     return "no interval" if math.isnan(judged.low) else f"{number(judged.low)}–{number(judged.high)}"
 
 
+def _replace_texts(value: Any, change: Callable[[str], str]) -> Any:
+    """The same value with all its texts changed, but for drawings."""
+    if isinstance(value, str):
+        return change(value)
+    if isinstance(value, Mapping):
+        return {_replace_texts(key, change): _replace_texts(each, change) for key, each in value.items()}
+    if isinstance(value, tuple | list):
+        return tuple(_replace_texts(each, change) for each in value)
+    if is_dataclass(value) and not isinstance(value, type):
+        changed = {each.name: _replace_texts(getattr(value, each.name), change) for each in fields(value)}
+        return replace(value, **changed)
+    return value
+
+
+def settle_names(plan: content.Plan, site: Site) -> tuple[content.Plan, Site, str]:
+    """Number the poles and sensors whose names hold letters that no font here can set, in all texts of a plan and on
+    its site; return a note of them, empty for none."""
+    poles = [mount.name for mount in site.mounts] + [sensor.pole for sensor in plan.sensors] + [*plan.poles_unused]
+    sensors = [sensor.name for sensor in site.sensors] + [sensor.name for sensor in plan.sensors]
+    unset = choose_fonts([*poles, *sensors], own_font(PAPER_FONT)).unset
+    numbers = number_names(tuple(dict.fromkeys(sensors)), unset, "sensor")
+    numbers |= number_names(tuple(dict.fromkeys(poles)), unset, "pole")
+    if not numbers:
+        return plan, site, ""
+    longest_first = "|".join(map(re.escape, sorted(numbers, key=len, reverse=True)))
+
+    def number_all(text: str) -> str:
+        return re.sub(longest_first, lambda found: numbers[found[0]], text)
+
+    mounts = tuple(replace(mount, name=number_all(mount.name)) for mount in site.mounts)
+    mounted = tuple(replace(sensor, name=number_all(sensor.name)) for sensor in site.sensors)
+    listed = "; ".join(f"{number} is {name_letters_in_order(name)}" for name, number in numbers.items())
+    note = f"Names with letters that no font here can set are numbered: {listed}."
+    letters = "".join(sorted(unset))
+    said = ", ".join(f"{name!r} is {number}" for name, number in numbers.items())
+    remedy = "install a font that has them, such as Noto Sans"
+    warnings.warn(f"no font here can set the letters {letters}, so in the report {said}: {remedy}", stacklevel=3)
+    return _replace_texts(plan, number_all), replace(site, mounts=mounts, sensors=mounted), note
+
+
+def name_letters_in_order(name: str) -> str:
+    """A name by the code points of its letters."""
+    return " ".join(f"U+{ord(letter):04X}" for letter in name)
+
+
+def drop_unset(document: Document) -> Document:
+    """The same document with a question mark in place of letters that no font here can set, and a warning."""
+    unset = choose_fonts(list_texts(document), own_font(PAPER_FONT)).unset
+    if not unset:
+        return document
+    letters = "".join(sorted(unset))
+    warnings.warn(f"no font here can set the letters {letters}, which the report shows as {UNSET}", stacklevel=3)
+    head, *rest = document.sections
+    codes = name_letters(unset)
+    note = Paragraph(f"No font here can set {codes}: {UNSET} stands for them. Install one that can, such as Noto Sans.")
+    sections = (replace(head, blocks=(*head.blocks, note)), *rest)
+    logo = document.logo
+    shown = _replace_texts(replace(document, sections=sections, logo=""), lambda text: replace_letters(text, unset))
+    return replace(shown, logo=logo)
+
+
 def use_pole_names(plan: content.Plan, site: Site) -> tuple[content.Plan, Site]:
     """Call the sensors of a pool by their poles, in all texts of a plan and on its site. Sensors of the chosen set that
     share a pole are numbered; other aims than the chosen ones are marked."""
@@ -291,16 +383,8 @@ def use_pole_names(plan: content.Plan, site: Site) -> tuple[content.Plan, Site]:
         return plan, site
     long_first = "|".join(map(re.escape, sorted(names, key=len, reverse=True)))
 
-    def rename(value: Any) -> Any:
-        if isinstance(value, str):
-            return names.get(value) or re.sub(long_first, lambda found: names[found[0]], value)
-        if isinstance(value, Mapping):
-            return {rename(key): rename(each) for key, each in value.items()}
-        if isinstance(value, tuple | list):
-            return tuple(map(rename, value))
-        if is_dataclass(value) and not isinstance(value, type):
-            return replace(value, **{each.name: rename(getattr(value, each.name)) for each in fields(value)})
-        return value
+    def rename(text: str) -> str:
+        return names.get(text) or re.sub(long_first, lambda found: names[found[0]], text)
 
     sensors = tuple(replace(each, name=names.get(each.name, each.name)) for each in site.sensors)
-    return rename(plan), replace(site, sensors=sensors)
+    return _replace_texts(plan, rename), replace(site, sensors=sensors)

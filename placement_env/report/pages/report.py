@@ -28,12 +28,14 @@ from placement_env.report.pages.document import (
     TableBlock,
     ap_figure,
     ap_text,
+    drop_unset,
     interval_text,
     list_aps,
     number,
     percent,
     price_text,
     say,
+    settle_names,
     table,
     to_html,
     to_pdf,
@@ -551,13 +553,22 @@ def build_document(plan: content.Plan, site: Site, ground: Ground | None) -> Doc
     return Document(title, subtitle, sections, logo=plan.head.get("logo", ""))
 
 
+def add_note(document: Document, note: str) -> Document:
+    """The same document with a note at the end of its first section; as it is without one."""
+    if not note:
+        return document
+    head, *rest = document.sections
+    return replace(document, sections=(replace(head, blocks=(*head.blocks, Paragraph(note))), *rest))
+
+
 def write_report(planned: content.Planned, out: Path) -> None:
     """Write `REPORT_FILES` into a folder, made if missing. Both are written or neither, with the same bytes each time.
     Raises ImportError without the packages of `coview[report]`, OSError if the folder cannot be written."""
     offered = planned.candidates.mounts if planned.candidates else planned.site.mounts
     plan, site = use_pole_names(planned.plan, replace(planned.site, mounts=offered))
+    plan, site, note = settle_names(plan, site)
     ground = planned.ground
-    document = build_document(plan, site, ground)
+    document = drop_unset(add_note(build_document(plan, site, ground), note))
     scene = None if plan.chosen is None else build_scene(plan, site, ground, planned.moments)
     with writing_together(out) as folder:
         (folder / "report.html").write_text(to_html(document, scene), encoding="utf-8")

@@ -1,0 +1,145 @@
+"""Fonts for letters that the house's own lack: those installed on this computer.
+
+Pictures are set in DejaVu Sans, which comes with matplotlib and has Latin, Greek, Cyrillic, Hebrew, Arabic, Georgian
+and Armenian letters. For others a font is looked for among those of the system; letters that none has are named, and
+whoever sets a name writes something else in its place, never an empty box."""
+
+import unicodedata
+from collections.abc import Callable, Iterable, Sequence
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+
+PLACEHOLDERS = ("lastresort", "last resort", "adobeblank", "adobe blank", "notdef", "keyboard")  # fonts of boxes
+PREFERRED = ("noto sans", "dejavu sans", "noto", "arial unicode", "source han sans", "droid sans fallback")
+UNSET = "?"  # in place of a letter that no font has
+SHAPED = (  # scripts whose letters are joined or reordered, as Unicode names them
+    *("ARABIC", "HEBREW", "SYRIAC", "THAANA", "NKO", "DEVANAGARI", "BENGALI", "GURMUKHI", "GUJARATI", "ORIYA", "TAMIL"),
+    *("TELUGU", "KANNADA", "MALAYALAM", "SINHALA", "KHMER", "MYANMAR", "TIBETAN", "MONGOLIAN"),
+)
+
+
+class FontChoice(NamedTuple):
+    """Fonts for some letters.
+
+    Attributes:
+        files: the fonts' files, in the order of use.
+        families: their names.
+        unset: letters that no font has.
+    """
+
+    files: tuple[Path, ...]
+    families: tuple[str, ...]
+    unset: frozenset[str]
+
+
+def own_font(name: str) -> Path:
+    """File of a font that comes with matplotlib."""
+    import matplotlib
+
+    return Path(matplotlib.get_data_path(), "fonts", "ttf", f"{name}.ttf")
+
+
+def choose_fonts(texts: Iterable[str], base: Path, *, shaping: bool = True) -> FontChoice:
+    """Choose fonts for the letters of texts that `base` lacks, as few as possible.
+
+    shaping: whoever sets the texts joins and orders letters as their script asks for; otherwise scripts that need it
+    count as unset."""
+    letters = {letter for text in texts for letter in text if _is_drawn(letter)}
+    missing = frozenset(letter for letter in letters if ord(letter) not in list_letters(base))
+    if not shaping:
+        misordered = frozenset(letter for letter in letters if _needs_shaping(letter))
+        chosen = _choose(missing - misordered)
+        return chosen._replace(unset=chosen.unset | misordered)
+    return _choose(missing)
+
+
+def name_letters(letters: Iterable[str]) -> str:
+    """Letters by their code points, which any font can set."""
+    return ", ".join(f"U+{ord(letter):04X}" for letter in sorted(letters))
+
+
+@cache
+def list_letters(font: Path) -> frozenset[int]:
+    """Code points that a font can draw; none for a file that is no outline font, or one of boxes."""
+    from matplotlib.ft2font import FT2Font
+
+    try:
+        face = FT2Font(str(font))
+        letters = frozenset(face.get_charmap())
+    except (RuntimeError, OSError, ValueError, UnicodeError):
+        return frozenset()
+    is_outline = bool(face.scalable)
+    is_box = any(word in f"{face.family_name} {font.name}".lower() for word in PLACEHOLDERS)
+    return letters if is_outline and not is_box else frozenset()
+
+
+def list_system_fonts() -> tuple[Path, ...]:
+    """Font files of this computer."""
+    from matplotlib import font_manager
+
+    return tuple(sorted(map(Path, font_manager.findSystemFonts())))
+
+
+def family_name(font: Path) -> str:
+    """Family of a font's first face."""
+    from matplotlib.ft2font import FT2Font
+
+    return str(FT2Font(str(font)).family_name)
+
+
+@cache
+def _choose(missing: frozenset[str]) -> FontChoice:
+    wanted = {ord(letter) for letter in missing}
+    files: list[Path] = []
+    own = [own_font("DejaVuSans")] if wanted else []
+    candidates = [*own, *(list_system_fonts() if wanted - list_letters(own[0] if own else Path()) else ())]
+    while wanted:
+        best = max(candidates, key=_rank(wanted), default=None)
+        if best is None or not wanted & list_letters(best):
+            break
+        files.append(best)
+        wanted -= list_letters(best)
+    families = tuple(dict.fromkeys(map(family_name, files)))
+    return FontChoice(tuple(files), families, frozenset(map(chr, wanted)))
+
+
+def _rank(wanted: set[int]) -> Callable[[Path], tuple[int, int, int, str]]:
+    """Rank of a font: letters that it has, preference of its family, regular styles first."""
+
+    def rank(font: Path) -> tuple[int, int, int, str]:
+        shared = len(wanted & list_letters(font))
+        if not shared:
+            return 0, 0, 0, ""
+        name = family_name(font).lower()
+        preference = next((-k for k, word in enumerate(PREFERRED) if name.startswith(word)), -len(PREFERRED))
+        styled = any(word in font.stem.lower() for word in ("bold", "italic", "oblique", "light", "thin", "black"))
+        return shared, preference, -int(styled), font.name
+
+    return rank
+
+
+def _is_drawn(letter: str) -> bool:
+    """False for spaces, controls and marks without a shape of their own."""
+    is_selector = "\ufe00" <= letter <= "\ufe0f" or "\U000e0100" <= letter <= "\U000e01ef"
+    return not (letter.isspace() or is_selector or unicodedata.category(letter) in ("Cc", "Cf", "Cs"))
+
+
+def _needs_shaping(letter: str) -> bool:
+    return unicodedata.name(letter, "").startswith(SHAPED)
+
+
+def replace_letters(text: str, letters: frozenset[str]) -> str:
+    """Text with `UNSET` in place of some letters, one for a run of them."""
+    shown: list[str] = []
+    for letter in text:
+        if letter not in letters:
+            shown.append(letter)
+        elif not shown or shown[-1] != UNSET:
+            shown.append(UNSET)
+    return "".join(shown)
+
+
+def number_names(names: Sequence[str], unset: frozenset[str], noun: str) -> dict[str, str]:
+    """Numbered names, such as "pole 3", for those that hold letters that cannot be set; counted from 1."""
+    return {name: f"{noun} {k}" for k, name in enumerate(names, start=1) if unset & set(name)}
