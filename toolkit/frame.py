@@ -84,7 +84,7 @@ class Region:
         """Mask of the boxes inside the region, world frame."""
         raise NotImplementedError
 
-    def counted_from(self, origin: Float64[np.ndarray, "3"]) -> "Region":
+    def move_origin(self, origin: Float64[np.ndarray, "3"]) -> "Region":
         """Return the region in a world frame that begins at `origin` (m) of this one."""
         raise NotImplementedError
 
@@ -103,7 +103,7 @@ class Everywhere(Region):
         """Mask of all boxes."""
         return np.ones(len(boxes), bool)
 
-    def counted_from(self, origin: Float64[np.ndarray, "3"]) -> "Everywhere":
+    def move_origin(self, origin: Float64[np.ndarray, "3"]) -> "Everywhere":
         """Return the region itself."""
         return self
 
@@ -119,7 +119,7 @@ class Rectangle(Region):
         """Mask of the boxes with their centre in the area."""
         return np.asarray(((boxes[:, :2] >= self.area[:2]) & (boxes[:, :2] <= self.area[2:])).all(axis=1))
 
-    def counted_from(self, origin: Float64[np.ndarray, "3"]) -> "Rectangle":
+    def move_origin(self, origin: Float64[np.ndarray, "3"]) -> "Rectangle":
         """Return the rectangle counted from another origin."""
         x, y, _ = origin.tolist()
         xmin, ymin, xmax, ymax = self.area
@@ -148,7 +148,7 @@ class ImageWedge(Region):
             shown &= np.clip(overlap, 0, None).prod(axis=1) / np.where(area > 0, area, 1.0) <= IGNORED_SHARE
         return shown
 
-    def counted_from(self, origin: Float64[np.ndarray, "3"]) -> "ImageWedge":
+    def move_origin(self, origin: Float64[np.ndarray, "3"]) -> "ImageWedge":
         """Return the wedge whose projection begins at another origin."""
         moved = self.projection.copy()
         moved[:, 3] += self.projection[:, :3] @ origin

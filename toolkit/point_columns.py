@@ -62,7 +62,7 @@ class Axes(NamedTuple):
 
 
 class _Template(NamedTuple):
-    """What the names of three coordinates share: words, unit ("" if none), and whether numbers name their axes."""
+    """Common parts of the names of three coordinates: words, unit ("" if none), and whether numbers name their axes."""
 
     words: str
     unit: str

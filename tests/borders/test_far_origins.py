@@ -103,7 +103,7 @@ def test_points_that_float32_spoilt_before_are_counted(tmp_path):
     np.save(tmp_path / "a.npy", (car() + UTM).astype(np.float32))
     (frame,) = open_recording(tmp_path / "a.npy")
     assert len(np.unique(frame.points()[:, 1])) < 10
-    assert frame.problems == {records.UNPLACED: 1, records.COARSE: 1}
+    assert frame.problems == {records.UNPLACED: 1, records.COARSE_POINTS: 1}
 
 
 def test_clouds_in_a_far_world_go_into_their_sensors_frame():
@@ -144,7 +144,7 @@ def test_regions_move_with_the_origin():
     wedge = ImageWedge(projection, 1000, 800, ((100.0, 100.0, 300.0, 300.0),))
     moved = boxes - np.array([*origin, 0, 0, 0, 0])
     for region in (Everywhere(), Rectangle((-20.0, -30.0, 10.0, 40.0)), wedge):
-        np.testing.assert_array_equal(region.covers(boxes), region.counted_from(origin).covers(moved))
+        np.testing.assert_array_equal(region.covers(boxes), region.move_origin(origin).covers(moved))
     assert 0 < wedge.covers(boxes).sum() < 200
 
 

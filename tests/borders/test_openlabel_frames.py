@@ -241,7 +241,7 @@ def test_a_clouds_sensor_is_told_by_uri_folder_or_name_and_not_by_order(tmp_path
     del content["openlabel"]["coordinate_systems"], content["openlabel"]["streams"]
     frame = read(tmp_path, content)
     assert [(cloud.name, len(cloud.points)) for cloud in frame.clouds] == [("a", 300), ("b", 2)]
-    assert frame.problems == {layout.BY_ORDER: 2}
+    assert frame.problems == {layout.STREAM_BY_ORDER: 2}
 
 
 def test_a_cloud_beside_its_labels_is_of_the_files_only_sensor(tmp_path):

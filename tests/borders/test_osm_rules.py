@@ -146,7 +146,7 @@ def test_a_source_or_zone_tells_the_limit_where_none_is_given():
         ({"oneway": "yes", "cycleway": "opposite"}, osm_rules.CONTRAFLOW),
         ({"oneway": "reversible"}, osm_rules.EITHER),
         ({"access": "sometimes"}, osm_rules.UNREAD),
-        ({"maxspeed": "fast"}, osm_rules.SPEED),
+        ({"maxspeed": "fast"}, osm_rules.UNREAD_SPEED),
         ({"maxspeed": "signals"}, osm_rules.VARIABLE),
         ({"maxspeed:hgv": "60"}, osm_rules.SPEEDS),
         ({"lanes": "2;3"}, osm_rules.LANES),

@@ -79,7 +79,7 @@ def rebase(frame: Frame, origin: Float64[np.ndarray, "3"]) -> Frame:
         frame.with_clouds(clouds),
         objects=replace(frame.objects, boxes=frame.objects.boxes - rows),
         others=replace(frame.others, boxes=frame.others.boxes - rows),
-        complete=frame.complete.counted_from(origin),
+        complete=frame.complete.move_origin(origin),
         map_SE3_world=frame.map_SE3_world @ old_SE3_new,
     )
 

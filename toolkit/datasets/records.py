@@ -295,7 +295,7 @@ NO_RETURN_POINTS = "points of no return"
 FAR_POINTS = "points a kilometre from the middle of their cloud"
 EMPTY = "clouds without points"
 UNPLACED = "clouds far from their sensor's origin: the sensor counts as in their middle"
-COARSE = "clouds in float32 so far from their origin that it holds no centimetres"
+COARSE_POINTS = "clouds in float32 so far from their origin that it holds no centimetres"
 FARTHEST_POINT = 1e5  # m from the sensor or the cloud's middle; farther out float32 loses centimetres
 COARSE_STEP_M = 0.01
 _FAR = 1000.0  # m from the middle, where no sensor for traffic measures
@@ -345,7 +345,7 @@ def build_cloud(
     returned = (recorded != 0).any(axis=1) if frame == "sensor" else np.ones(len(recorded), bool)
     middle = find_middle(recorded)
     if middle.any():
-        add_problem(problems, COARSE, int(_is_coarse(recorded, middle)))
+        add_problem(problems, COARSE_POINTS, int(_is_coarse(recorded, middle)))
         if frame == "world":
             recorded, frame = transform(invert(world_SE3_sensor), recorded), "sensor"
             middle = find_middle(recorded)

@@ -1,4 +1,4 @@
-"""How well boxes fit the points of a frame, and which boxes move.
+"""Fit of boxes to the points of a frame, and the boxes that move.
 
 A correct box has points just within its faces, none in its middle and nothing close around it but ground. The fit of a
 box is the share of its points (those at least `CLEARANCE` above the ground) that lie there, of all within the box and

@@ -105,7 +105,7 @@ def _share_repeated(clouds: Sequence[SensorCloud | None]) -> float:
 
 
 def _shows_the_past(samples: Sequence[Frame], name: str) -> bool:
-    """Whether a cloud that repeats the one before shows objects where they were then; True if none moves."""
+    """Return True if a cloud that repeats the one before shows objects where they were then, or if none moves."""
     stale, moves = 0, 0
     for former, latter in pairwise(samples):
         places = former.objects.boxes
@@ -153,7 +153,7 @@ def suspect_late_sensors(seen: Sequence[Seen]) -> Iterator[Finding]:
 
 
 def _is_later(before: Float64[np.ndarray, " tracks"], after: Float64[np.ndarray, " tracks"]) -> bool:
-    """Whether nearly all moving objects fit better with their boxes moved."""
+    """Return True if nearly all moving objects fit better with their boxes moved."""
     change = (after - before)[(before > 0) | (after > 0)]
     improved, spoilt = int((change > SAME_FIT).sum()), int((change < -SAME_FIT).sum())
     return improved >= MIN_LATE_OBJECTS and spoilt <= 0.1 * improved and float(change.mean()) >= MIN_LATE_GAIN
@@ -230,7 +230,7 @@ def _look(cloud: SensorCloud, boxes: BoxRows, ground: Ground) -> _Visibility:
 
 
 def _sees_front(level_points: Points, position: Float64[np.ndarray, "2"], box: Float64[np.ndarray, "7"]) -> bool:
-    """Whether points on the ground are just in front of a box, as seen from a place."""
+    """Return True if points on the ground are just in front of a box, as seen from a place."""
     to_box = box[:2] - position
     distance = float(np.hypot(*to_box))
     ahead = to_box / max(distance, 1e-9)

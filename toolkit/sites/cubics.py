@@ -32,7 +32,7 @@ class Cubics:
         """Derivatives at `s`."""
         return Cubics(self.starts, np.column_stack([self.rows[:, 1:] * [1, 2, 3], np.zeros(len(self.rows))])).at(s)
 
-    def begin_at(self, s: float) -> "Cubics":
+    def cut_start(self, s: float) -> "Cubics":
         """Same function with its zero at `s` and the pieces that end before it left out."""
         return self.split([s, *self.starts[self.starts > s].tolist()]).move(-s)
 
@@ -44,7 +44,7 @@ class Cubics:
         """Same function with pieces that begin at `starts`, which hold all starts of its pieces from the first on."""
         if not len(self.starts):
             return Cubics(np.array(starts, np.float64), np.zeros((len(starts), 4)))
-        return Cubics(np.array(starts, np.float64), np.array([self._row_at(s) for s in starts]).reshape(-1, 4))
+        return Cubics(np.array(starts, np.float64), np.array([self._find_row(s) for s in starts]).reshape(-1, 4))
 
     def subtract(self, other: "Cubics") -> "Cubics":
         """Difference of two functions."""
@@ -55,7 +55,7 @@ class Cubics:
         """Function of the opposite sign."""
         return Cubics(self.starts, -self.rows)
 
-    def _row_at(self, s: float) -> Float64[np.ndarray, "4"]:
+    def _find_row(self, s: float) -> Float64[np.ndarray, "4"]:
         """Coefficients about `s`."""
         which = max(int(np.searchsorted(self.starts, s, side="right")) - 1, 0)
         ds = s - self.starts[which]

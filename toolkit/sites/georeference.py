@@ -177,7 +177,7 @@ class _EarthMap:
 
 @lru_cache(maxsize=8)  # to make one takes longer than to use it
 def _open_map(geo_reference: str) -> _EarthMap:
-    """Open the map that a reference names. Raises ValueError, which begins with a verb, for one that is no map."""
+    """Open the map that a reference names. Raises ValueError, which begins with a verb, if it is no map."""
     from pyproj import CRS, Transformer
     from pyproj.exceptions import ProjError
 
@@ -216,7 +216,7 @@ def _describe_system(system: "CRS") -> str:
 
 
 def _find_axes(system: "CRS", shown: str) -> Float64[np.ndarray, "2 2"]:
-    """What turns metres to the east and north into a system's coordinates."""
+    """Matrix from metres to the east and north into a system's coordinates."""
     rows = []
     for axis in system.axis_info[:2]:
         direction = _DIRECTIONS.get(axis.direction)

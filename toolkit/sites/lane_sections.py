@@ -116,7 +116,7 @@ def _read_side(described: _Description, side: str, span: tuple[float, float], la
     elements.sort(key=lambda lane: abs(number(lane, "id")))
     widths = {lane: cubics(lane.findall("width"), "sOffset") for lane in elements}
     if any(lane.find("border") is not None for lane in elements):
-        widths = _widths_of_borders(widths, lane_offset.begin_at(described.start), is_left=side == "left")
+        widths = _widths_of_borders(widths, lane_offset.cut_start(described.start), is_left=side == "left")
     offset = span[0] - described.start
     is_first, is_last = offset < MIN_SECTION_M, described.end < span[1] + MIN_SECTION_M
     lanes = []
@@ -126,7 +126,7 @@ def _read_side(described: _Description, side: str, span: tuple[float, float], la
             SectionLane(
                 number=itself[0],
                 kind=lane.get("type") or "none",
-                width=widths[lane].begin_at(offset) if len(widths[lane].starts) else widths[lane],
+                width=widths[lane].cut_start(offset) if len(widths[lane].starts) else widths[lane],
                 before=_links(lane, "predecessor") if is_first else itself,
                 after=_links(lane, "successor") if is_last else itself,
                 element=lane,

@@ -67,13 +67,15 @@ class Piece:
                 return np.interp(ds, grid, along), np.interp(ds, grid, aside), first * ds + rate * ds**2 / 2
             case "poly3":
                 height = _cubic(shape, "abcd")
-                p = _parameter_at(ds, lambda grid: np.hypot(1.0, height.slope(grid)), self.length)
+                p = _find_parameter(ds, lambda grid: np.hypot(1.0, height.slope(grid)), self.length)
                 return p, height.at(p), np.arctan(height.slope(p))
             case "paramPoly3":
                 u, v = (_cubic(shape, [key + axis for key in "abcd"]) for axis in "UV")
                 p = ds
                 if shape.get("pRange") != "arcLength":
-                    p = _parameter_at(ds, lambda grid: np.hypot(u.slope(grid), v.slope(grid)), 1.0, length=self.length)
+                    p = _find_parameter(
+                        ds, lambda grid: np.hypot(u.slope(grid), v.slope(grid)), 1.0, length=self.length
+                    )
                 return u.at(p), v.at(p), np.arctan2(v.slope(p), u.slope(p))
         return ds, np.zeros(len(ds)), np.zeros(len(ds))
 
@@ -147,7 +149,7 @@ class MapRoad:
         return s[inside], xy[inside]
 
 
-def _parameter_at(
+def _find_parameter(
     ds: np.ndarray, speed: Callable[[np.ndarray], np.ndarray], last: float, *, length: float | None = None
 ) -> np.ndarray:
     """Parameter of a curve `ds` m along it, its speed given (m per unit of the parameter from 0 to `last`).

@@ -40,8 +40,9 @@ from toolkit.sites.georeference import inverse_project, project
 from toolkit.sites.osm_rules import (
     ACCESS_KEYS,
     ROADS,
-    Reading,
+    RoadReading,
     Rules,
+    Tags,
     count_notes,
     is_barred,
     name_types,
@@ -53,7 +54,6 @@ from toolkit.sites.osm_rules import (
 from toolkit.sites.site import Solid
 from toolkit.sites.surroundings import ANGLES, Bay, bays_between
 
-Tags = Mapping[str, str]
 Relation = tuple[list[tuple[str, str]], Tags]  # ways with their roles
 
 LARGEST_MAP, MOST_TAGS = 1 << 26, 200_000  # bytes of a map that are read, and tags within one element
@@ -192,7 +192,7 @@ def _runs(references: list[str], known: Collection[str]) -> list[list[str]]:
 
 
 def _read_restriction(element: ElementTree.Element, tags: Tags) -> tuple[list[Restriction], str]:
-    """Turns that a relation forbids or prescribes, and what of it is not used."""
+    """Turns that a relation forbids or prescribes, and its parts that are not used."""
     members: dict[str, list[str]] = {}
     for member in element.iter("member"):
         members.setdefault(f"{member.get('role')} {member.get('type')}", []).append(member.get("ref", ""))
@@ -413,7 +413,7 @@ def roads(extract: Extract, window: shapely.Geometry, *, lefthand: bool = False)
     pieces = [
         piece
         for way, reading in zip(kept, readings, strict=True)
-        for part in _split_at(way, barred)
+        for part in _split_way(way, barred)
         for piece in _cut(part, window, reading, lefthand=lefthand)
     ]
     rules = number_pieces(cast("Rules", piece.rules) for piece in pieces)
@@ -421,7 +421,7 @@ def roads(extract: Extract, window: shapely.Geometry, *, lefthand: bool = False)
 
 
 def describe_roadless(extract: Extract, window: shapely.Geometry) -> str:
-    """What the map has within a window without roads, and where its nearest road is."""
+    """Describe a window without roads: the map's other ways there, and its nearest road."""
     ways = [way for way in extract.ways if "highway" in way.tags]
     there = Counter(way.tags["highway"][:30] for way in ways if _reaches(way, window))
     covered = sum(_is_road(way.tags) and _below(way.tags) for way in ways if _reaches(way, window))
@@ -505,7 +505,7 @@ def _describe_rings(ways: Iterable[Way], *, lefthand: bool) -> list[str]:
     return [f"{said}; give {'--righthand' if lefthand else '--lefthand'} if it is wrong"] if against else []
 
 
-def _split_at(way: Way, barred: Collection[str]) -> Iterator[Way]:
+def _split_way(way: Way, barred: Collection[str]) -> Iterator[Way]:
     """Parts of a way between barriers, which keep `GATE_GAP_M` off them."""
     nodes: list[str] = []
     line: list[np.ndarray] = []
@@ -606,7 +606,7 @@ def _crosses(bridge: Way, road: Way) -> bool:
     return not crossing.difference(shapely.MultiPoint(shared).buffer(0.5) if shared else shapely.Polygon()).is_empty
 
 
-def _cut(way: Way, window: shapely.Geometry, reading: Reading, *, lefthand: bool) -> Iterator[Way]:
+def _cut(way: Way, window: shapely.Geometry, reading: RoadReading, *, lefthand: bool) -> Iterator[Way]:
     tags = _road_tags(way.tags, reading, lefthand=lefthand)
     step = -1 if reading.oneway == "-1" else 1
     line, nodes = way.line[::step], way.nodes[::step]
@@ -631,7 +631,7 @@ def _cut(way: Way, window: shapely.Geometry, reading: Reading, *, lefthand: bool
             yield Way(points, names, tags, way.name, reading.rules)
 
 
-def _road_tags(tags: Tags, reading: Reading, *, lefthand: bool) -> dict[str, str]:
+def _road_tags(tags: Tags, reading: RoadReading, *, lefthand: bool) -> dict[str, str]:
     kind, junction = tags["highway"], tags.get("junction", "").strip().lower()
     ring = junction in ("roundabout", "circular")
     passed = {"oneway": "no" if reading.oneway == "no" else "yes", **number_lanes(tags)}

@@ -72,7 +72,7 @@ ARROWS = "roads with arrows on their lanes (turn:lanes, change:lanes), not used"
 CONTRAFLOW = "one-way streets open both ways to some (oneway:bicycle, cycleway=opposite), who ride one way here"
 EITHER = "roads that run one way at a time (oneway=reversible, alternating), open both ways here"
 UNREAD = "roads with access that is not understood, open as is usual for their class"
-SPEED = "roads with a speed limit that is not understood, driven as is usual for their class"
+UNREAD_SPEED = "roads with a speed limit that is not understood, driven as is usual for their class"
 VARIABLE = "roads with a speed limit that signs set (maxspeed=signals, variable), driven as is usual for their class"
 SPEEDS = "roads with speed limits for some lanes or vehicles (maxspeed:hgv, maxspeed:lanes), not used"
 LANES = "roads with a number of lanes that is not understood"
@@ -106,8 +106,8 @@ class Rules:
 
 
 @dataclass(frozen=True)
-class Reading:
-    """What the tags of a road say.
+class RoadReading:
+    """Rules that the tags of a road give.
 
     Attributes:
         rules: of the road.
@@ -135,7 +135,7 @@ def usual_rules(kind: str) -> Rules:
     return Rules(kind, (users, users), (speed, speed))
 
 
-def read_rules(tags: Tags) -> Reading:
+def read_rules(tags: Tags) -> RoadReading:
     """Rules of a road of a class in `ROADS`, by its tags."""
     tags = {key.strip().lower(): value.strip().lower() for key, value in tags.items()}
     notes = _list_unused(tags)
@@ -150,7 +150,7 @@ def read_rules(tags: Tags) -> Reading:
     if oneway != "no":
         sides, speeds = [sides[0]] * 2, [speeds[0]] * 2
     rules = Rules(tags["highway"], (sides[0], sides[1]), (speeds[0], speeds[1]))
-    return Reading(rules, oneway, tuple(dict.fromkeys(notes)))
+    return RoadReading(rules, oneway, tuple(dict.fromkeys(notes)))
 
 
 def is_barred(tags: Tags) -> bool:
@@ -316,13 +316,13 @@ def _read_speed(tags: Tags, side: str, notes: list[str]) -> float:
         if speed is not None:
             return speed
         if key.startswith("maxspeed"):
-            notes.append(SPEED)
+            notes.append(UNREAD_SPEED)
             return usual
     return usual
 
 
 def parse_speed(value: str) -> float | None:
-    """Speed limit (m/s) as mappers write it; the least of several. None for one that is not understood."""
+    """Speed limit (m/s) as mappers write it; the least of several. None if it is not understood."""
     speeds = [_parse_one_speed(part.strip().lower()) for part in value.split(";") if part.strip()]
     known = [speed for speed in speeds if speed is not None and MIN_SPEED_M_S < speed <= MAX_SPEED_M_S]
     return min(known) if known and len(known) == len(speeds) else None
@@ -393,5 +393,5 @@ def _is_own_lane(key: str, value: str) -> bool:
 
 
 def number_pieces(rules: Iterable[Rules]) -> list[Rules]:
-    """The same rules, numbered where their directions differ."""
+    """Return the rules, numbered if their directions differ."""
     return [replace(rule, number=k) if rule.differs else rule for k, rule in enumerate(rules)]

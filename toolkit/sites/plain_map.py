@@ -261,7 +261,7 @@ def _contraflow(road: _Carriageway, against: set[SectionLane], sign: int) -> _Ca
     for section in road.sections:
         lanes = section.side(sign)
         places = [i for i, lane in enumerate(lanes) if lane in against]
-        edge = road.offset.begin_at(section.start)
+        edge = road.offset.cut_start(section.start)
         for lane in lanes[: places[-1] + 1] if places else []:
             edge = edge.subtract(lane.width.negate() if sign > 0 else lane.width)
         within = edge.move(section.start)

@@ -306,7 +306,7 @@ def interval_text(judged: content.Judgement) -> str:
 
 
 def _replace_texts(value: Any, change: Callable[[str], str]) -> Any:
-    """The same value with all its texts changed, but for drawings."""
+    """Return a value with all its texts changed, except drawings."""
     if isinstance(value, str):
         return change(value)
     if isinstance(value, Mapping):
@@ -351,7 +351,7 @@ def name_letters_in_order(name: str) -> str:
 
 
 def drop_unset(document: Document) -> Document:
-    """The same document with a question mark in place of letters that no font here can set, and a warning."""
+    """Replace letters that no font here can set by question marks, with a warning."""
     unset = choose_fonts(list_texts(document), own_font(PAPER_FONT)).unset
     if not unset:
         return document

@@ -554,7 +554,7 @@ def build_document(plan: content.Plan, site: Site, ground: Ground | None) -> Doc
 
 
 def add_note(document: Document, note: str) -> Document:
-    """The same document with a note at the end of its first section; as it is without one."""
+    """Return the document with a note at the end of its first section, unchanged without one."""
     if not note:
         return document
     head, *rest = document.sections

@@ -34,7 +34,7 @@ from toolkit.runtime.files import write_text
 _LABELS = "label/virtuallidar", "label/lidar", "label/camera"
 _IMAGE = 1920, 1080  # pixels
 NO_PARTNER = "pairs whose clouds are not there, left out"
-NO_PLACE = "calibrations that say where the lidar is in the map and cannot be read"
+UNPLACED_LIDAR = "calibrations that say where the lidar is in the map and cannot be read"
 NO_CAMERA = "labels of a camera without its calibration: what it does not show counts as empty"
 WORLD_LABELS = "label_world"
 _COOPERATIVE = f"cooperative/{WORLD_LABELS}", "cooperative/label"
@@ -80,7 +80,7 @@ def _read_place(folder: Path, name: str, problems: records.Problems) -> Pose:
             for file in files:
                 map_SE3_lidar = map_SE3_lidar @ read_transform(file)
         except (ValueError, OSError):
-            records.add_problem(problems, NO_PLACE, 1)
+            records.add_problem(problems, UNPLACED_LIDAR, 1)
             return np.eye(4)
         return map_SE3_lidar
     return map_SE3_lidar

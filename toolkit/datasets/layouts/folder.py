@@ -99,7 +99,7 @@ def folder(path: Path, *, poses: Path | None = None, inverted: bool = False) -> 
 
 
 def _find_remedy(path: Path) -> str:
-    """What to do with a folder without clouds, by what it holds."""
+    """Remedy for a folder without clouds, by its content."""
     recorded = sorted(each for kind in RECORDED for each in path.glob(kind))
     recorded += [each.parent for each in sorted(path.glob("*/metadata.yaml"))]
     if recorded:

@@ -44,7 +44,7 @@ OTHER_SHAPES = "objects of other shapes than cuboids"
 NO_CLOUD = "clouds that a frame names and that are not there"
 NOT_OPENLABEL = "JSON files without openlabel"
 ONLY_SENSOR = "clouds whose sensor nothing tells, taken as the file's only one"
-BY_ORDER = "clouds whose stream only its place in the list tells"
+STREAM_BY_ORDER = "clouds whose stream only its place in the list tells"
 _NAMES = {"vehicle": "CAR", "cyclist": "BICYCLE", "pedestrian": "PEDESTRIAN", "heavy": "TRUCK"}
 _SHAPES = ("bbox", "rbbox", "mesh", "poly2d", "poly3d", "mat", "binary", "point2d", "point3d", "area_reference")
 _OTHER_STREAMS = ("camera", "radar", "gps_imu", "other")
@@ -147,7 +147,7 @@ def _find_cloud(place: str, labels: Path, clouds: _Clouds) -> Path | None:
 
 
 def _common_tail(cloud: Path, place: str, labels: Path) -> tuple[int, bool]:
-    """How well a file fits a place that a label file names: path components in common, and the folder's name."""
+    """Fit of a file to a place that a label file names: path components in common, and the folder's name."""
     pairs = zip(reversed(cloud.parts), reversed(PurePosixPath(place).parts), strict=False)
     common = 0
     for ours, theirs in pairs:
@@ -165,16 +165,16 @@ def _name_sensors(
     systems = content.get("coordinate_systems") or {}
     sensors: dict[str, Path] = {}
     for place, file in enumerate(files):
-        told = [name for name in (*streams, *systems) if name in file.stem]
+        named = [name for name in (*streams, *systems) if name in file.stem]
         if file in of_streams:
             name = of_streams[file]
         elif file.parent.name in streams or file.parent.name in systems:
             name = file.parent.name
-        elif told:
-            name = max(told, key=len)
+        elif named:
+            name = max(named, key=len)
         elif place < len(streams):
             name = list(streams)[place]
-            add_problem(problems, BY_ORDER, 1)
+            add_problem(problems, STREAM_BY_ORDER, 1)
         elif len(files) == 1 and len(alone := _list_sensors(systems)) == 1:
             (name,) = alone
             add_problem(problems, ONLY_SENSOR, 1)
