@@ -76,7 +76,9 @@ def test_pairs_of_dair_are_labelled_in_the_world_and_those_of_v2x_seq_in_the_veh
     pair = {"infrastructure_frame": "10", "vehicle_frame": "20", "system_error_offset": {"delta_x": 0, "delta_y": 0}}
     centre = {"x": 1012.0, "y": 2003.0, "z": 19.0} if folder == "label_world" else {"x": 12, "y": -27, "z": -1}
     row = {"type": "Car", "3d_location": centre, "rotation": YAW, "3d_dimensions": {"h": 1.5, "w": 1.8, "l": 4.5}}
-    contents = {name: {"rotation": level, "translation": [[x] for x in place]} for name, place in places.items()}
+    contents: dict[str, object] = {
+        name: {"rotation": level, "translation": [[x] for x in place]} for name, place in places.items()
+    }
     contents |= {"cooperative/data_info.json": [pair], f"cooperative/{folder}/20.json": [row]}
     for name, content in contents.items():
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
