@@ -199,11 +199,13 @@ def test_a_transform_of_an_unused_camera_never_refuses_the_bag(tmp_path, wxyz, p
 
 
 def test_rows_without_a_step_follow_one_another(tmp_path):
-    """height 1 and row_step 0, as some drivers write it; two packed rows with row_step 0 too."""
+    """ros-drivers/velodyne#279, realsenseai/realsense-ros#1664: a row_step of 0, or of another width."""
     points = [(1, 2, 3), (4, 5, 6)]
     messages = [
         cloud("/a", START + 1, points=points, row_step=0),
         cloud("/a", START + 2, points=points, row_step=0, height=2, width=1),
+        cloud("/a", START + 3, points=points, row_step=24, height=2, width=1),
+        cloud("/a", START + 4, points=points, row_step=12),
     ]
     for frame in read(write(tmp_path / "bag", messages)):
         assert frame.points().tolist() == [[1, 2, 3], [4, 5, 6]]

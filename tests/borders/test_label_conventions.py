@@ -5,7 +5,6 @@ to the left. Its centre is 1 m below the lidar."""
 
 import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -77,7 +76,7 @@ def test_pairs_of_dair_are_labelled_in_the_world_and_those_of_v2x_seq_in_the_veh
     pair = {"infrastructure_frame": "10", "vehicle_frame": "20", "system_error_offset": {"delta_x": 0, "delta_y": 0}}
     centre = {"x": 1012.0, "y": 2003.0, "z": 19.0} if folder == "label_world" else {"x": 12, "y": -27, "z": -1}
     row = {"type": "Car", "3d_location": centre, "rotation": YAW, "3d_dimensions": {"h": 1.5, "w": 1.8, "l": 4.5}}
-    contents: dict[str, Any] = {
+    contents: dict[str, object] = {
         name: {"rotation": level, "translation": [[x] for x in place]} for name, place in places.items()
     }
     contents |= {"cooperative/data_info.json": [pair], f"cooperative/{folder}/20.json": [row]}

@@ -288,6 +288,7 @@ def track_number(name: object) -> int:
     return int.from_bytes(blake2b(text.encode(), digest_size=8).digest(), "big") >> 1
 
 
+MACOS_FOLDER = "__MACOSX"
 BAG_ENDINGS = (".bag", ".mcap", ".db3")
 ENDINGS = (".pcd", ".bin", ".ply", ".npy", ".npz", ".feather", ".xyz", ".csv")
 NOT_FINITE_POINTS = "points with NaN or infinite numbers"
@@ -305,9 +306,20 @@ _MOST_RINGS = 1 << 16  # that are believed where they are written as floats, as 
 UNTIMED = "clouds whose points have times of an unknown unit, which were left out"
 
 
+def list_files(folder: Path, pattern: str = "*", *, recursive: bool = False) -> list[Path]:
+    """Files and folders in a folder by name, without hidden ones and those that macOS adds to archives (`._NAME`)."""
+    if not recursive:
+        return sorted(file for file in folder.glob(pattern) if not _is_hidden((file.name,)))
+    return sorted(file for file in folder.rglob(pattern) if not _is_hidden(file.relative_to(folder).parts))
+
+
+def _is_hidden(parts: tuple[str, ...]) -> bool:
+    return any(part.startswith(".") or part == MACOS_FOLDER for part in parts)
+
+
 def list_bags(folder: Path) -> list[Path]:
     """Files of ROS bags in a folder, by name."""
-    return [file for file in sorted(folder.iterdir()) if file.suffix.lower() in BAG_ENDINGS]
+    return [file for file in list_files(folder) if file.suffix.lower() in BAG_ENDINGS]
 
 
 def read_cloud(

@@ -54,7 +54,8 @@ class Checked(NamedTuple):
 
 def sweep_times(log: str | Path) -> list[int]:
     """Timestamps (ns) of a log's sweeps, in order. Raises FileNotFoundError if the folder is not a log."""
-    times = sorted(int(file.stem) for file in Path(log, "sensors", "lidar").glob("*.feather"))
+    files = records.list_files(Path(log, "sensors", "lidar"), "*.feather")
+    times = sorted(int(file.stem) for file in files if file.stem.isdecimal())
     if not times:
         raise FileNotFoundError(f"{log} is no Argoverse 2 log: it has no sensors/lidar/*.feather")
     return times

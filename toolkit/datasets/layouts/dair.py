@@ -45,7 +45,7 @@ def dair(path: Path) -> records.Listing:
     for root in (path, path / "cooperative-vehicle-infrastructure"):
         if (root / "cooperative").is_dir() and (root / "infrastructure-side").is_dir():
             return _pairs(root)
-    names = tuple(sorted(file.stem for file in (path / "velodyne").glob("*.pcd")))
+    names = tuple(file.stem for file in records.list_files(path / "velodyne", "*.pcd"))
     if not names:
         raise FileNotFoundError(f"{path} is no DAIR-V2X folder: it has neither velodyne/*.pcd nor infrastructure-side/")
 
@@ -113,7 +113,7 @@ def _read_camera(folder: Path, name: str, problems: records.Problems) -> Region:
 
 
 def _labelled(root: Path, folders: tuple[str, ...]) -> list[str]:
-    return [file.stem for folder in folders for file in sorted((root / folder).glob("*.json"))]
+    return [file.stem for folder in folders for file in records.list_files(root / folder, "*.json")]
 
 
 def _first(root: Path, folders: tuple[str, ...], name: str) -> Path | None:

@@ -23,7 +23,7 @@ import numpy as np
 
 from toolkit.arrays import Pose
 from toolkit.datasets import records
-from toolkit.datasets.clock_times import BY_ORDER, UNPAIRED, find_epoch, group_by_time, parse_epoch
+from toolkit.datasets.clock_times import BY_ORDER, UNPAIRED, find_epoch, group_by_time, parse_epoch, parse_time
 from toolkit.datasets.cloud_files import read_poses
 from toolkit.datasets.origins import Middles
 from toolkit.frame import Frame
@@ -31,6 +31,7 @@ from toolkit.runtime.files import write_text
 
 POSES = ("poses.json", "poses.txt", "poses.csv")
 LABELS_FILE = "labels.json"
+DOUBLED = "clouds that are there under another ending too, left out"
 OTHER_NAME = "labels by the name of a second cloud of a labelled frame"
 RECORDED = ("*.hdf5", "*.h5", "*.bag", "*.mcap", "*.db3")  # recordings in single files
 _CONVERT = "convert them to .pcd, .ply, .npy or .csv"
@@ -50,10 +51,13 @@ def folder(path: Path, *, poses: Path | None = None, inverted: bool = False) -> 
     if path.is_file():
         clouds = {ALONE: [path]}
     elif path.is_dir():
-        below = {each.name: _files(each) for each in sorted(path.iterdir()) if each.is_dir()}
+        below = {each.name: _files(each) for each in records.list_files(path) if each.is_dir()}
         clouds = {name: files for name, files in {ALONE: _files(path), **below}.items() if files}
     else:
         raise FileNotFoundError(f"no such folder or cloud file: {path}")
+    single = {sensor: _drop_doubled(files) if len(files) > 1 else files for sensor, files in clouds.items()}
+    doubled = sum(len(files) for files in clouds.values()) - sum(len(files) for files in single.values())
+    clouds = single
     names, by_order = _match(clouds)
     if not names:
         raise FileNotFoundError(f"{path} holds no clouds, neither NAME.pcd nor SENSOR/NAME.pcd: {_find_remedy(path)}")
@@ -95,7 +99,8 @@ def folder(path: Path, *, poses: Path | None = None, inverted: bool = False) -> 
         return Frame.of_clouds(name, measured, *found, time=known, problems=problems)
 
     known = [stem for each in stems.values() for stem in each]
-    return records.Listing(tuple(names), load, labelled=entries if path.is_dir() else (), known=known)
+    of_folder = entries if path.is_dir() else ()
+    return records.Listing(tuple(names), load, labelled=of_folder, known=known, noted={DOUBLED: doubled})
 
 
 def _find_remedy(path: Path) -> str:
@@ -116,8 +121,16 @@ def _find_remedy(path: Path) -> str:
 
 
 def _files(path: Path) -> list[Path]:
-    clouds = (file for file in path.iterdir() if file.suffix.lower() in records.ENDINGS and file.name not in POSES)
-    return sorted(file for file in clouds if not file.name.startswith("."))
+    files = records.list_files(path)
+    return [file for file in files if file.suffix.lower() in records.ENDINGS and file.name not in POSES]
+
+
+def _drop_doubled(files: list[Path]) -> list[Path]:
+    """Keep one file of each name, of the first of the endings."""
+    by_stem: dict[str, Path] = {}
+    for file in sorted(files, key=lambda file: records.ENDINGS.index(file.suffix.lower())):
+        by_stem.setdefault(_stem(file), file)
+    return sorted(by_stem.values())
 
 
 def _stem(file: Path) -> str:
@@ -158,9 +171,9 @@ def _written_times(entries: Mapping[str, records.Unchecked]) -> dict[str, tuple[
     times = {}
     for name, content in entries.items():
         clouds = content.get("clouds") or {}
-        stamps = {str(sensor): records.finite_time(stamp, f"clouds.{sensor}") for sensor, stamp in clouds.items()}
+        stamps = {str(sensor): parse_time(stamp, f"clouds.{sensor}") for sensor, stamp in clouds.items()}
         known = {sensor: stamp for sensor, stamp in stamps.items() if stamp is not None}
-        times[name] = records.finite_time(content.get("time"), "time"), known
+        times[name] = parse_time(content.get("time"), "time"), known
     count = Counter(seconds for seconds, _ in times.values())
     if len(count) == 1 < len(times):
         return {name: (None, stamps) for name, (_, stamps) in times.items()}

@@ -41,10 +41,10 @@ def kitti(path: Path) -> records.Listing:
     folder = next((each for each in (path, path / "training", path / "testing") if (each / "velodyne").is_dir()), None)
     if folder is None:
         raise FileNotFoundError(f"{path} is no KITTI folder: it has no velodyne/ nor training/velodyne/")
-    names = tuple(sorted(file.stem for file in (folder / "velodyne").glob("*.bin")))
+    names = tuple(file.stem for file in records.list_files(folder / "velodyne", "*.bin"))
     if not names:
         raise FileNotFoundError(f"{folder / 'velodyne'} holds no *.bin")
-    labelled = [file.stem for file in sorted((folder / "label_2").glob("*.txt"))]
+    labelled = [file.stem for file in records.list_files(folder / "label_2", "*.txt")]
     middles = Middles({SENSOR: folder / "velodyne" / f"{names[0]}.bin"})
     return records.Listing(names, lambda name: _sample(folder, name, middles, bool(labelled)), labelled=labelled)
 

@@ -22,6 +22,7 @@ import numpy as np
 from toolkit.arrays import Float64, Pose
 from toolkit.boxes import count_points
 from toolkit.datasets import records
+from toolkit.datasets.clock_times import LATEST_S, find_epoch
 from toolkit.datasets.cloud_files import quaternion_pose
 from toolkit.datasets.origins import near_frames
 from toolkit.datasets.records import as_number, entry, named_damage, numbers
@@ -31,8 +32,11 @@ from toolkit.objects import LABELS
 from toolkit.runtime.files import resolve_below, write_bytes, write_text
 
 _NAMES = "vehicle.car", "vehicle.bicycle", "human.pedestrian.adult", "vehicle.truck"  # of `LABELS`
+NOT_MICROSECONDS = LATEST_S * 1e6  # since 1970: what is larger has a smaller unit
 SCENE = "scene"  # token of the one scene that is written, of its log and its map
 MAP_FILE = "maps/none.png"
+NO_CLOCK = "samples less than a millisecond apart, whose timestamps number them: their times are unknown"
+MIN_STEP_S = 0.001  # between two sweeps of a lidar
 NO_SENSOR = "rows of sample_data whose sensor the tables lack"
 _SENSING = ("sample", "sample_data", "sample_annotation", "calibrated_sensor", "ego_pose", "sensor")
 _TABLES = (*_SENSING, "instance", "category")
@@ -72,10 +76,14 @@ def nuscenes(path: Path) -> records.Listing:
     with named_damage(folder / "sample.json", "table"):
         order = sorted(lidars, key=lambda token: as_number(entry(tables["sample"], token, "timestamp"), "timestamp"))
 
-    def load(token: str) -> Frame:
-        return _sample(folder, token, tables, lidars[token], labels.get(token, []))
+        times = [_parse_time(entry(tables["sample"][token], "timestamp")) for token in order]
+        is_clock = len(times) < 2 or float(np.median(np.diff(times))) >= MIN_STEP_S
 
-    return records.Listing(tuple(order), load, labelled=labels, noted={NO_SENSOR: unknown})
+    def load(token: str) -> Frame:
+        return _sample(folder, token, tables, lidars[token], labels.get(token, []), is_clock)
+
+    noted = {NO_SENSOR: unknown, NO_CLOCK: 0 if is_clock else len(order)}
+    return records.Listing(tuple(order), load, labelled=labels, noted=noted)
 
 
 def _sensor(tables: dict[str, _Row], row: _Row, key: str) -> str:
@@ -84,14 +92,16 @@ def _sensor(tables: dict[str, _Row], row: _Row, key: str) -> str:
     return str(entry(tables["sensor"], str(entry(mounted, "sensor_token")), key))
 
 
-def _sample(folder: Path, token: str, tables: dict[str, _Row], data: list[_Row], labels: list[_Row]) -> Frame:
+def _sample(
+    folder: Path, token: str, tables: dict[str, _Row], data: list[_Row], labels: list[_Row], is_clock: bool
+) -> Frame:
     problems: records.Problems = {}
     placed = [_placed(folder, tables, "ego_pose", row) for row in data]
     mounted = [_placed(folder, tables, "calibrated_sensor", row) for row in data]
     with named_damage(folder / "sample_data.json", "table"):
         files = [resolve_below(folder.parent, str(entry(row, "filename"))) for row in data]
         names = [_sensor(tables, row, "channel") for row in data]
-        stamps = [as_number(entry(row, "timestamp"), "timestamp") * 1e-6 for row in data]
+        stamps = [_parse_time(entry(row, "timestamp")) if is_clock else None for row in data]
     map_SE3_ego = placed[0]
     poses = [invert(map_SE3_ego) @ ego @ pose for ego, pose in zip(placed, mounted, strict=True)]
     clouds = []
@@ -104,7 +114,15 @@ def _sample(folder: Path, token: str, tables: dict[str, _Row], data: list[_Row],
     with named_damage(folder / "instance.json", "table"):
         kinds = [_kind(tables, row, instance) for row, instance in zip(labels, instances, strict=True)]
     found = records.labelled(records.move_boxes(invert(map_SE3_ego), boxes), kinds, instances, problems, counts)
-    return Frame.of_clouds(token, clouds, *found, time=stamps[0], map_SE3_world=map_SE3_ego, problems=problems)
+    time = records.frame_time(clouds)
+    return Frame.of_clouds(token, clouds, *found, time=time, map_SE3_world=map_SE3_ego, problems=problems)
+
+
+def _parse_time(value: records.Unchecked) -> float:
+    """Time (s) of a row in microseconds, or in another unit since 1970 that its size tells."""
+    ticks = as_number(value, "timestamp")
+    stated = find_epoch(f"{ticks:.0f}") if ticks >= NOT_MICROSECONDS else None
+    return ticks * 1e-6 if stated is None else stated
 
 
 def _placed(folder: Path, tables: dict[str, _Row], name: str, row: _Row) -> Pose:

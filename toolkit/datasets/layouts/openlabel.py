@@ -54,12 +54,12 @@ _Clouds = Mapping[str, Sequence[Path]]  # cloud files below a folder by name
 
 def openlabel(path: Path) -> records.Listing:
     """Frames of one label file, or of all below a folder. Raises FileNotFoundError if there are none."""
-    files = [path] if path.is_file() else sorted(path.rglob("*.json"))
+    files = [path] if path.is_file() else records.list_files(path, "*.json", recursive=True)
     if not files:
         raise FileNotFoundError(f"{path} holds no OpenLABEL files (*.json)")
     root = path.parent if path.is_file() else path
     clouds: dict[str, list[Path]] = {}
-    for file in sorted(root.rglob("*")):
+    for file in records.list_files(root, recursive=True):
         if file.suffix.lower() in records.ENDINGS:
             clouds.setdefault(file.name, []).append(file)
     frames: dict[str, tuple[Path, str]] = {}

@@ -37,9 +37,11 @@ def opv2v(path: Path, *, left_handed: bool = True) -> records.Listing:
     clouds: dict[Path, set[str]] = {}  # of agents; a scenario's own files, such as data_protocol.yaml, lie above
     labelled, known = list[str](), list[str]()
     described: dict[Path, set[str]] = {}
-    for file in sorted(path.rglob("*.yaml")):
+    for file in records.list_files(path, "*.yaml", recursive=True):
         if file.parent not in clouds:
-            clouds[file.parent] = {each.stem for each in file.parent.iterdir() if each.suffix in records.ENDINGS}
+            clouds[file.parent] = {
+                each.stem for each in records.list_files(file.parent) if each.suffix in records.ENDINGS
+            }
         place = file.with_suffix("").relative_to(path.parent).as_posix()
         labelled += [place] * bool(clouds[file.parent])
         described.setdefault(file.parent, set()).add(file.stem)

@@ -19,7 +19,16 @@ from toolkit.arrays import Int64
 from toolkit.boxes import iou_bev
 from toolkit.datasets.clock_times import BY_ORDER, UNPAIRED, find_epoch, group_by_time
 from toolkit.datasets.layouts.dair import read_annotations, read_transform
-from toolkit.datasets.records import ENDINGS, UNLABELLED, Listing, Problems, add_problem, frame_time, read_cloud
+from toolkit.datasets.records import (
+    ENDINGS,
+    UNLABELLED,
+    Listing,
+    Problems,
+    add_problem,
+    frame_time,
+    list_files,
+    read_cloud,
+)
 from toolkit.frame import Frame, SensorCloud
 from toolkit.objects import Objects
 
@@ -31,14 +40,14 @@ def rcooper(path: Path) -> Listing:
     names: dict[str, list[tuple[str, Path]]] = {}
     noted: dict[str, Problems] = {}
     labelled, known = list[str](), list[str]()
-    for scene in sorted((path / "data").glob("*")):
+    for scene in list_files(path / "data"):
         agents = [name for name in scene.name.split("-") if (scene / name).is_dir()]
         for sequence in sorted({each.name for name in agents for each in (scene / name).iterdir() if each.is_dir()}):
             files = [(name, _clouds(scene / name / sequence / "lidar")) for name in agents]
             for name, some in files:
                 own = f"{scene.name}/{name}/{sequence}"
                 known += [f"{own}/{file.stem}" for file in some]
-                labelled += [f"{own}/{file.stem}" for file in sorted((path / "label" / own).glob("*.json"))]
+                labelled += [f"{own}/{file.stem}" for file in list_files(path / "label" / own, "*.json")]
             groups, by_order = _match(dict(files))
             for k, group in enumerate(groups):
                 name = f"{scene.name}/{sequence}/{k:05d}"
@@ -64,7 +73,7 @@ def _match(files: Mapping[str, Sequence[Path]]) -> tuple[list[dict[str, Path]], 
 
 
 def _clouds(folder: Path) -> list[Path]:
-    return sorted((file for file in folder.glob("*") if file.suffix.lower() in ENDINGS), key=_time)
+    return sorted((file for file in list_files(folder) if file.suffix.lower() in ENDINGS), key=_time)
 
 
 def _time(file: Path) -> tuple[float, str]:

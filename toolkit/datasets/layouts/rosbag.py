@@ -56,6 +56,7 @@ FAR_TF = "clouds a second or more from the nearest transform of a moving frame"
 UNREADABLE = "clouds that cannot be read"
 NO_XYZ = "topics of PointCloud2 without x, y and z"
 NO_STAMP = "clouds without a stamp, of the time of their recording"
+SAME_SENSOR = "clouds of one frame and stamp on another topic too: one sensor's, counted twice"
 OTHER_CLOCKS = "clouds of the time of their recording: stamps of clouds and tf are of different clocks"
 RosObject = Any  # of rosbags, which has no types
 MAX_TF_GAP_S = 1.0
@@ -150,6 +151,7 @@ class Bag:
         add_problem(problems, UNPAIRED, int(len(messages) < len(self.topics)))
         clouds: list[SensorCloud] = []
         roots: list[str] = []
+        sources: set[tuple[str, int]] = set()
         for _, message in sorted(messages.items()):
             try:
                 cloud = message.parse()
@@ -157,6 +159,9 @@ class Bag:
             except Exception:  # rosbags and its parsers raise errors of any kind
                 add_problem(problems, UNREADABLE, 1)
                 continue
+            source = clean_frame(cloud.header.frame_id), _stamp(cloud.header)
+            add_problem(problems, SAME_SENSOR, int(source in sources and source[1] != 0))
+            sources.add(source)
             with _damage(self.path):
                 clouds.append(self._cloud(message, cloud, attributes, roots, problems))
         time = min(self._time(message) for message in messages.values())
@@ -304,8 +309,9 @@ def parse_columns(message: RosObject) -> dict[str, np.ndarray]:
         names.append(str(each.name))
         formats.append(kind)
         offsets.append(int(each.offset))
-    if row_step < width * step and len(data) >= height * width * step:
-        row_step = width * step  # some drivers leave it 0: rows follow one another
+    packed_step = width * step
+    if row_step < packed_step <= len(data) // max(height, 1) or (height * row_step > len(data) == height * packed_step):
+        row_step = packed_step  # some drivers leave it 0, or do not change it with the width: rows follow one another
     if step < 1 or row_step < width * step or len(data) < height * row_step:
         raise ValueError(f"a cloud of {height} rows of {width} points has {len(data)} bytes only")
     packed = np.ascontiguousarray(data[: height * row_step].reshape(height, row_step)[:, : width * step])

@@ -28,10 +28,11 @@ _NAMES = records.COMMON_NAMES | {"cyclist": "Bicycle"}
 
 def sustech(path: Path) -> Listing:
     """Frames of a scene's folder. Raises FileNotFoundError if it is not a scene."""
-    files = {file.stem: file for file in sorted((path / "lidar").glob("*")) if file.suffix.lower() in ENDINGS}
+    clouds = (file for file in records.list_files(path / "lidar") if file.suffix.lower() in ENDINGS)
+    files = {file.stem: file for file in clouds}
     if not files:
         raise FileNotFoundError(f"{path} is no SUSTechPOINTS scene: it has no lidar/*.pcd")
-    labelled = [file.stem for file in sorted((path / "label").glob("*.json"))]
+    labelled = [file.stem for file in records.list_files(path / "label", "*.json")]
     middles = Middles({"lidar": next(iter(files.values()))})
     is_labelled = bool(labelled)
 
