@@ -363,7 +363,7 @@ def _describe_outside(root: ElementTree.Element, centre: tuple[float, float], ro
 
 def _project(root: ElementTree.Element, place: tuple[float, float]) -> tuple[float, float] | None:
     """Longitude and latitude in metres of a map's projection; None if they or it are none, or PROJ is not here."""
-    reference = (root.findtext("header/geoReference") or "").strip()
+    reference = _read_reference(root)
     if not reference or not (abs(place[0]) <= 180 and abs(place[1]) <= 90):
         return None
     try:
@@ -389,10 +389,15 @@ def find_placement(root: ElementTree.Element) -> Pose:
     return pose(x, y, z, yaw=heading)
 
 
+def _read_reference(root: ElementTree.Element) -> str:
+    texts = [(element.text or "").strip() for element in root.findall("header/geoReference")]
+    return next(filter(None, texts), "")
+
+
 def find_projection(root: ElementTree.Element, name: str) -> str | None:
     """Projection of a map. None, with a warning, if its geoReference names none, or one that PROJ cannot use, as with a
     grid of shifts that is not installed: the map is in metres all the same. name: of the file."""
-    reference = (root.findtext("header/geoReference") or "").strip()
+    reference = _read_reference(root)
     if not reference:
         return None
     if not re.search(NAMES_PROJECTION, reference, re.IGNORECASE):
