@@ -194,8 +194,9 @@ def _read_roads(writer: _Writer) -> None:
         length = max(_road_length(road), 2e-3)
         is_inner = road.get("junction", "-1") != "-1"
         sections = read_sections(road, length, keep_empty=is_inner)
-        if not is_inner:
-            sections = read_sections(road, length, lane_rules.find_cuts(road, sections))
+        cuts = set() if is_inner else lane_rules.find_cuts(road, sections) - {section.start for section in sections}
+        if cuts:
+            sections = read_sections(road, length, cuts)
         if not any(section.lanes for section in sections):
             writer.problems[name]["roads have no lanes"] += 1
             continue
