@@ -657,12 +657,16 @@ def test_what_contradicts_itself_is_noted(imported):
     road = road.replace('<geometry s="0" x="0.0"', '<geometry s="150" x="0.0"')
     twice = street(name="2", start=(-150.0, 15.0), sections=section(lane(1) + lane(1), lane(-1) + lane(2)))
     short = street(name="3", start=(-150.0, -15.0)).replace('length="300', 'length="30', 1)
-    _, notes = imported(road + twice + short, size=(80.0, 80.0))
+    row = 'aU="0" bU="60" cU="0" dU="0" aV="0" bV="0" cV="0" dV="0"'
+    curve = f'<paramPoly3 pRange="normalized" {row}/>'
+    long = street(name="4", start=(-20.0, 30.0), length=30.0, geometry=curve)
+    _, notes = imported(road + twice + short + long, size=(80.0, 80.0))
     assert any("Mismatched geometry for edge '1' between geometry segments 0 and 1" in note for note in notes)
     assert set(notes) >= {
         "1 lanes have the id of another lane beside them",
         "1 lanes have an id of the other side, where they are drawn",
         "2 roads are not as long as their geometry, which counts",
+        "1 curves are not as long as their geometry says",
     }
 
 

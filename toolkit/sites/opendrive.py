@@ -51,6 +51,16 @@ class Piece:
         c, s = np.cos(self.heading), np.sin(self.heading)
         return np.column_stack([self.x + c * u - s * v, self.y + s * u + c * v, self.heading + turn])
 
+    def measure_curve(self) -> float:
+        """Length (m) of its curve, which its `length` should be; only of a paramPoly3 it may be another."""
+        if self.shape.tag != "paramPoly3":
+            return self.length
+        u, v = (_cubic(self.shape, [key + axis for key in "abcd"]) for axis in "UV")
+        last = self.length if self.shape.get("pRange") == "arcLength" else 1.0
+        grid = np.linspace(0.0, last, max(int(self.length / _STEP), 16) + 1)
+        middle = (grid[1:] + grid[:-1]) / 2
+        return float(np.sum(np.hypot(u.slope(middle), v.slope(middle)) * np.diff(grid)))
+
     def _local(self, ds: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         shape = self.shape
         match shape.tag:

@@ -22,7 +22,7 @@ from toolkit.sites.opendrive import MapRoad
 _SAFE_NAME = re.compile(r"[A-Za-z0-9_][\w.]*")
 _WHOLE = re.compile(r"[-+]?\d{1,9}")
 _NO_LIMIT = f"roads without a limit in the map are driven at {lane_rules.USUAL_SPEED_MPS * 3.6:.0f} km/h"
-MAX_KERB_M, MAX_LENGTH_GAP_M = 0.25, 1.0
+MAX_KERB_M, MAX_LENGTH_GAP_M, MAX_LENGTH_GAP_SHARE = 0.25, 1.0, 0.02
 _STRAIGHT = 1e-10  # 1/m; less curvature is none
 _TRAFFIC_LIGHTS = (  # those that netconvert takes for traffic lights
     *("1000001", "1000002", "1000003", "1000004", "1000005", "1000006", "1000007", "1000009"),
@@ -136,6 +136,10 @@ def describe_problems(plain: PlainMap, roads: Sequence[MapRoad]) -> list[str]:
         counted.update(plain.problems.get(name, {}))
     for road in roads:
         counted.update(count_unread(road.element))
+        gaps = (
+            abs(piece.measure_curve() - piece.length) / max(piece.length, MAX_LENGTH_GAP_M) for piece in road.pieces
+        )
+        counted["curves are not as long as their geometry says"] += sum(gap > MAX_LENGTH_GAP_SHARE for gap in gaps)
     return [f"{count} {text}" for text, count in counted.items() if count]
 
 
@@ -296,7 +300,7 @@ def _renumber(numbers: Sequence[int], known: Mapping[int, int] | None) -> tuple[
 def _check_road(road: ElementTree.Element, length: float, sections: Sequence[Section], problems: Counter[str]) -> None:
     """Count what contradicts itself in a road."""
     said = road.get("length", "")
-    if _is_number(said) and abs(float(said) - length) > max(MAX_LENGTH_GAP_M, 0.01 * length):
+    if _is_number(said) and abs(float(said) - length) > max(MAX_LENGTH_GAP_M, MAX_LENGTH_GAP_SHARE * length):
         problems["roads are not as long as their geometry, which counts"] += 1
     for section in sections:
         numbers = Counter(lane.number for lane in section.lanes)
