@@ -90,6 +90,17 @@ def test_oneway(tags, oneway):
     assert read_rules({"highway": "residential", **tags}).oneway == oneway
 
 
+def test_a_lane_against_the_traffic_is_for_those_whom_the_map_names():
+    """Such as a bus lane on the other side of a one-way street."""
+    tags = {"oneway": "yes", "lanes": "2", "lanes:forward": "1", "lanes:backward": "1"}
+    reading = read_rules({"highway": "secondary", **tags, "oneway:psv": "no"})
+    assert reading.oneway == "no"
+    assert reading.rules.users[0] == frozenset(nets.MOTOR.split())
+    assert reading.rules.users[1] == {"bus", "taxi", "emergency"}
+    assert osm_rules.CONTRAFLOW not in reading.notes
+    assert read_rules({"highway": "secondary", **tags}).oneway == "yes"
+
+
 @pytest.mark.parametrize(
     ("text", "km_h"),
     [
@@ -144,9 +155,12 @@ def test_a_source_or_zone_tells_the_limit_where_none_is_given():
         ({"turn:lanes": "left|through"}, osm_rules.ARROWS),
         ({"oneway": "yes", "oneway:bicycle": "no"}, osm_rules.CONTRAFLOW),
         ({"oneway": "yes", "cycleway": "opposite"}, osm_rules.CONTRAFLOW),
+        ({"oneway": "yes", "oneway:psv": "no"}, osm_rules.CONTRAFLOW),
+        ({"oneway": "T"}, osm_rules.DIRECTION),
         ({"oneway": "reversible"}, osm_rules.EITHER),
         ({"access": "sometimes"}, osm_rules.UNREAD),
         ({"maxspeed": "fast"}, osm_rules.SPEED),
+        ({"maxspeed": "70|100"}, osm_rules.SPEED),
         ({"maxspeed": "signals"}, osm_rules.VARIABLE),
         ({"maxspeed:hgv": "60"}, osm_rules.SPEEDS),
         ({"lanes": "2;3"}, osm_rules.LANES),

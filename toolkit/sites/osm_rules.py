@@ -69,6 +69,7 @@ LOCAL = "roads for local traffic only (destination, customers), driven through h
 HOURS = "roads with rules for some hours or vehicles only (:conditional), not used"
 OWN_LANES = "roads with lanes for some users only (bus:lanes, busway, cycleway=lane, hov), open to all here"
 ARROWS = "roads with arrows on their lanes (turn:lanes, change:lanes), not used"
+DIRECTION = "roads with a oneway that is not understood, one-way only if that is usual for their class"
 CONTRAFLOW = "one-way streets open both ways to some (oneway:bicycle, cycleway=opposite), who ride one way here"
 EITHER = "roads that run one way at a time (oneway=reversible, alternating), open both ways here"
 UNREAD = "roads with access that is not understood, open as is usual for their class"
@@ -141,6 +142,11 @@ def read_rules(tags: Tags) -> Reading:
     notes = _list_unused(tags)
     oneway = _read_oneway(tags, notes)
     sides = [_read_users(tags, side, notes) for side in ("forward", "backward")]
+    against = _list_contraflow(tags)
+    if oneway == "yes" and against and number_lanes(tags).get("lanes:backward"):
+        oneway, sides[1] = "no", sides[1] & (against | {_ALWAYS})  # they have a lane of their own
+    elif oneway != "no" and against:
+        notes.append(CONTRAFLOW)
     speeds = [_read_speed(tags, side, notes) for side in ("forward", "backward")]
     driven = sides[1:] if oneway == "-1" else sides[:1] if oneway == "yes" else sides
     if tags["highway"] not in ("cycleway", "busway") and not any("passenger" in users for users in driven):
@@ -295,11 +301,19 @@ def _read_oneway(tags: Tags, notes: list[str]) -> str:
         notes.append(EITHER)
         return "no"
     oneway = "yes" if value in _FORWARD else "-1" if value in _BACKWARD else "no" if value in _BOTH_WAYS else implied
-    both = [key for key in tags if key.startswith("oneway:") and tags[key] in _BOTH_WAYS]
-    opposite = any(key.startswith("cycleway") and tags[key].startswith("opposite") for key in tags)
-    if oneway != "no" and (both or opposite):
-        notes.append(CONTRAFLOW)
+    if value and value not in _FORWARD | _BACKWARD | _BOTH_WAYS:
+        notes.append(DIRECTION)
     return oneway
+
+
+def _list_contraflow(tags: Tags) -> Users:
+    """Users who may drive a one-way street both ways."""
+    exempt = {key.removeprefix("oneway:") for key in tags if key.startswith("oneway:") and tags[key] in _BOTH_WAYS}
+    if any(key.startswith("cycleway") and tags[key].startswith("opposite") for key in tags):
+        exempt.add("bicycle")
+    if any(key.startswith("busway") and tags[key].startswith("opposite") for key in tags):
+        exempt.add("bus")
+    return frozenset(user for user, keys in _KEYS.items() if exempt & set(keys))
 
 
 def _read_speed(tags: Tags, side: str, notes: list[str]) -> float:
