@@ -47,6 +47,8 @@ def test_access_goes_from_the_general_to_the_particular():
     assert allowed(motor_vehicle="destination") == MOTOR | {"bicycle"}
     assert allowed(access="no", motor_vehicle="destination") == MOTOR
     assert allowed(Motor_Vehicle="No ") == {"bicycle"}
+    assert allowed(construction="yes", motor_vehicle="yes") == set()
+    assert allowed(access="yes;no") == MOTOR | {"bicycle"}
     assert allowed(highway="motorway") == MOTOR - {"moped"}
     assert allowed(highway="motorway", access="yes") == MOTOR - {"moped"}
     assert allowed(highway="busway") == {"bus"}
@@ -379,8 +381,22 @@ def test_a_roundabout_that_runs_the_other_way_is_said(tmp_path: Path):
 def test_what_is_no_road_here_is_named(tmp_path: Path):
     ways = [MAIN, ((6, 1), {"highway": "track"}), ((7, 1), {"highway": "service", "service": "driveway"})]
     ways += [((6, 4), {"highway": "construction"}), ((7, 5), {"highway": "pedestrian", "bus": "yes"})]
-    _, notes = read_site(write_map(tmp_path, *ways, nodes={7: {"highway": "stop"}}))
+    ways += [((2, 6), {"railway": "tram"})]
+    nodes = {7: {"highway": "stop"}, 1: {"highway": "mini_roundabout"}}
+    _, notes = read_site(write_map(tmp_path, *ways, nodes=nodes))
     text = "\n".join(notes)
     assert "no roads are made of: 1 track, 1 driveway" in text
     assert "pedestrian streets open to some vehicles" in text
     assert "stop and give-way signs, not used" in text
+    assert "mini-roundabouts, driven as plain junctions: 1" in text
+    assert "tracks of trams and trains, which do not run here: 1" in text
+
+
+def test_a_map_across_the_antimeridian_is_whole(tmp_path: Path):
+    """180 and -180 degrees are one meridian (RFC 7946, 3.1.9); Taveuni in Fiji lies on it."""
+    centre = (179.9999, -16.8)
+    site, notes = read_site(write_map(tmp_path, MAIN, side_street(), centre=centre), centre)
+    assert any("traffic keeps left" in note for note in notes)
+    assert not any("leap" in note for note in notes)
+    lengths = [np.hypot(*np.diff(nets.parse_shape(lane), axis=0).T).sum() for _, lane in nets.list_lanes(site.network)]
+    assert 60 < max(lengths) < 150

@@ -80,7 +80,9 @@ def project(lon_lat: Float[np.ndarray, "n 2"], centre: tuple[float, float]) -> F
     longitude_0, latitude_0 = np.deg2rad(centre)
     sine, cosine = np.sin(latitude), np.cos(latitude)
     normal = _EQUATOR / np.sqrt(1 - _ECCENTRICITY2 * sine**2)
-    a = (longitude - longitude_0) * cosine
+    east = longitude - longitude_0
+    east = np.where(np.abs(east) > np.pi, (east + np.pi) % (2 * np.pi) - np.pi, east)  # across the antimeridian
+    a = east * cosine
     t, c = np.tan(latitude) ** 2, _ECCENTRICITY2 / (1 - _ECCENTRICITY2) * cosine**2
     x = normal * (a + (1 - t + c) * a**3 / 6)
     y = _meridian(latitude) - _meridian(latitude_0) + normal * np.tan(latitude) * a**2 / 2
@@ -93,6 +95,8 @@ def inverse_project(metres: Float[np.ndarray, "n 2"], centre: tuple[float, float
     for _ in range(5):
         radius = _EQUATOR * np.stack([np.cos(np.deg2rad(guess[:, 1])), np.ones(len(guess))], axis=1)
         guess += np.rad2deg((metres - project(guess, centre)) / radius)
+    longitude = guess[:, 0]
+    guess[:, 0] = np.where(np.abs(longitude) > 180.0, (longitude + 180.0) % 360.0 - 180.0, longitude)
     return guess
 
 

@@ -27,7 +27,8 @@ ROADS |= {"service": (1, 5.6, 4, False), "cycleway": (1, 5.6, 2, False)}
 ROADS |= {f"{kind}_link": ROADS[kind] for kind in ("motorway", "trunk", "primary", "secondary", "tertiary")}
 
 MPH_M_S, KNOT_M_S, KMH_M_S = 0.44704, 1852 / 3600, 1 / 3.6
-UNITS_M_S = {"": KMH_M_S, "km/h": KMH_M_S, "kmh": KMH_M_S, "kph": KMH_M_S, "mph": MPH_M_S, "knots": KNOT_M_S}
+UNITS_M_S = dict.fromkeys(("", "km/h", "kmh", "kph", "kmph", "km/hr"), KMH_M_S)
+UNITS_M_S |= {"mph": MPH_M_S, "mi/h": MPH_M_S, "knots": KNOT_M_S, "knot": KNOT_M_S, "kn": KNOT_M_S}
 MIN_SPEED_M_S, MAX_SPEED_M_S = 0.5, 100.0
 
 _MOTOR = frozenset(nets.MOTOR.split())
@@ -139,6 +140,9 @@ def usual_rules(kind: str) -> Rules:
 def read_rules(tags: Tags) -> Reading:
     """Rules of a road of a class in `ROADS`, by its tags."""
     tags = {key.strip().lower(): value.strip().lower() for key, value in tags.items()}
+    if any(tags.get(key) == "yes" for key in ("abandoned", "disused", "construction", "proposed", "razed")):
+        tags = {key: value for key, value in tags.items() if key.partition(":")[0] not in ACCESS_KEYS}
+        tags["access"] = "no"
     notes = _list_unused(tags)
     oneway = _read_oneway(tags, notes)
     sides = [_read_users(tags, side, notes) for side in ("forward", "backward")]
@@ -269,7 +273,7 @@ def _read_access(value: str, user: str, notes: list[str]) -> bool | None:
     """True if a value of access is open to a user, None if it is not understood."""
     values = {part.strip() for part in value.split(";")} - {""}
     known = _OPEN | _LOCAL | _CLOSED | _DELIVERS | _PUBLIC
-    if not values or not values <= known:
+    if not values or not values <= known or (values & _OPEN and values & _CLOSED):
         notes.append(UNREAD)
         return None
     if values & _OPEN:
