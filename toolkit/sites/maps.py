@@ -22,6 +22,7 @@ from toolkit.geometry import STEEPEST, pose
 from toolkit.runtime.files import name_errors
 from toolkit.sites import furniture as f, network as nets, opendrive, osm, osm_rules, surroundings
 from toolkit.sites.georeference import doubt_place, doubt_scale, projection
+from toolkit.sites.netconvert_warnings import describe_warnings
 from toolkit.sites.site import Furnishing, Mount, Relief, Site, Solid
 
 CRACK = 0.3  # m, half the width of cracks between polygons of a map that are closed
@@ -244,6 +245,7 @@ _OPENDRIVE_OPTIONS = ("--opendrive.import-all-lanes", "--opendrive.curve-resolut
 _OSM_OPTIONS = (
     *("--osm.sidewalks", "--crossings.guess", "--geometry.remove", "--roundabouts.guess", "--junctions.join"),
     *("--tls.guess-signals", "--tls.discard-simple", "--tls.join", "--output.street-names"),
+    "--aggregate-warnings=-1",
 )
 
 
@@ -378,10 +380,10 @@ def import_osm(piece: MapPiece, *, lefthand: bool | None = None) -> Site:
         options = [f"--osm-files={streets}", f"--type-files={type_file}", f"--proj={on_earth}", *_OSM_OPTIONS, *driving]
         options += [f"--plain-output-prefix={Path(folder, 'plain')}"]
         with name_errors(path):
-            network, warned = nets.convert_with_notes(options)
+            network, warned = nets.convert_with_warnings(options)
         if ElementTree.fromstring(network).find("edge") is None:
             raise piece.no_road(osm.describe_roadless(extract, within))
-        notes += warned
+        notes += describe_warnings(warned)
         network = _in_site_frame(network, map_SE3_site)
         strips = osm.find_parking_strips(network, parking) if parking else {}
         again = ["--output.street-names", "--no-warnings", *driving]

@@ -1,12 +1,11 @@
 """Notes from what netconvert warns of while it reads a map.
 
-netconvert goes on without what it cannot read and writes a line "Warning: ..." for each such place. Lines that only
-tell how a shape was rounded, or what this computer lacks, are dropped; all others become notes, one for each kind."""
+netconvert goes on without what it cannot read and warns of each such place in a line. Lines that only tell how a shape
+was rounded, or what this computer lacks, are dropped; all others become notes, one for each kind."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable
 
-PREFIX = "Warning: "
 MAX_NOTES = 12  # kinds that are written out; more are counted
 MAX_CHARACTERS = 160  # of the warning that a note quotes
 
@@ -44,25 +43,18 @@ _SHAPE_ONLY = re.compile("|".join(SHAPE_ONLY))
 _VALUES = re.compile(r"'[^']*'|-?\d+(\.\d+)?")
 
 
-def describe_warnings(messages: str) -> list[str]:
+def describe_warnings(warnings: Iterable[str]) -> list[str]:
     """Notes, one for each kind of warning that tells of something unread, left out or changed.
 
-    messages: what netconvert wrote to its standard error."""
+    warnings: netconvert's, a line each (`toolkit.sites.network.convert_with_warnings`)."""
     kinds: dict[str, list[str]] = {}
-    for warning in _list_warnings(messages):
-        if not _SHAPE_ONLY.match(warning):
+    for warning in warnings:
+        if " total messages of type:" not in warning and not _SHAPE_ONLY.match(warning):
             kinds.setdefault(_VALUES.sub("_", warning), []).append(warning)
-    notes = [_describe_kind(warnings) for warnings in list(kinds.values())[:MAX_NOTES]]
+    notes = [_describe_kind(alike) for alike in list(kinds.values())[:MAX_NOTES]]
     if len(kinds) > MAX_NOTES:
         notes.append(f"netconvert warned of {len(kinds) - MAX_NOTES} kinds of things more")
     return notes
-
-
-def _list_warnings(messages: str) -> Iterator[str]:
-    for line in messages.splitlines():
-        warning = line.strip().removeprefix(PREFIX)
-        if line.startswith(PREFIX) and " total messages of type:" not in warning:
-            yield warning
 
 
 def _describe_kind(warnings: list[str]) -> str:

@@ -20,7 +20,6 @@ import numpy as np
 import shapely
 
 from toolkit.arrays import Float, Float64
-from toolkit.sites.netconvert_warnings import describe_warnings
 
 MOTOR = "passenger taxi bus coach delivery truck emergency motorcycle moped bicycle"
 FOOT = "pedestrian"
@@ -29,7 +28,6 @@ _COMMENT = re.compile(r"<!--.*?-->\s*", re.DOTALL)
 _OPTIONS = (
     *("--offset.disable-normalization", "--no-turnarounds", "--walkingareas", "--precision=3"),
     *("--junctions.corner-detail=6", "--junctions.internal-link-detail=20", "--default.lanewidth=3.5"),
-    "--aggregate-warnings=-1",
 )
 
 SLOWEST, MOST_MEMORY = 60.0, 1 << 31  # s and bytes of memory that netconvert may take
@@ -88,11 +86,11 @@ def build_network(nodes: _Rows, edges: _Rows, *, roundabouts: _Rows = ()) -> str
 
 def convert(options: Sequence[str]) -> str:
     """Run netconvert; return the net.xml text without its comments."""
-    return convert_with_notes(options)[0]
+    return convert_with_warnings(options)[0]
 
 
-def convert_with_notes(options: Sequence[str]) -> tuple[str, list[str]]:
-    """Run netconvert; return the net.xml text without its comments, and notes of what it warned of."""
+def convert_with_warnings(options: Sequence[str]) -> tuple[str, list[str]]:
+    """Run netconvert; return the net.xml text without its comments, and what netconvert warns of, a line each."""
     command = [str(netconvert()), *_OPTIONS, *options]
     with tempfile.TemporaryDirectory() as folder:
         output = Path(folder, "net.xml")
@@ -104,7 +102,8 @@ def convert_with_notes(options: Sequence[str]) -> tuple[str, list[str]]:
         if run.returncode or not output.is_file():
             said = [text for text in run.stderr.splitlines() if text.startswith("Error")] or ["Error: no network made"]
             raise ValueError(f"netconvert: {said[0].removeprefix('Error: ')}")
-        return _COMMENT.sub("", output.read_text(encoding="utf-8")), describe_warnings(run.stderr)
+        lines = [line.removeprefix("Warning: ") for line in run.stderr.splitlines() if line.startswith("Warning: ")]
+        return _COMMENT.sub("", output.read_text(encoding="utf-8")), lines
 
 
 def netconvert() -> Path:
