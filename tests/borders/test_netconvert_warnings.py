@@ -14,8 +14,8 @@ def test_kinds_are_counted_and_shapes_are_dropped():
 
 
 def test_many_kinds_are_cut_and_counted():
-    text = "\n".join(f"Kind {chr(97 + k)} is odd." for k in range(MAX_NOTES + 2))
-    notes = describe_warnings(text)
+    lines = [f"Kind {chr(97 + k)} is odd." for k in range(MAX_NOTES + 2)]
+    notes = describe_warnings(lines)
     assert len(notes) == MAX_NOTES + 1
     assert notes[-1] == "netconvert warned of 2 kinds of things more"
     assert describe_warnings([]) == []
