@@ -8,7 +8,7 @@ mean of several sensors, positions in UTM coordinates end decimetres off, and na
 `down_sample`.
 
 Files: npz keeps the attributes bit for bit. ply and pcd (binary) keep them too, but for colours, which become bytes,
-and in pcd positions, which become float32, and what `toolkit.point_writing` says; ASCII ply rounds positions to 6
+in pcd positions, which become float32, and what `toolkit.point_writing` leaves out; ASCII ply rounds positions to 6
 digits; xyz, pts and the legacy `open3d.geometry.PointCloud` lose `sensor`."""
 
 import warnings

@@ -113,10 +113,10 @@ def find_axes(names: Sequence[str]) -> Axes:
     >>> find_axes(["X (mm)", "Y (mm)", "Z (mm)"]).scales_m
     (0.001, 0.001, 0.001)
     """
-    for spelled in (str, str.lower):
-        plain = [[name for name in names if spelled(name) == axis] for axis in "xyz"]
-        if all(len(columns) == 1 for columns in plain):
-            return Axes((plain[0][0], plain[1][0], plain[2][0]), (1.0, 1.0, 1.0))
+    for spelled in (names, [name.lower() for name in names]):
+        if all(spelled.count(axis) == 1 for axis in "xyz"):
+            x, y, z = (names[spelled.index(axis)] for axis in "xyz")
+            return Axes((x, y, z), (1.0, 1.0, 1.0))
     sets = _coordinate_sets(names)
     if len(sets) != 1:
         listed = ", ".join(names)[:MAX_LISTED]
@@ -149,13 +149,13 @@ def _coordinate_sets(names: Iterable[str]) -> list[dict[int, tuple[str, str]]]:
         parsed = _parse(name)
         if parsed is not None:
             templates.setdefault(parsed.template, []).append(parsed)
-    complete = {
-        template: {column.axis: (column.name, template.unit) for column in columns}
-        for template, columns in templates.items()
-        if sorted(column.axis for column in columns) == [0, 1, 2]
-    }
-    lettered = [columns for template, columns in complete.items() if not template.numbered]
-    return lettered or list(complete.values())
+    lettered: list[dict[int, tuple[str, str]]] = []
+    numbered: list[dict[int, tuple[str, str]]] = []
+    for template, columns in templates.items():
+        by_axis = {column.axis: (column.name, template.unit) for column in columns}
+        if len(columns) == len(by_axis) == 3:
+            (numbered if template.numbered else lettered).append(by_axis)
+    return lettered or numbered
 
 
 def _parse(name: str) -> _Parsed | None:

@@ -149,7 +149,7 @@ class Judged:
         counted: mask (m,) of the objects to be found.
         points: number of points (m,) on each object.
         truth_range: range (m,) of each object from the middle of the area (m).
-        found_range: range (n,) of each detection, as `FrameTruth.judge` says (m).
+        found_range: range (n,) of each detection, as in `FrameTruth.judge` (m).
         outside: mask (n,) of detections outside the area, which can be hits but not false alarms.
     """
 

@@ -28,6 +28,7 @@ from typing import Any, Literal, overload
 
 import numpy as np
 
+from toolkit.arrays import Mask
 from toolkit.boxes import Overlap, count_points
 from toolkit.calibration.empty_scene import Scenes
 from toolkit.calibration.poses import FoundPose
@@ -184,6 +185,11 @@ class Evaluation(Sequence[Row]):
         return replace_infinite({"rows": rows, "classes": classes, "schemes": self.schemes, **known})
 
 
+def _find_outside(truths: Sequence[FrameTruth], found: Sequence[Detections]) -> list[Mask]:
+    """Masks of the detections of each frame that are outside its area."""
+    return [~truth.inside(detections) for truth, detections in zip(truths, found, strict=True)]
+
+
 def evaluate_recording(
     recording: Recording,
     detector: Detector,
@@ -250,17 +256,13 @@ def evaluate_recording(
     for name, chosen in scored[0].fused:
         fused = [each.fused[name, chosen] for each in scored]
         found = [each.detections for each in fused]
-        outside = None
-        if protocol == "measured":
-            outside = [~truth.inside(each) for truth, each in zip(truths, found, strict=True)]
+        outside = _find_outside(truths, found) if protocol == "measured" else None
         bits, ms = [each.bits for each in fused], float(np.median([each.ms for each in fused]))
         kbit = float(np.mean([sent.mean() / 1000 if len(sent) else 0.0 for sent in bits]))
-        score = partial(
-            evaluate, found, objects, metric=asked.metric, protocol=counting, counted=counted, outside=outside
-        )
+        score = partial(evaluate, found, objects, metric=asked.metric, protocol=counting, counted=counted)
         for label, thresholds in ious.items():
             true_iou = TRUE_IOU[label_index(label)]
-            scores = score(label=label, iou_thresholds=[*thresholds, true_iou])
+            scores = score(label=label, iou_thresholds=[*thresholds, true_iou], outside=outside)
             for iou, at in ((iou, scores[iou]) for iou in thresholds):
                 shares = at.ap, at.recall, at.precision
                 rows.append(Row(name, chosen, iou, *shares, kbit, ms, at.curve, label, at.truths, at.fp / total))

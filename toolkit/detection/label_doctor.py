@@ -323,7 +323,8 @@ def suspect_empty(some: Sequence[Seen]) -> Iterator[Finding]:
     if not total or empty / total <= MAX_EMPTY_SHARE:
         return
     counted = f"{empty} of {total} boxes hold no point above the ground"
-    undone = [_undo_each(wrong.mistake, some, wrong.choose) for wrong in other_frames([each.sample for each in some])]
+    samples = [each.sample for each in some]
+    undone = [_undo_each(wrong.mistake, some, wrong.choose) for wrong in other_frames(samples)]
     best = max(undone, key=lambda attempt: float(attempt.fits.mean()))
     left, _ = _count_empty(some, best.boxes)
     if left / total <= EXPLAINED_EMPTY_SHARE:

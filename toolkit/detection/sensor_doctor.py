@@ -52,8 +52,12 @@ def _sensor_names(samples: Sequence[Frame]) -> list[str]:
 
 
 def _list_clouds(samples: Sequence[Frame], name: str) -> list[SensorCloud | None]:
-    """Cloud of one sensor in each frame, None if the frame has none."""
-    return [next((cloud for cloud in sample.clouds if cloud.name == name), None) for sample in samples]
+    """Cloud of one sensor in each frame, None if the frame lacks it."""
+    return [_find_cloud(sample, name) for sample in samples]
+
+
+def _find_cloud(sample: Frame, name: str) -> SensorCloud | None:
+    return next((cloud for cloud in sample.clouds if cloud.name == name), None)
 
 
 def suspect_stamps(samples: Sequence[Frame]) -> Iterator[Finding]:
@@ -110,16 +114,15 @@ def _shows_the_past(samples: Sequence[Frame], name: str) -> bool:
     for former, latter in pairwise(samples):
         places = former.objects.boxes
         gone = places[~(iou_bev(places, latter.objects.boxes) > 0).any(axis=1)]
-        clouds = [cloud for cloud in latter.clouds if cloud.name == name]
-        before = [cloud for cloud in former.clouds if cloud.name == name]
-        if clouds and before and len(gone) and np.array_equal(clouds[0].points, before[0].points):
+        before, cloud = _find_cloud(former, name), _find_cloud(latter, name)
+        if before and cloud and len(gone) and np.array_equal(cloud.points, before.points):
             moves += 1
-            stale += bool((count_points(clouds[0].in_world(), gone) >= MIN_STALE_POINTS).any())
+            stale += bool((count_points(cloud.in_world(), gone) >= MIN_STALE_POINTS).any())
     return moves == 0 or stale > 0.5 * moves
 
 
 def _share_missing(clouds: Sequence[SensorCloud | None]) -> float:
-    """Share of the frames from a sensor's first cloud to its last that have none."""
+    """Share of the frames from a sensor's first cloud to its last that lack it."""
     present = np.flatnonzero([cloud is not None for cloud in clouds])
     span = int(present[-1] - present[0]) + 1 if len(present) else 0
     return 1 - len(present) / span if span > 4 else 0.0
