@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from toolkit.geometry import pose
-from toolkit.sites.georeference import doubt_place, longitude_latitude, site_metres
+from toolkit.sites.georeference import doubt_place, doubt_scale, longitude_latitude, site_metres
 from toolkit.sites.site import Site
 
 pyproj = pytest.importorskip("pyproj")
@@ -89,6 +89,23 @@ def test_a_stated_datum_needs_no_word(reference):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert doubt_place(reference) is None
+
+
+@pytest.mark.parametrize(
+    ("reference", "lon_lat", "noted"),
+    [("EPSG:3857", (8.0, 49.0), True), ("EPSG:32661", (0.0, 62.0), True), ("EPSG:2193", (174.8, -41.3), False)],
+)
+def test_a_map_that_stretches_lengths_says_so(reference, lon_lat, noted):
+    """Web Mercator at latitude 49: 100 m are 65.5 m on the ground (Snyder, equation 7-6)."""
+    site = place(reference, lon_lat)
+    note = doubt_scale(site)
+    assert (note is not None) == noted
+    if note is not None:
+        degrees = longitude_latitude(site, np.array([[0.0, 0.0], [100.0, 0.0], [0.0, 100.0]]))
+        assert degrees is not None
+        geod = pyproj.Geod(ellps="WGS84")
+        lengths = [geod.inv(*degrees[0], *end)[2] for end in degrees[1:]]
+        assert f"100 m on it are {max(lengths, key=lambda length: abs(length - 100)):.1f} m" in note
 
 
 @pytest.mark.parametrize(

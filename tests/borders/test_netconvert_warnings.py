@@ -1,4 +1,4 @@
-"""What netconvert warns of reaches the reader of the map (SUMO 1.28, "Warning: " lines of its standard error)."""
+"""What netconvert warns of reaches the reader of the map (SUMO 1.28)."""
 
 from toolkit.sites.netconvert_warnings import MAX_NOTES, describe_warnings, list_warnings
 

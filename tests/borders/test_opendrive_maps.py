@@ -650,6 +650,26 @@ def test_links_that_lead_nowhere_are_counted(imported):
     assert "1 roads are linked to what is not in the file" in notes
 
 
+def test_what_contradicts_itself_is_noted(imported):
+    """netconvert's own warnings are read as well: of a gap in a reference line."""
+    gap = '<geometry s="0" x="-150" y="0" hdg="0" length="150"><line/></geometry>'
+    road = street(start=(0.0, 2.0), length=150.0).replace("<planView>", f"<planView>{gap}")
+    road = road.replace('<geometry s="0" x="0.0"', '<geometry s="150" x="0.0"')
+    twice = street(name="2", start=(-150.0, 15.0), sections=section(lane(1) + lane(1), lane(-1) + lane(2)))
+    short = street(name="3", start=(-150.0, -15.0)).replace('length="300', 'length="30', 1)
+    row = 'aU="0" bU="60" cU="0" dU="0" aV="0" bV="0" cV="0" dV="0"'
+    curve = f'<paramPoly3 pRange="normalized" {row}/>'
+    long = street(name="4", start=(-20.0, 30.0), length=30.0, geometry=curve)
+    _, notes = imported(road + twice + short + long, size=(80.0, 80.0))
+    assert any("Mismatched geometry for edge '1' between geometry segments 0 and 1" in note for note in notes)
+    assert set(notes) >= {
+        "1 lanes have the id of another lane beside them",
+        "1 lanes have an id of the other side, where they are drawn",
+        "2 roads are not as long as their geometry, which counts",
+        "1 curves are not as long as their geometry says",
+    }
+
+
 def test_ids_of_roads_are_free(imported):
     """SUMO's ids are not: -5 is the other direction of 5, a comma parts a list."""
     names = ("5", "a,b;c 1", "-5", "5#1", "", "Unter den Linden 信号", "a:b|c")

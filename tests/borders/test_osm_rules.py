@@ -47,6 +47,8 @@ def test_access_goes_from_the_general_to_the_particular():
     assert allowed(motor_vehicle="destination") == MOTOR | {"bicycle"}
     assert allowed(access="no", motor_vehicle="destination") == MOTOR
     assert allowed(Motor_Vehicle="No ") == {"bicycle"}
+    assert allowed(construction="yes", motor_vehicle="yes") == set()
+    assert allowed(access="yes;no") == MOTOR | {"bicycle"}
     assert allowed(highway="motorway") == MOTOR - {"moped"}
     assert allowed(highway="motorway", access="yes") == MOTOR - {"moped"}
     assert allowed(highway="busway") == {"bus"}
@@ -88,6 +90,17 @@ def test_each_direction_has_rules_of_its_own():
 )
 def test_oneway(tags, oneway):
     assert read_rules({"highway": "residential", **tags}).oneway == oneway
+
+
+def test_a_lane_against_the_traffic_is_for_those_whom_the_map_names():
+    """Such as a bus lane on the other side of a one-way street."""
+    tags = {"oneway": "yes", "lanes": "2", "lanes:forward": "1", "lanes:backward": "1"}
+    reading = read_rules({"highway": "secondary", **tags, "oneway:psv": "no"})
+    assert reading.oneway == "no"
+    assert reading.rules.users[0] == frozenset(nets.MOTOR.split())
+    assert reading.rules.users[1] == {"bus", "taxi", "emergency"}
+    assert osm_rules.CONTRAFLOW not in reading.notes
+    assert read_rules({"highway": "secondary", **tags}).oneway == "yes"
 
 
 @pytest.mark.parametrize(
@@ -144,9 +157,12 @@ def test_a_source_or_zone_tells_the_limit_where_none_is_given():
         ({"turn:lanes": "left|through"}, osm_rules.ARROWS),
         ({"oneway": "yes", "oneway:bicycle": "no"}, osm_rules.CONTRAFLOW),
         ({"oneway": "yes", "cycleway": "opposite"}, osm_rules.CONTRAFLOW),
+        ({"oneway": "yes", "oneway:psv": "no"}, osm_rules.CONTRAFLOW),
+        ({"oneway": "T"}, osm_rules.DIRECTION),
         ({"oneway": "reversible"}, osm_rules.EITHER),
         ({"access": "sometimes"}, osm_rules.UNREAD),
         ({"maxspeed": "fast"}, osm_rules.UNREAD_SPEED),
+        ({"maxspeed": "70|100"}, osm_rules.UNREAD_SPEED),
         ({"maxspeed": "signals"}, osm_rules.VARIABLE),
         ({"maxspeed:hgv": "60"}, osm_rules.SPEEDS),
         ({"lanes": "2;3"}, osm_rules.LANES),
@@ -365,8 +381,22 @@ def test_a_roundabout_that_runs_the_other_way_is_said(tmp_path: Path):
 def test_what_is_no_road_here_is_named(tmp_path: Path):
     ways = [MAIN, ((6, 1), {"highway": "track"}), ((7, 1), {"highway": "service", "service": "driveway"})]
     ways += [((6, 4), {"highway": "construction"}), ((7, 5), {"highway": "pedestrian", "bus": "yes"})]
-    _, notes = read_site(write_map(tmp_path, *ways, nodes={7: {"highway": "stop"}}))
+    ways += [((2, 6), {"railway": "tram"})]
+    nodes = {7: {"highway": "stop"}, 1: {"highway": "mini_roundabout"}}
+    _, notes = read_site(write_map(tmp_path, *ways, nodes=nodes))
     text = "\n".join(notes)
     assert "no roads are made of: 1 track, 1 driveway" in text
     assert "pedestrian streets open to some vehicles" in text
     assert "stop and give-way signs, not used" in text
+    assert "mini-roundabouts, driven as plain junctions: 1" in text
+    assert "tracks of trams and trains, which do not run here: 1" in text
+
+
+def test_a_map_across_the_antimeridian_is_whole(tmp_path: Path):
+    """180 and -180 degrees are one meridian (RFC 7946, 3.1.9); Taveuni in Fiji lies on it."""
+    centre = (179.9999, -16.8)
+    site, notes = read_site(write_map(tmp_path, MAIN, side_street(), centre=centre), centre)
+    assert any("traffic keeps left" in note for note in notes)
+    assert not any("leap" in note for note in notes)
+    lengths = [np.hypot(*np.diff(nets.parse_shape(lane), axis=0).T).sum() for _, lane in nets.list_lanes(site.network)]
+    assert 60 < max(lengths) < 150

@@ -34,6 +34,7 @@ _EQUATOR, _ECCENTRICITY2 = 6378137.0, 6.69437999014e-3  # WGS84: radius (m), fir
 _FLATTENING = 298.257223563  # of WGS84, inverse
 _WGS84_FLATTENING_GAP = 1e-7  # less than between WGS84 and GRS80, the ellipsoid of ETRS89, NAD83 and GDA
 MAX_AXIS_GAP_M, MAX_FLATTENING_GAP = 0.01, 1e-4  # to ellipsoids whose datums lie within 2 m of WGS84
+_SCALE_LENGTH_M, MAX_STRETCH = 100.0, 0.01  # length by which a map's scale is judged, and what is not worth a note
 _DIRECTIONS = {"east": (1.0, 0.0), "west": (-1.0, 0.0), "north": (0.0, 1.0), "south": (0.0, -1.0)}
 _POLAR_AXES = {"E": (1.0, 0.0), "X": (1.0, 0.0), "N": (0.0, 1.0), "Y": (0.0, 1.0)}
 WGS84 = "EPSG:4326"
@@ -79,7 +80,9 @@ def project(lon_lat: Float[np.ndarray, "n 2"], centre: tuple[float, float]) -> F
     longitude_0, latitude_0 = np.deg2rad(centre)
     sine, cosine = np.sin(latitude), np.cos(latitude)
     normal = _EQUATOR / np.sqrt(1 - _ECCENTRICITY2 * sine**2)
-    a = (longitude - longitude_0) * cosine
+    east = longitude - longitude_0
+    east = np.where(np.abs(east) > np.pi, (east + np.pi) % (2 * np.pi) - np.pi, east)  # across the antimeridian
+    a = east * cosine
     t, c = np.tan(latitude) ** 2, _ECCENTRICITY2 / (1 - _ECCENTRICITY2) * cosine**2
     x = normal * (a + (1 - t + c) * a**3 / 6)
     y = _meridian(latitude) - _meridian(latitude_0) + normal * np.tan(latitude) * a**2 / 2
@@ -92,6 +95,8 @@ def inverse_project(metres: Float[np.ndarray, "n 2"], centre: tuple[float, float
     for _ in range(5):
         radius = _EQUATOR * np.stack([np.cos(np.deg2rad(guess[:, 1])), np.ones(len(guess))], axis=1)
         guess += np.rad2deg((metres - project(guess, centre)) / radius)
+    longitude = guess[:, 0]
+    guess[:, 0] = np.where(np.abs(longitude) > 180.0, (longitude + 180.0) % 360.0 - 180.0, longitude)
     return guess
 
 
@@ -116,6 +121,26 @@ def doubt_place(geo_reference: str | None) -> str | None:
         return _open_map(geo_reference).doubt
     except ImportError:
         return None
+
+
+def doubt_scale(site: Site) -> str | None:
+    """Return by how much a site's map stretches lengths, as a note; None for less than `MAX_STRETCH`, an unknown place,
+    and without pyproj. The errors of `longitude_latitude` are raised."""
+    corners = np.array([[0.0, 0.0], [_SCALE_LENGTH_M, 0.0], [0.0, _SCALE_LENGTH_M]])
+    try:
+        degrees = longitude_latitude(site, corners)
+    except ImportError:
+        return None
+    if degrees is None:
+        return None
+    longitude, latitude = degrees[0].tolist()
+    lengths = np.hypot(*project(degrees[1:], (longitude, latitude)).T)
+    far = lengths[np.abs(lengths / _SCALE_LENGTH_M - 1).argmax()]
+    if abs(far / _SCALE_LENGTH_M - 1) < MAX_STRETCH:
+        return None
+    return (
+        f"its map stretches lengths: {_SCALE_LENGTH_M:g} m on it are {far:.1f} m on the ground, which no figure heeds"
+    )
 
 
 def _find_centre(reference: str) -> tuple[float, float] | None:

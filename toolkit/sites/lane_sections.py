@@ -126,7 +126,7 @@ def _read_side(described: _Description, side: str, span: tuple[float, float], la
             SectionLane(
                 number=itself[0],
                 kind=lane.get("type") or "none",
-                width=widths[lane].cut_start(offset) if len(widths[lane].starts) else widths[lane],
+                width=widths[lane].cut_start(offset) if offset > 0 and len(widths[lane].starts) else widths[lane],
                 before=_links(lane, "predecessor") if is_first else itself,
                 after=_links(lane, "successor") if is_last else itself,
                 element=lane,

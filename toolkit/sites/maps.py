@@ -23,7 +23,7 @@ from toolkit.arrays import Float, Float64, Pose, Rng
 from toolkit.geometry import STEEPEST, pose
 from toolkit.runtime.files import name_errors
 from toolkit.sites import furniture as f, network as nets, opendrive, osm, osm_rules, plain_map, surroundings
-from toolkit.sites.georeference import doubt_place, projection
+from toolkit.sites.georeference import doubt_place, doubt_scale, projection
 from toolkit.sites.netconvert_warnings import describe_warnings
 from toolkit.sites.site import Furnishing, Mount, Relief, Site, Solid
 
@@ -464,18 +464,20 @@ def _finish(site: Site, piece: MapPiece, solids: Sequence[Solid], *, lamps: np.n
     else:
         made, note = furnish_site(site, mounts, [*solids, *stones], piece.seed, piece.density)
         notes = [*notes, note]
-    for note in [*notes, *_doubt_place(site.geo_reference)]:
+    for note in [*notes, *_doubt_place(site)]:
         warnings.warn(f"{piece.path.name}: {note}", stacklevel=3)
     return made
 
 
-def _doubt_place(geo_reference: str | None) -> list[str]:
-    """Notes of what is uncertain about a map's place on earth."""
+def _doubt_place(site: Site) -> list[str]:
+    """Notes of what is uncertain about a site's place on earth, and its scale."""
     try:
-        doubt = doubt_place(geo_reference)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # it says again what is noted here
+            doubts = [doubt_place(site.geo_reference), doubt_scale(site)]
     except ValueError as error:
-        return [f"its geoReference {error}, so nothing can be placed on earth"]
-    return [] if doubt is None else [doubt]
+        return [f"its place on earth cannot be used: {error}"]
+    return [doubt for doubt in doubts if doubt is not None]
 
 
 def _convert(options: Sequence[str], piece: MapPiece) -> tuple[str, list[str]]:

@@ -1,7 +1,7 @@
 """Notes from what netconvert warns of while it reads a map.
 
-netconvert goes on without what it cannot read and writes a line "Warning: ..." for each such place. Lines that only
-tell how a shape was rounded, or what this computer lacks, are dropped; all others become notes, one for each kind."""
+netconvert goes on without what it cannot read and warns of each such place in a line. Lines that only tell how a shape
+was rounded, or what this computer lacks, are dropped; all others become notes, one for each kind."""
 
 import re
 from collections.abc import Iterable
@@ -57,7 +57,7 @@ def describe_warnings(warnings: Iterable[str]) -> list[str]:
     for warning in warnings:
         if not _SHAPE_ONLY.match(warning):
             kinds.setdefault(_VALUES.sub("_", warning), []).append(warning)
-    notes = [_describe_kind(warnings) for warnings in list(kinds.values())[:MAX_NOTES]]
+    notes = [_describe_kind(alike) for alike in list(kinds.values())[:MAX_NOTES]]
     if len(kinds) > MAX_NOTES:
         notes.append(f"netconvert warned of {len(kinds) - MAX_NOTES} kinds of things more")
     return notes

@@ -51,6 +51,16 @@ class Piece:
         c, s = np.cos(self.heading), np.sin(self.heading)
         return np.column_stack([self.x + c * u - s * v, self.y + s * u + c * v, self.heading + turn])
 
+    def measure_curve(self) -> float:
+        """Length (m) of its curve, which its `length` should be; only of a paramPoly3 it may be another."""
+        if self.shape.tag != "paramPoly3":
+            return self.length
+        u, v = (_cubic(self.shape, [key + axis for key in "abcd"]) for axis in "UV")
+        last = self.length if self.shape.get("pRange") == "arcLength" else 1.0
+        grid = np.linspace(0.0, last, max(int(self.length / _STEP), 16) + 1)
+        middle = (grid[1:] + grid[:-1]) / 2
+        return float(np.sum(np.hypot(u.slope(middle), v.slope(middle)) * np.diff(grid)))
+
     def _local(self, ds: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         shape = self.shape
         match shape.tag:
@@ -365,7 +375,7 @@ def _describe_outside(root: ElementTree.Element, centre: tuple[float, float], ro
 
 def _project(root: ElementTree.Element, place: tuple[float, float]) -> tuple[float, float] | None:
     """Longitude and latitude in metres of a map's projection; None if they or it are none, or PROJ is not here."""
-    reference = (root.findtext("header/geoReference") or "").strip()
+    reference = _read_reference(root)
     if not reference or not (abs(place[0]) <= 180 and abs(place[1]) <= 90):
         return None
     try:
@@ -391,10 +401,15 @@ def find_placement(root: ElementTree.Element) -> Pose:
     return pose(x, y, z, yaw=heading)
 
 
+def _read_reference(root: ElementTree.Element) -> str:
+    texts = [(element.text or "").strip() for element in root.findall("header/geoReference")]
+    return next(filter(None, texts), "")
+
+
 def find_projection(root: ElementTree.Element, name: str) -> str | None:
     """Projection of a map. None, with a warning, if its geoReference names none, or one that PROJ cannot use, as with a
     grid of shifts that is not installed: the map is in metres all the same. name: of the file."""
-    reference = (root.findtext("header/geoReference") or "").strip()
+    reference = _read_reference(root)
     if not reference:
         return None
     if not re.search(NAMES_PROJECTION, reference, re.IGNORECASE):

@@ -387,6 +387,9 @@ _UNUSED_SERVICE = ("driveway", "parking_aisle", "drive-through")
 GATE_GAP_M = 0.75  # of road left out on either side of a barrier
 _BARRED = "barriers on roads that cars cannot pass, and no vehicle here"
 _SIGNS = "stop and give-way signs, not used, as the classes of the roads say who goes first"
+_MINI_RINGS = "mini-roundabouts, driven as plain junctions"
+_RAILS = ("tram", "rail", "light_rail", "narrow_gauge", "subway")
+_NO_TRAINS = "tracks of trams and trains, which do not run here"
 _DRIVEN_WALKS = "pedestrian streets open to some vehicles, not driven on here"
 
 
@@ -408,6 +411,10 @@ def roads(extract: Extract, window: shapely.Geometry, *, lefthand: bool = False)
         tags for xy, tags in extract.places if tags.get("highway") in signs and shapely.intersects_xy(window, *xy)
     ]
     said += [_SIGNS] * len(inside)
+    rings = [xy for xy, tags in extract.places if tags.get("highway") == "mini_roundabout"]
+    said += [_MINI_RINGS for xy in rings if shapely.intersects_xy(window, *xy)]
+    rails = [way for way in extract.ways if way.tags.get("railway") in _RAILS and not _below(way.tags)]
+    said += [_NO_TRAINS for way in rails if _reaches(way, window)]
     said += [_DRIVEN_WALKS for way in reached if _is_driven_walk(way.tags)]
     notes += [*count_notes(said), *_describe_unused(reached), *_describe_rings(kept, lefthand=lefthand)]
     pieces = [

@@ -27,7 +27,8 @@ ROADS |= {"service": (1, 5.6, 4, False), "cycleway": (1, 5.6, 2, False)}
 ROADS |= {f"{kind}_link": ROADS[kind] for kind in ("motorway", "trunk", "primary", "secondary", "tertiary")}
 
 MPH_M_S, KNOT_M_S, KMH_M_S = 0.44704, 1852 / 3600, 1 / 3.6
-UNITS_M_S = {"": KMH_M_S, "km/h": KMH_M_S, "kmh": KMH_M_S, "kph": KMH_M_S, "mph": MPH_M_S, "knots": KNOT_M_S}
+UNITS_M_S = dict.fromkeys(("", "km/h", "kmh", "kph", "kmph", "km/hr"), KMH_M_S)
+UNITS_M_S |= {"mph": MPH_M_S, "mi/h": MPH_M_S, "knots": KNOT_M_S, "knot": KNOT_M_S, "kn": KNOT_M_S}
 MIN_SPEED_M_S, MAX_SPEED_M_S = 0.5, 100.0
 
 _MOTOR = frozenset(nets.MOTOR.split())
@@ -69,6 +70,7 @@ LOCAL = "roads for local traffic only (destination, customers), driven through h
 HOURS = "roads with rules for some hours or vehicles only (:conditional), not used"
 OWN_LANES = "roads with lanes for some users only (bus:lanes, busway, cycleway=lane, hov), open to all here"
 ARROWS = "roads with arrows on their lanes (turn:lanes, change:lanes), not used"
+DIRECTION = "roads with a oneway that is not understood, one-way only if that is usual for their class"
 CONTRAFLOW = "one-way streets open both ways to some (oneway:bicycle, cycleway=opposite), who ride one way here"
 EITHER = "roads that run one way at a time (oneway=reversible, alternating), open both ways here"
 UNREAD = "roads with access that is not understood, open as is usual for their class"
@@ -138,9 +140,17 @@ def usual_rules(kind: str) -> Rules:
 def read_rules(tags: Tags) -> RoadReading:
     """Rules of a road of a class in `ROADS`, by its tags."""
     tags = {key.strip().lower(): value.strip().lower() for key, value in tags.items()}
+    if any(tags.get(key) == "yes" for key in ("abandoned", "disused", "construction", "proposed", "razed")):
+        tags = {key: value for key, value in tags.items() if key.partition(":")[0] not in ACCESS_KEYS}
+        tags["access"] = "no"
     notes = _list_unused(tags)
     oneway = _read_oneway(tags, notes)
     sides = [_read_users(tags, side, notes) for side in ("forward", "backward")]
+    against = _list_contraflow(tags)
+    if oneway == "yes" and against and number_lanes(tags).get("lanes:backward"):
+        oneway, sides[1] = "no", sides[1] & (against | {_ALWAYS})  # they have a lane of their own
+    elif oneway != "no" and against:
+        notes.append(CONTRAFLOW)
     speeds = [_read_speed(tags, side, notes) for side in ("forward", "backward")]
     driven = sides[1:] if oneway == "-1" else sides[:1] if oneway == "yes" else sides
     if tags["highway"] not in ("cycleway", "busway") and not any("passenger" in users for users in driven):
@@ -263,7 +273,7 @@ def _read_access(value: str, user: str, notes: list[str]) -> bool | None:
     """True if a value of access is open to a user, None if it is not understood."""
     values = {part.strip() for part in value.split(";")} - {""}
     known = _OPEN | _LOCAL | _CLOSED | _DELIVERS | _PUBLIC
-    if not values or not values <= known:
+    if not values or not values <= known or (values & _OPEN and values & _CLOSED):
         notes.append(UNREAD)
         return None
     if values & _OPEN:
@@ -295,11 +305,19 @@ def _read_oneway(tags: Tags, notes: list[str]) -> str:
         notes.append(EITHER)
         return "no"
     oneway = "yes" if value in _FORWARD else "-1" if value in _BACKWARD else "no" if value in _BOTH_WAYS else implied
-    both = [key for key in tags if key.startswith("oneway:") and tags[key] in _BOTH_WAYS]
-    opposite = any(key.startswith("cycleway") and tags[key].startswith("opposite") for key in tags)
-    if oneway != "no" and (both or opposite):
-        notes.append(CONTRAFLOW)
+    if value and value not in _FORWARD | _BACKWARD | _BOTH_WAYS:
+        notes.append(DIRECTION)
     return oneway
+
+
+def _list_contraflow(tags: Tags) -> Users:
+    """Users who may drive a one-way street both ways."""
+    exempt = {key.removeprefix("oneway:") for key in tags if key.startswith("oneway:") and tags[key] in _BOTH_WAYS}
+    if any(key.startswith("cycleway") and tags[key].startswith("opposite") for key in tags):
+        exempt.add("bicycle")
+    if any(key.startswith("busway") and tags[key].startswith("opposite") for key in tags):
+        exempt.add("bus")
+    return frozenset(user for user, keys in _KEYS.items() if exempt & set(keys))
 
 
 def _read_speed(tags: Tags, side: str, notes: list[str]) -> float:

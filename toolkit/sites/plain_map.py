@@ -22,7 +22,7 @@ from toolkit.sites.opendrive import MapRoad
 _SAFE_NAME = re.compile(r"[A-Za-z0-9_][\w.]*")
 _WHOLE = re.compile(r"[-+]?\d{1,9}")
 _NO_LIMIT = f"roads without a limit in the map are driven at {lane_rules.USUAL_SPEED_MPS * 3.6:.0f} km/h"
-MAX_KERB_M = 0.25
+MAX_KERB_M, MAX_LENGTH_GAP_M, MAX_LENGTH_GAP_SHARE = 0.25, 1.0, 0.02
 _STRAIGHT = 1e-10  # 1/m; less curvature is none
 _TRAFFIC_LIGHTS = (  # those that netconvert takes for traffic lights
     *("1000001", "1000002", "1000003", "1000004", "1000005", "1000006", "1000007", "1000009"),
@@ -136,6 +136,10 @@ def describe_problems(plain: PlainMap, roads: Sequence[MapRoad]) -> list[str]:
         counted.update(plain.problems.get(name, {}))
     for road in roads:
         counted.update(count_unread(road.element))
+        gaps = (
+            abs(piece.measure_curve() - piece.length) / max(piece.length, MAX_LENGTH_GAP_M) for piece in road.pieces
+        )
+        counted["curves are not as long as their geometry says"] += sum(gap > MAX_LENGTH_GAP_SHARE for gap in gaps)
     return [f"{count} {text}" for text, count in counted.items() if count]
 
 
@@ -194,11 +198,13 @@ def _read_roads(writer: _Writer) -> None:
         length = max(_road_length(road), 2e-3)
         is_inner = road.get("junction", "-1") != "-1"
         sections = read_sections(road, length, keep_empty=is_inner)
-        if not is_inner:
-            sections = read_sections(road, length, lane_rules.find_cuts(road, sections))
+        cuts = set() if is_inner else lane_rules.find_cuts(road, sections) - {section.start for section in sections}
+        if cuts:
+            sections = read_sections(road, length, cuts)
         if not any(section.lanes for section in sections):
             writer.problems[name]["roads have no lanes"] += 1
             continue
+        _check_road(road, length, sections, writer.problems[name])
         rule = road.get("rule", "RHT")
         if rule not in ("RHT", "LHT"):
             writer.problems[name][f"roads with rule {rule[:20]!r} count as RHT"] += 1
@@ -289,6 +295,19 @@ def _contraflow(road: _Carriageway, against: set[SectionLane], sign: int) -> _Ca
 def _renumber(numbers: Sequence[int], known: Mapping[int, int] | None) -> tuple[int, ...]:
     """Ids of lanes as they are in a carriageway. known: None at the end of a road, whose links are found later."""
     return tuple(numbers) if known is None else tuple(known[n] for n in numbers if n in known)
+
+
+def _check_road(road: ElementTree.Element, length: float, sections: Sequence[Section], problems: Counter[str]) -> None:
+    """Count what contradicts itself in a road."""
+    said = road.get("length", "")
+    if _is_number(said) and abs(float(said) - length) > max(MAX_LENGTH_GAP_M, MAX_LENGTH_GAP_SHARE * length):
+        problems["roads are not as long as their geometry, which counts"] += 1
+    for section in sections:
+        numbers = Counter(lane.number for lane in section.lanes)
+        problems["lanes have the id of another lane beside them"] += sum(n - 1 for n in numbers.values())
+    for side, sign in (("left", 1), ("right", -1)):
+        ids = [number(lane, "id") for lane in road.findall(f"lanes/laneSection/{side}/lane")]
+        problems["lanes have an id of the other side, where they are drawn"] += sum(sign * i <= 0 for i in ids)
 
 
 def _road_length(road: ElementTree.Element) -> float:

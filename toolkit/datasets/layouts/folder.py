@@ -31,7 +31,7 @@ from toolkit.runtime.files import write_text
 
 POSES = ("poses.json", "poses.txt", "poses.csv")
 LABELS_FILE = "labels.json"
-SECOND_ENDING = "clouds that are there under another ending too, left out"
+DOUBLED_CLOUDS = "clouds that are there under another ending too, left out"
 OTHER_NAME = "labels by the name of a second cloud of a labelled frame"
 RECORDED = ("*.hdf5", "*.h5", "*.bag", "*.mcap", "*.db3")  # recordings in single files
 _CONVERT = "convert them to .pcd, .ply, .npy or .csv"
@@ -100,7 +100,7 @@ def folder(path: Path, *, poses: Path | None = None, inverted: bool = False) -> 
 
     known = [stem for each in stems.values() for stem in each]
     of_folder = entries if path.is_dir() else ()
-    return records.Listing(tuple(names), load, labelled=of_folder, known=known, noted={SECOND_ENDING: doubled})
+    return records.Listing(tuple(names), load, labelled=of_folder, known=known, noted={DOUBLED_CLOUDS: doubled})
 
 
 def _find_remedy(path: Path) -> str:
