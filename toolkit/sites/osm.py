@@ -238,6 +238,9 @@ def metres(text: str | None) -> float | None:
 _OTHER_KINDS = (".pbf", ".o5m", ".o5c", ".zip", ".7z", ".osc", ".osh", ".geojson", ".shp", ".gpkg")
 
 
+_SIGNATURES = {"OSM PBF": b"OSMHeader", "o5m": b"o5m2", "a zip file": b"PK\x03\x04", "SQLite": b"SQLite format 3"}
+
+
 def _elements(path: Path) -> Iterator[ElementTree.Element]:
     """Yield the file's elements, each released before the next. Raises ValueError if the file is no map."""
     name = path.name.lower().removesuffix(".gz").removesuffix(".bz2")
@@ -266,6 +269,9 @@ def _open(path: Path) -> BinaryIO:
 
 def _xml_elements(path: Path, head: bytes) -> Iterator[ElementTree.Element]:
     start = re.search(rb"<(?!\?|!)", head)
+    kind = next((kind for kind, sign in _SIGNATURES.items() if sign in head[:32]), None)
+    if kind is not None:
+        raise ValueError(f"{path}: the file is {kind}: convert it first (osmium cat -o map.osm)")
     if start is None or not re.match(rb"<osm[\s>]", head[start.start() :]) or b"<!DOCTYPE" in head[: start.start()]:
         raise ValueError(f"{path}: not OpenStreetMap XML (it does not begin with <osm>): export the map as .osm")
     parser: ElementTree.XMLPullParser[ElementTree.Element] = ElementTree.XMLPullParser(("start", "end"))

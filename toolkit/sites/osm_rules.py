@@ -79,6 +79,9 @@ VARIABLE = "roads with a speed limit that signs set (maxspeed=signals, variable)
 SPEEDS = "roads with speed limits for some lanes or vehicles (maxspeed:hgv, maxspeed:lanes), not used"
 LANES = "roads with a number of lanes that is not understood"
 MIDDLE = "roads with a middle lane for both directions (lanes:both_ways), not used"
+SINGLE = "roads with one lane for both directions (lanes=1), drawn with one each way"
+WIDTHS = "roads with a width of their own (width, width:lanes), drawn with usual lanes"
+SLOPES = "roads that rise (incline), level here"
 SIZES = "roads with limits of weight or size, closed to trucks and buses"
 CYCLE_ROAD = "roads for bicycles first (bicycle_road, cyclestreet), open to motor traffic as their access says"
 CLOSED = "roads closed to cars, as the map says"
@@ -384,6 +387,12 @@ def _list_unused(tags: Tags) -> list[str]:
         notes.append(SPEEDS)
     if {"lanes", "lanes:forward", "lanes:backward"} & tags.keys() - number_lanes(tags).keys():
         notes.append(LANES)
+    if tags.get("lanes") == "1" and _read_oneway(tags, []) == "no":
+        notes.append(SINGLE)
+    if any(key in tags for key in ("width", "est_width", "width:carriageway", "width:lanes")):
+        notes.append(WIDTHS)
+    if re.search(r"[1-9]|up|down", tags.get("incline", "")):
+        notes.append(SLOPES)
     if "lanes:both_ways" in tags:
         notes.append(MIDDLE)
     if tags.get("bicycle_road") == "yes" or tags.get("cyclestreet") == "yes":
