@@ -239,6 +239,29 @@ def test_lanes_against_the_direction_of_their_side(imported, rule):
     assert find_lane(site, -8.0)[0] == {"pedestrian"}
 
 
+def test_a_lane_between_reversed_ones_goes_its_way(imported):
+    """Lane -2 of three runs on into the next road, the two around it come back."""
+    on, back = '<link><successor id="{0}"/></link>', '<link><predecessor id="{0}"/></link>'
+    first = [lane(n, inside=on.format(n), attributes=AGAINST if n != -2 else "") for n in (-1, -2, -3)]
+    second = [lane(n, inside=back.format(n), attributes=AGAINST if n != -2 else "") for n in (-1, -2, -3)]
+    ahead = joined_to("successor", "road", "2", 'contactPoint="start"')
+    behind = joined_to("predecessor", "road", "1", 'contactPoint="end"')
+    roads = street(length=150.0, sections=section("", "".join(first)), inside=ahead)
+    roads += street(name="2", start=(0.0, 0.0), length=150.0, sections=section("", "".join(second)), inside=behind)
+    site, _ = imported(roads, minor=8)
+    root = ElementTree.fromstring(site.network)
+    links = [c for c in root.iter("connection") if c.get("from", ":")[0] != ":"]
+    open_links = {(c.get("from"), c.get("fromLane"), c.get("to")) for c in links}
+    assert ("-1", "0", "-2") in open_links
+    assert {("2.right", "0", "1.right"), ("2.right", "2", "1.right")} <= open_links
+    lines = {y: [] for y in (-1.75, -5.25, -8.75)}
+    for users, _, line in read_lanes(site):
+        for y, directions in lines.items():
+            if users == CARS and np.abs(line[:, 1] - y).max() < 0.1:
+                directions.append(np.sign(line[-1, 0] - line[0, 0]))
+    assert lines == {-1.75: [-1, -1], -5.25: [1, 1], -8.75: [-1, -1]}
+
+
 def test_a_lane_for_both_directions_is_closed_or_noted(imported):
     two = lane(-1) + lane(-2, attributes='direction="both"')
     site, notes = imported(street(sections=section(lane(1), two)), minor=8)
@@ -668,6 +691,14 @@ def test_what_contradicts_itself_is_noted(imported):
         "2 roads are not as long as their geometry, which counts",
         "1 curves are not as long as their geometry says",
     }
+
+
+def test_roads_that_carry_no_traffic_are_noted(imported):
+    bare = street(name="2", start=(-150.0, 30.0)).replace(section(lane(1), lane(-1)), "")
+    site, notes = imported(street() + street(start=(-150.0, 15.0)) + bare, size=(80.0, 80.0))
+    assert len(read_lanes(site)) == 2
+    assert "1 roads have the id of another one and carry no traffic" in notes
+    assert "1 roads have no lanes" in notes
 
 
 def test_ids_of_roads_are_free(imported):

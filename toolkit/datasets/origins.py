@@ -28,7 +28,7 @@ def translation(place: Float64[np.ndarray, "3"]) -> Pose:
     return moved
 
 
-def find_middle(points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "3"]:
+def find_far_middle(points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "3"]:
     """Return the median of points to the metre, zeros unless most of them are far from the origin.
 
     Points that are not finite or all 0, which some drivers write for no return, do not count."""
@@ -53,7 +53,7 @@ class Middles:
         """Return a sensor's middle (m); `middle` is its cloud's that is being read."""
         if sensor not in self._by_sensor:
             file = self.files.get(sensor)
-            first = middle if file is None else find_middle(read_recorded(file)["positions"])
+            first = middle if file is None else find_far_middle(read_recorded(file)["positions"])
             self._by_sensor[sensor] = first
         return self._by_sensor[sensor]
 
@@ -62,7 +62,7 @@ def find_origin(frame: Frame) -> Float64[np.ndarray, "3"]:
     """Return an origin (m, world frame) near a frame's sensors, else its points or objects; zeros if all are near."""
     positions = np.array([sensor.position for sensor in frame.sensors]).reshape(-1, 3)
     for places in (positions, frame.points(), frame.objects.boxes[:, :3]):
-        middle = find_middle(places)
+        middle = find_far_middle(places)
         if middle.any():
             return middle
     return np.zeros(3)

@@ -15,7 +15,7 @@ import numpy as np
 
 from toolkit.arrays import Float64, Int64, Pose, Shaped
 from toolkit.datasets.cloud_files import check_extent, read_recorded
-from toolkit.datasets.origins import MAX_SAMPLE, Middles, find_middle, translation
+from toolkit.datasets.origins import MAX_SAMPLE, Middles, find_far_middle, translation
 from toolkit.datasets.point_times import is_time, parse_point_times
 from toolkit.frame import DisplayedRecording, Frame, Frames, OtherObjects, RecordingView, SensorCloud
 from toolkit.geometry import MAX_COORDINATE_M, check_pose, invert, transform
@@ -355,12 +355,12 @@ def build_cloud(
     recorded = np.asarray(attributes["positions"], np.float64)
     check_extent(recorded)
     returned = (recorded != 0).any(axis=1) if frame == "sensor" else np.ones(len(recorded), bool)
-    middle = find_middle(recorded)
+    middle = find_far_middle(recorded)
     if middle.any():
         add_problem(problems, COARSE_POINTS, int(_is_coarse(recorded, middle)))
         if frame == "world":
             recorded, frame = transform(invert(world_SE3_sensor), recorded), "sensor"
-            middle = find_middle(recorded)
+            middle = find_far_middle(recorded)
     if middle.any():
         add_problem(problems, UNPLACED, 1)
         origin = (middles or Middles()).find(name, middle)

@@ -23,7 +23,7 @@ MALFORMED = "transforms that tf2 would not take: quaternion not of length 1, not
 TWICE_PLACED = "frames that both /tf and /tf_static place, taken as static"
 
 
-class Link(NamedTuple):
+class TransformLink(NamedTuple):
     """One transform: child in parent, stamped and recorded at these times (ns); pose None if it is malformed."""
 
     child: str
@@ -43,7 +43,7 @@ class Placed(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class History:
+class FrameHistory:
     """Transforms of one frame, by time (ns)."""
 
     times_ns: Int64[np.ndarray, " n"]
@@ -51,12 +51,12 @@ class History:
     poses: Float64[np.ndarray, "n 4 4"]
 
     @staticmethod
-    def from_links(by_time: Mapping[int, Link]) -> "History":
+    def from_links(by_time: Mapping[int, TransformLink]) -> "FrameHistory":
         """Sort the transforms of one frame by time."""
         times = sorted(by_time)
         links = [by_time[time] for time in times]
         poses = np.stack([link.parent_SE3_child for link in links if link.parent_SE3_child is not None])
-        return History(np.array(times, np.int64), tuple(link.parent for link in links), poses)
+        return FrameHistory(np.array(times, np.int64), tuple(link.parent for link in links), poses)
 
     def last_before(self, time_ns: int) -> tuple[str, Pose]:
         """Parent and pose of the last transform up to a time, of the first if there is none."""
@@ -88,15 +88,15 @@ class TransformTree:
         moving: frames of /tf, by the stamps of their transforms.
         problems: transforms left out, by kind."""
 
-    static: Mapping[str, History] = field(default_factory=dict)
-    moving: Mapping[str, History] = field(default_factory=dict)
+    static: Mapping[str, FrameHistory] = field(default_factory=dict)
+    moving: Mapping[str, FrameHistory] = field(default_factory=dict)
     problems: Mapping[str, int] = field(default_factory=dict)
 
     @staticmethod
-    def from_links(links: Iterable[Link]) -> "TransformTree":
+    def from_links(links: Iterable[TransformLink]) -> "TransformTree":
         """Build the tree of all transforms of a bag, in the order of their recording."""
-        static: dict[str, dict[int, Link]] = {}
-        moving: dict[str, dict[int, Link]] = {}
+        static: dict[str, dict[int, TransformLink]] = {}
+        moving: dict[str, dict[int, TransformLink]] = {}
         malformed = 0
         for link in links:
             if link.parent_SE3_child is None or not link.child or not link.parent or link.child == link.parent:
@@ -108,8 +108,8 @@ class TransformTree:
         twice = static.keys() & moving.keys()
         counted = {MALFORMED: malformed, TWICE_PLACED: len(twice)}
         return TransformTree(
-            {child: History.from_links(by_time) for child, by_time in static.items()},
-            {child: History.from_links(by_time) for child, by_time in moving.items() if child not in twice},
+            {child: FrameHistory.from_links(by_time) for child, by_time in static.items()},
+            {child: FrameHistory.from_links(by_time) for child, by_time in moving.items() if child not in twice},
             {kind: count for kind, count in counted.items() if count},
         )
 

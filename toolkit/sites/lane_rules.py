@@ -129,7 +129,7 @@ def _apply_access(
     denied: set[str] = set()
     is_exclusive = False
     for rule in rules:
-        names = [rule.get("restriction"), *(each.get("type") for each in rule.findall("restriction"))]
+        names = [rule.get("restriction"), *(element.get("type") for element in rule.findall("restriction"))]
         allows = rule.get("rule") == "allow"
         if rule.get("rule") not in ("allow", "deny") and set(names) - {None, "none"}:
             problems["<access> rules without allow or deny count as deny"] += 1

@@ -66,7 +66,9 @@ def read_sections(
     elements.sort(key=lambda element: number(element, "s"))
     offset = cubics(road.findall("lanes/laneOffset"))
     sections: list[Section] = []
-    sources = {side: [e for e in elements if _describes(e, side)] for side in _SIDES}
+    sources: dict[str, list[ElementTree.Element]] = {}
+    for side in _SIDES:
+        sources[side] = [element for element in elements if _describes(element, side)]
     starts = [number(element, "s") for element in elements]
     for cut in sorted(cuts):
         if min((abs(cut - place) for place in (*starts, length)), default=0.0) > MIN_PIECE_M:

@@ -198,15 +198,17 @@ def read_road(element: ElementTree.Element) -> MapRoad:
 
 
 def _read_lateral(road: ElementTree.Element) -> LateralProfile:
-    falls = road.findall("lateralProfile/crossfall")
-    sides = {sign: [f for f in falls if f.get("side", "both") in (side, "both")] for side, sign in _SIDES}
+    falls: dict[int, Cubics] = {}
+    for side, sign in _SIDES:
+        rows = road.findall("lateralProfile/crossfall")
+        falls[sign] = cubics([fall for fall in rows if fall.get("side", "both") in (side, "both")])
     shapes: dict[float, list[ElementTree.Element]] = {}
     for shape in road.findall("lateralProfile/shape"):
         shapes.setdefault(number(shape, "s"), []).append(shape)
     return LateralProfile(
         superelevation=cubics(road.findall("lateralProfile/superelevation")),
-        crossfall={sign: cubics(rows) for sign, rows in sides.items()},
-        shapes=tuple((s, cubics(rows, "t")) for s, rows in sorted(shapes.items())),
+        crossfall=falls,
+        shapes=tuple((s, cubics(shapes[s], "t")) for s in sorted(shapes)),
     )
 
 

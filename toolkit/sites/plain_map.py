@@ -103,8 +103,11 @@ def write_plain(root: ElementTree.Element) -> PlainMap:
     kinds = {name: junction.get("type", "default") for name, junction in junctions.items()}
     left_out = {name for name, kind in kinds.items() if kind in ("virtual", "crossing")}
     carriageways = [carriageway for road in writer.roads.values() for carriageway in road]
-    carriageways = [each for each in carriageways if each.element.get("junction", "-1") not in left_out]
-    elements = [_write_road(writer, carriageway, left_out, defaults) for carriageway in carriageways]
+    elements = [
+        _write_road(writer, carriageway, left_out, defaults)
+        for carriageway in carriageways
+        if carriageway.element.get("junction", "-1") not in left_out
+    ]
     for name, junction in junctions.items():
         if name in left_out:
             _note_left_out(writer, name, junction)
@@ -216,26 +219,31 @@ def _read_roads(writer: _Writer) -> None:
 
 
 def _number_ends(sections: Sequence[Section]) -> dict[str, dict[int, int]]:
-    ends = {"start": sections[0], "end": sections[-1]}
-    return {contact: {lane.number: lane.number for lane in section.lanes} for contact, section in ends.items()}
+    return {"start": _number_lanes(sections[0]), "end": _number_lanes(sections[-1])}
+
+
+def _number_lanes(section: Section) -> dict[int, int]:
+    """Ids of a section's lanes, each by itself."""
+    return {lane.number: lane.number for lane in section.lanes}
 
 
 def _part_directions(road: _Carriageway, *, keeps_other_side: bool) -> list[_Carriageway]:
-    """Carriageways of a road: lanes against the usual direction of their side are ones of their own, found first."""
+    """Carriageways of a road, first those of lanes that run against the usual direction of their side."""
     lanes = [lane for section in road.sections for lane in section.lanes]
     against = {lane for lane in lanes if _runs_against(lane) != keeps_other_side and _has_direction(lane)}
     if not against:
         return [road]
     kept: list[Section] = []
     for section in road.sections:
-        inside = [lane for sign in (1, -1) for lane in _strip_outer(section.side(sign), against)]
+        inside = [*_strip_outer(section.side(1), against), *_strip_outer(section.side(-1), against)]
         kept.append(replace(section, lanes=tuple(sorted(inside, key=lambda lane: -lane.number))))
-    parts = [_contraflow(road, against, sign) for sign in (1, -1) if any(lane.number * sign > 0 for lane in against)]
+    signs = {1 if lane.number > 0 else -1 for lane in against}
+    parts = [_contraflow(road, against, sign) for sign in sorted(signs, reverse=True)]
     if any(section.lanes for section in kept):
-        ends = {
-            contact: {n: n for n in numbers if not any(n in part.ends[contact] for part in parts)}
-            for contact, numbers in _number_ends(kept).items()
-        }
+        ends = _number_ends(kept)
+        for contact, numbers in ends.items():
+            for lane_number in (n for part in parts for n in part.ends[contact]):
+                numbers.pop(lane_number, None)
         parts.append(replace(road, sections=kept, ends=ends, closed=frozenset(against)))
     return parts
 
@@ -286,7 +294,10 @@ def _contraflow(road: _Carriageway, against: set[SectionLane], sign: int) -> _Ca
         ahead = tuple(replace(lane, after=_renumber(lane.after, numbers)) for lane in sections[i].lanes)
         closed |= {new for new, lane in zip(ahead, sections[i].lanes, strict=True) if lane in closed}
         sections[i] = replace(sections[i], lanes=ahead)
-    ends = {"start": maps[0], "end": maps[-1]}
+    ends: dict[str, dict[int, int]] = {}
+    for contact, place in (("start", 0), ("end", -1)):
+        driven = {lane.number for lane in road.sections[place].side(sign) if lane in against}
+        ends[contact] = {old: new for old, new in maps[place].items() if old in driven}
     name = f"{road.name}.{'left' if sign > 0 else 'right'}"
     offset = Cubics(np.array(starts), np.array(rows).reshape(-1, 4))
     return _Carriageway(road.element, name, road.length, sections, offset, ends, frozenset(closed))
@@ -299,8 +310,8 @@ def _renumber(numbers: Sequence[int], known: Mapping[int, int] | None) -> tuple[
 
 def _check_road(road: ElementTree.Element, length: float, sections: Sequence[Section], problems: Counter[str]) -> None:
     """Count what contradicts itself in a road."""
-    said = road.get("length", "")
-    if _is_number(said) and abs(float(said) - length) > max(MAX_LENGTH_GAP_M, MAX_LENGTH_GAP_SHARE * length):
+    attribute = road.get("length", "")
+    if _is_number(attribute) and abs(float(attribute) - length) > max(MAX_LENGTH_GAP_M, MAX_LENGTH_GAP_SHARE * length):
         problems["roads are not as long as their geometry, which counts"] += 1
     for section in sections:
         numbers = Counter(lane.number for lane in section.lanes)
@@ -370,9 +381,9 @@ def _find_partner(writer: _Writer, road: _Carriageway, where: str, name: str, co
     partners: Counter[_Carriageway] = Counter()
     for lane in section.lanes:
         for number_ in lane.before if where == "predecessor" else lane.after:
-            found = writer.find_lane(name, contact, number_)
-            if found is not None and lane not in road.closed:
-                partners[found[0]] += 1
+            place = writer.find_lane(name, contact, number_)
+            if place is not None and lane not in road.closed:
+                partners[place[0]] += 1
     return partners.most_common(1)[0][0] if partners else writer.roads[name][-1]
 
 
@@ -415,7 +426,7 @@ def _write_sections(
     defaults: Mapping[str, float],
     problems: Counter[str],
 ) -> Iterator[str]:
-    numbers = [{lane.number: lane.number for lane in section.lanes} for section in road.sections]
+    numbers = [_number_lanes(section) for section in road.sections]
     before = links["predecessor"].numbers if "predecessor" in links else {}
     after = links["successor"].numbers if "successor" in links else {}
     around = [before, *numbers, after]

@@ -41,7 +41,7 @@ from toolkit.datasets.records import (
     list_bags,
     named_damage,
 )
-from toolkit.datasets.transform_tree import NS_PER_S, Link, TransformTree, parse_link_pose
+from toolkit.datasets.transform_tree import NS_PER_S, TransformLink, TransformTree, parse_link_pose
 from toolkit.frame import Frame, SensorCloud
 from toolkit.objects import Objects
 from toolkit.point_columns import name_attributes
@@ -211,7 +211,7 @@ def rosbag(path: Path) -> Bag:
     recorded: dict[str, list[int]] = {}
     with_points: dict[str, bool] = {}  # topics that have a readable cloud: whether it has points
     reason: Exception | None = None
-    links: list[Link] = []
+    links: list[TransformLink] = []
     for message in _messages(path, CLOUD, TF, OLD_TF):
         topic = message.topic
         if message.kind != CLOUD:
@@ -280,7 +280,7 @@ def _refuse(path: Path, has_clouds: bool, reason: Exception | None) -> None:
     raise ValueError(f"{path} holds no messages of {CLOUD}, but {held}: convert its lidar's messages to PointCloud2")
 
 
-def _parse_links(path: Path, message: _Message) -> list[Link]:
+def _parse_links(path: Path, message: _Message) -> list[TransformLink]:
     with _damage(path):
         content = message.parse()
         links = []
@@ -290,7 +290,7 @@ def _parse_links(path: Path, message: _Message) -> list[Link]:
             pose = parse_link_pose(wxyz, np.array([where.x, where.y, where.z]))
             names = clean_frame(each.child_frame_id), clean_frame(each.header.frame_id)
             is_static = message.topic.rstrip("/").endswith("tf_static")
-            links.append(Link(*names, pose, _stamp(each.header), message.recorded_ns, is_static))
+            links.append(TransformLink(*names, pose, _stamp(each.header), message.recorded_ns, is_static))
     return links
 
 
