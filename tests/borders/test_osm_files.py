@@ -109,6 +109,8 @@ def test_a_way_is_cut_at_nodes_that_are_missing(tmp_path: Path):
     [
         ("town.osm.pbf", b"\x00\x00\x00\x0d\x0a\x09OSMHeader", r"only \.osm.* are read.*osmium cat"),
         ("town.osc.gz", gzip.compress(b"<osmChange/>"), r"only \.osm.* are read"),
+        ("really-pbf.osm", b"\x00\x00\x00\x0d\x0a\x09OSMHeader", "the file is OSM PBF: convert it first"),
+        ("really-zip.osm", b"PK\x03\x04" + bytes(60), "the file is a zip file"),
         ("history.osh", xml(), r"only \.osm.* are read"),
         ("change.osm", "<osmChange version='0.6'></osmChange>", r"does not begin with <osm>"),
         ("town.json", '{"type": "FeatureCollection", "features": []}', "has no list of elements"),

@@ -30,10 +30,13 @@ def find_driving_side(longitude: float, latitude: float) -> DrivingSide:
 @cache
 def _left_hand() -> shapely.Geometry:
     table = read_own_table(__file__, "left_hand.toml")
-    outlines, holes = (
-        shapely.union_all([shapely.make_valid(shapely.Polygon(np.reshape(row, (-1, 2)))) for row in table[key]])
-        for key in ("outlines", "holes")
-    )
+    outlines, holes = _unite_rings(table["outlines"]), _unite_rings(table["holes"])
     region = outlines.difference(holes)
     shapely.prepare(region)
     return region
+
+
+def _unite_rings(rows: list[list[float]]) -> shapely.Geometry:
+    """Ground within rings of longitude, latitude, longitude, ..."""
+    rings = (shapely.Polygon(np.reshape(row, (-1, 2))) for row in rows)
+    return shapely.union_all([shapely.make_valid(ring) for ring in rings])

@@ -388,7 +388,7 @@ def import_osm(piece: MapPiece, *, lefthand: bool | None = None) -> Site:
         raise piece.no_road(nearby=osm.describe_roadless(extract, within))
     parking = osm.find_parking(extract, osm_rules.ROADS, within, lefthand=lefthand)
     map_SE3_site, driving, on_earth = pose(yaw=heading), ["--lefthand"] if lefthand else [], projection(*place)
-    types = osm_rules.name_types(cast("osm_rules.Rules", way.rules) for way in pieces)
+    types = osm_rules.name_types(cast("osm_rules.RoadRules", way.rules) for way in pieces)
     with tempfile.TemporaryDirectory() as folder:
         streets, type_file = Path(folder, "roads.osm"), Path(folder, "types.xml")
         streets.write_text(osm.write_osm(pieces, extract), "utf-8")

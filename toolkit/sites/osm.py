@@ -41,7 +41,7 @@ from toolkit.sites.osm_rules import (
     ACCESS_KEYS,
     ROADS,
     RoadReading,
-    Rules,
+    RoadRules,
     Tags,
     count_notes,
     is_barred,
@@ -70,7 +70,7 @@ class Way:
     nodes: tuple[str, ...]
     tags: Tags
     name: str = ""  # its id in the map
-    rules: Rules | None = None  # of a piece of road
+    rules: RoadRules | None = None  # of a piece of road
 
     @property
     def is_closed(self) -> bool:
@@ -238,6 +238,9 @@ def metres(text: str | None) -> float | None:
 _OTHER_KINDS = (".pbf", ".o5m", ".o5c", ".zip", ".7z", ".osc", ".osh", ".geojson", ".shp", ".gpkg")
 
 
+_SIGNATURES = {"OSM PBF": b"OSMHeader", "o5m": b"o5m2", "a zip file": b"PK\x03\x04", "SQLite": b"SQLite format 3"}
+
+
 def _elements(path: Path) -> Iterator[ElementTree.Element]:
     """Yield the file's elements, each released before the next. Raises ValueError if the file is no map."""
     name = path.name.lower().removesuffix(".gz").removesuffix(".bz2")
@@ -266,6 +269,9 @@ def _open(path: Path) -> BinaryIO:
 
 def _xml_elements(path: Path, head: bytes) -> Iterator[ElementTree.Element]:
     start = re.search(rb"<(?!\?|!)", head)
+    kind = next((kind for kind, sign in _SIGNATURES.items() if sign in head[:32]), None)
+    if kind is not None:
+        raise ValueError(f"{path}: the file is {kind}: convert it first (osmium cat -o map.osm)")
     if start is None or not re.match(rb"<osm[\s>]", head[start.start() :]) or b"<!DOCTYPE" in head[: start.start()]:
         raise ValueError(f"{path}: not OpenStreetMap XML (it does not begin with <osm>): export the map as .osm")
     parser: ElementTree.XMLPullParser[ElementTree.Element] = ElementTree.XMLPullParser(("start", "end"))
@@ -298,7 +304,7 @@ def _check_remark(path: Path, remark: object) -> None:
 
 
 def _json_elements(path: Path) -> Iterator[ElementTree.Element]:
-    """Elements of Overpass's JSON (https://wiki.openstreetmap.org/wiki/OSM_JSON) as those of XML."""
+    """Elements of Overpass's JSON (https://wiki.openstreetmap.org/wiki/OSM_JSON), in the form of XML."""
     with _open(path) as stream:
         content = stream.read(LARGEST_MAP + 1)
     if len(content) > LARGEST_MAP:
@@ -388,6 +394,7 @@ GATE_GAP_M = 0.75  # of road left out on either side of a barrier
 _BARRED = "barriers on roads that cars cannot pass, and no vehicle here"
 _SIGNS = "stop and give-way signs, not used, as the classes of the roads say who goes first"
 _MINI_RINGS = "mini-roundabouts, driven as plain junctions"
+_UNUSED_PLACES = {"stop": _SIGNS, "give_way": _SIGNS, "mini_roundabout": _MINI_RINGS}
 _RAILS = ("tram", "rail", "light_rail", "narrow_gauge", "subway")
 _NO_TRAINS = "tracks of trams and trains, which do not run here"
 _DRIVEN_WALKS = "pedestrian streets open to some vehicles, not driven on here"
@@ -403,28 +410,35 @@ def roads(extract: Extract, window: shapely.Geometry, *, lefthand: bool = False)
     kept = [way for way in street if not _above(way.tags) or not any(_crosses(way, other) for other in ground)]
     notes = [f"{len(near) - len(kept)} tunnels or bridges over a road were left out"] if len(near) > len(kept) else []
     readings = [read_rules(way.tags) for way in kept]
-    barred = {node for node in {n for way in kept for n in way.nodes} if is_barred(extract.node_tags.get(node, {}))}
-    said = [note for reading in readings for note in reading.notes]
-    said += [_BARRED for way in kept for node, xy in zip(way.nodes, way.line, strict=True) if node in barred]
-    signs = {"stop", "give_way"}
-    inside = [
-        tags for xy, tags in extract.places if tags.get("highway") in signs and shapely.intersects_xy(window, *xy)
-    ]
-    said += [_SIGNS] * len(inside)
-    rings = [xy for xy, tags in extract.places if tags.get("highway") == "mini_roundabout"]
-    said += [_MINI_RINGS for xy in rings if shapely.intersects_xy(window, *xy)]
-    rails = [way for way in extract.ways if way.tags.get("railway") in _RAILS and not _below(way.tags)]
-    said += [_NO_TRAINS for way in rails if _reaches(way, window)]
-    said += [_DRIVEN_WALKS for way in reached if _is_driven_walk(way.tags)]
-    notes += [*count_notes(said), *_describe_unused(reached), *_describe_rings(kept, lefthand=lefthand)]
-    pieces = [
-        piece
-        for way, reading in zip(kept, readings, strict=True)
-        for part in _split_way(way, barred)
-        for piece in _cut(part, window, reading, lefthand=lefthand)
-    ]
-    rules = number_pieces(cast("Rules", piece.rules) for piece in pieces)
+    barred = _list_barred(kept, extract.node_tags)
+    unused = [note for reading in readings for note in reading.notes]
+    unused += [_BARRED for way in kept for node in way.nodes if node in barred]
+    unused += [_DRIVEN_WALKS for way in reached if _is_driven_walk(way.tags)]
+    unused += _list_unused_places(extract, window)
+    notes += [*count_notes(unused), *_describe_unused(reached), *_describe_rings(kept, lefthand=lefthand)]
+    pieces: list[Way] = []
+    for way, reading in zip(kept, readings, strict=True):
+        for part in _split_way(way, barred):
+            pieces += _cut(part, window, reading, lefthand=lefthand)
+    rules = number_pieces(cast("RoadRules", piece.rules) for piece in pieces)
     return [replace(piece, rules=rule) for piece, rule in zip(pieces, rules, strict=True)], notes
+
+
+def _list_barred(ways: Iterable[Way], node_tags: Mapping[str, Tags]) -> set[str]:
+    """Nodes of ways that no car can pass."""
+    nodes = {node for way in ways for node in way.nodes if node in node_tags}
+    return {node for node in nodes if is_barred(node_tags[node])}
+
+
+def _list_unused_places(extract: Extract, window: shapely.Geometry) -> list[str]:
+    """Notes of signs, small roundabouts and rails within `window`, which traffic does not heed."""
+    notes: list[str] = []
+    for spot, tags in extract.places:
+        note = _UNUSED_PLACES.get(tags.get("highway", ""))
+        if note is not None and shapely.intersects_xy(window, *spot):
+            notes.append(note)
+    rails = [way for way in extract.ways if way.tags.get("railway") in _RAILS and not _below(way.tags)]
+    return notes + [_NO_TRAINS for way in rails if _reaches(way, window)]
 
 
 def describe_roadless(extract: Extract, window: shapely.Geometry) -> str:
@@ -560,7 +574,7 @@ def write_osm(pieces: Iterable[Way], extract: Extract) -> str:
     position = {node: point for way in pieces for node, point in zip(way.nodes, way.line, strict=True)}
     points = np.array(list(position.values())).reshape(-1, 2)
     degrees = inverse_project(points @ plane_rotation(extract.heading).T, extract.centre)
-    types = name_types(cast("Rules", piece.rules) for piece in pieces)
+    types = name_types(cast("RoadRules", piece.rules) for piece in pieces)
     signals = {tuple(xy.round(3)) for xy, tags in extract.places if tags.get("highway") == "traffic_signals"}
     text = ['<osm version="0.6">']
     number = {node: i for i, node in enumerate(position, start=1)}
@@ -569,7 +583,7 @@ def write_osm(pieces: Iterable[Way], extract: Extract) -> str:
         text.append(f'<node id="{number[node]}" lon="{longitude:.9f}" lat="{latitude:.9f}">{tag}</node>')
     for way_number, way in enumerate(pieces, start=1):
         inside = "".join(f'<nd ref="{number[node]}"/>' for node in way.nodes)
-        tags = {**way.tags, "highway": types[cast("Rules", way.rules)]}
+        tags = {**way.tags, "highway": types[cast("RoadRules", way.rules)]}
         inside += "".join(nets.format_element("tag", {"k": key, "v": value}) for key, value in tags.items())
         text.append(nets.format_element("way", {"id": way_number}, inside))
     text += _format_restrictions(pieces, number, extract.restrictions)
@@ -851,7 +865,7 @@ def find_parking_strips(network: str, parking: Parking) -> dict[str, Sides]:
     return found
 
 
-def restrict_network(folder: Path, types: Mapping[Rules, str]) -> None:
+def restrict_network(folder: Path, types: Mapping[RoadRules, str]) -> None:
     """Give the plain edges that netconvert wrote the rules of their direction."""
     edges = ElementTree.parse(folder / "plain.edg.xml")
     restrict_edges(edges.iter("edge"), types)

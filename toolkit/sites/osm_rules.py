@@ -1,9 +1,9 @@
 """Traffic rules of OpenStreetMap's roads: who may drive which way, and how fast.
 
 Access is read from the general to the particular: access, vehicle, motor_vehicle and then the kind of vehicle; the last
-one that speaks holds, and for one direction its own key before all. A road that a user may not take is closed to that
-user; emergency vehicles may take every road. Rules that a network cannot hold (hours, lanes of their own, local traffic
-only) are counted as notes. https://wiki.openstreetmap.org/wiki/Key:access
+one that speaks holds, and for one direction its key before all. A road that a user may not take is closed to that user;
+emergency vehicles may take every road. What a network cannot hold (hours, lanes for some users, local traffic only) is
+counted in notes. https://wiki.openstreetmap.org/wiki/Key:access
 https://wiki.openstreetmap.org/wiki/Key:maxspeed"""
 
 import re
@@ -79,6 +79,9 @@ VARIABLE = "roads with a speed limit that signs set (maxspeed=signals, variable)
 SPEEDS = "roads with speed limits for some lanes or vehicles (maxspeed:hgv, maxspeed:lanes), not used"
 LANES = "roads with a number of lanes that is not understood"
 MIDDLE = "roads with a middle lane for both directions (lanes:both_ways), not used"
+SINGLE = "roads with one lane for both directions (lanes=1), drawn with one each way"
+WIDTHS = "roads with a width of their own (width, width:lanes), drawn with usual lanes"
+SLOPES = "roads that rise (incline), level here"
 SIZES = "roads with limits of weight or size, closed to trucks and buses"
 CYCLE_ROAD = "roads for bicycles first (bicycle_road, cyclestreet), open to motor traffic as their access says"
 CLOSED = "roads closed to cars, as the map says"
@@ -86,8 +89,8 @@ _SIZE_LIMITS = {"maxweight": 7.5, "maxheight": 3.5, "maxlength": 10.0, "maxwidth
 
 
 @dataclass(frozen=True)
-class Rules:
-    """Rules of a piece of road.
+class RoadRules:
+    """RoadRules of a piece of road.
 
     Attributes:
         kind: class of road.
@@ -109,7 +112,7 @@ class Rules:
 
 @dataclass(frozen=True)
 class RoadReading:
-    """Rules that the tags of a road give.
+    """RoadRules that the tags of a road give.
 
     Attributes:
         rules: of the road.
@@ -117,7 +120,7 @@ class RoadReading:
         notes: kinds of rules that are not used.
     """
 
-    rules: Rules
+    rules: RoadRules
     oneway: str
     notes: tuple[str, ...]
 
@@ -131,14 +134,14 @@ def usual_users(kind: str) -> Users:
     return _MOTOR - {"bicycle", "moped"} if kind.startswith("motorway") else _MOTOR
 
 
-def usual_rules(kind: str) -> Rules:
-    """Rules of a class of road whose map says nothing more."""
+def usual_rules(kind: str) -> RoadRules:
+    """RoadRules of a class of road whose map says nothing more."""
     users, speed = usual_users(kind), ROADS[kind][1]
-    return Rules(kind, (users, users), (speed, speed))
+    return RoadRules(kind, (users, users), (speed, speed))
 
 
 def read_rules(tags: Tags) -> RoadReading:
-    """Rules of a road of a class in `ROADS`, by its tags."""
+    """RoadRules of a road of a class in `ROADS`, by its tags."""
     tags = {key.strip().lower(): value.strip().lower() for key, value in tags.items()}
     if any(tags.get(key) == "yes" for key in ("abandoned", "disused", "construction", "proposed", "razed")):
         tags = {key: value for key, value in tags.items() if key.partition(":")[0] not in ACCESS_KEYS}
@@ -159,7 +162,7 @@ def read_rules(tags: Tags) -> RoadReading:
         sides, speeds = sides[::-1], speeds[::-1]
     if oneway != "no":
         sides, speeds = [sides[0]] * 2, [speeds[0]] * 2
-    rules = Rules(tags["highway"], (sides[0], sides[1]), (speeds[0], speeds[1]))
+    rules = RoadRules(tags["highway"], (sides[0], sides[1]), (speeds[0], speeds[1]))
     return RoadReading(rules, oneway, tuple(dict.fromkeys(notes)))
 
 
@@ -193,16 +196,16 @@ def number_lanes(tags: Tags) -> dict[str, str]:
     return found
 
 
-def name_types(rules: Iterable[Rules]) -> dict[Rules, str]:
+def name_types(rules: Iterable[RoadRules]) -> dict[RoadRules, str]:
     """Name of SUMO's edge type for each rule, its class of road if it is the usual one."""
-    names: dict[Rules, str] = {}
+    names: dict[RoadRules, str] = {}
     for rule in rules:
         if rule not in names:
             names[rule] = rule.kind if rule == usual_rules(rule.kind) else f"{rule.kind}.{len(names)}"
     return names
 
 
-def format_types(names: Mapping[Rules, str]) -> str:
+def format_types(names: Mapping[RoadRules, str]) -> str:
     """SUMO's type file for edge types by their names, and for all classes of road.
 
     Roads whose directions differ have a speed that no other has, so that netconvert joins them to none;
@@ -222,7 +225,7 @@ def _format_users(users: Users) -> str:
     return " ".join(user for user in nets.MOTOR.split() if user in users)
 
 
-def restrict_edges(edges: Iterable[Any], names: Mapping[Rules, str]) -> None:
+def restrict_edges(edges: Iterable[Any], names: Mapping[RoadRules, str]) -> None:
     """Give plain edges (XML elements) of roads whose directions differ the users and the speed of their direction."""
     types = {f"highway.{name}": rule for rule, name in names.items() if rule.number is not None}
     for edge in edges:
@@ -384,6 +387,12 @@ def _list_unused(tags: Tags) -> list[str]:
         notes.append(SPEEDS)
     if {"lanes", "lanes:forward", "lanes:backward"} & tags.keys() - number_lanes(tags).keys():
         notes.append(LANES)
+    if tags.get("lanes") == "1" and _read_oneway(tags, []) == "no":
+        notes.append(SINGLE)
+    if any(key in tags for key in ("width", "est_width", "width:carriageway", "width:lanes")):
+        notes.append(WIDTHS)
+    if re.search(r"[1-9]|up|down", tags.get("incline", "")):
+        notes.append(SLOPES)
     if "lanes:both_ways" in tags:
         notes.append(MIDDLE)
     if tags.get("bicycle_road") == "yes" or tags.get("cyclestreet") == "yes":
@@ -410,6 +419,6 @@ def _is_own_lane(key: str, value: str) -> bool:
     return key == "hov" and value in ("designated", "yes", "lane")
 
 
-def number_pieces(rules: Iterable[Rules]) -> list[Rules]:
+def number_pieces(rules: Iterable[RoadRules]) -> list[RoadRules]:
     """Return the rules, numbered if their directions differ."""
     return [replace(rule, number=k) if rule.differs else rule for k, rule in enumerate(rules)]
