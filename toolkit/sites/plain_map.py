@@ -421,8 +421,10 @@ def _write_geometry(road: ElementTree.Element) -> Iterator[str]:
 
 
 def _write_cubics(tag: str, key: str, function: Cubics) -> str:
-    rows = zip(function.starts.tolist(), function.rows.tolist(), strict=True)
-    return "".join(format_element(tag, {key: s, **dict(zip("abcd", row, strict=True))}) for s, row in rows)
+    elements = []
+    for s, (a, b, c, d) in zip(function.starts.tolist(), function.rows.tolist(), strict=True):
+        elements.append(f'<{tag} {key}="{s}" a="{a}" b="{b}" c="{c}" d="{d}"></{tag}>')
+    return "".join(elements)
 
 
 def _write_sections(
