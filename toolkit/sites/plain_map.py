@@ -23,7 +23,7 @@ _SAFE_NAME = re.compile(r"[A-Za-z0-9_][\w.]*")
 _WHOLE = re.compile(r"[-+]?\d{1,9}")
 _NO_LIMIT = f"roads without a limit in the map are driven at {lane_rules.USUAL_SPEED_MPS * 3.6:.0f} km/h"
 MAX_KERB_M, MAX_LENGTH_GAP_M, MAX_LENGTH_GAP_SHARE = 0.25, 1.0, 0.02
-_STRAIGHT = 1e-10  # 1/m; less curvature is none
+_STRAIGHT = 1e-10  # 1/m; less curvature is ignored
 _TRAFFIC_LIGHTS = (  # those that netconvert takes for traffic lights
     *("1000001", "1000002", "1000003", "1000004", "1000005", "1000006", "1000007", "1000009"),
     *("1000010", "1000011", "1000012", "1000013", "1000020"),
@@ -149,7 +149,7 @@ def describe_problems(plain: PlainMap, roads: Sequence[MapRoad]) -> list[str]:
 
 
 def count_unread(road: ElementTree.Element) -> dict[str, int]:
-    """Number of things of a road that bear on traffic or the ground and are not read, by what a note says."""
+    """Number of things of a road that bear on traffic or the ground and are not read, by the words of a note."""
     plates = [s for s in road.findall("signals/signal") if s.get("type") not in (*_TRAFFIC_LIGHTS, *_PRIORITY_SIGNS)]
     heights = road.findall("lanes/laneSection/*/lane/height")
     high = [h for h in heights if max(abs(number(h, key, 0.0)) for key in ("inner", "outer")) > MAX_KERB_M]
@@ -487,7 +487,7 @@ def _find_kind(
 def _close_both(
     section: Section, lane: SectionLane, use: lane_rules.LaneUse, problems: Counter[str]
 ) -> lane_rules.LaneUse:
-    """Use of a lane whose traffic does not run as its side says."""
+    """Use of a lane whose traffic does not run in the direction of its side."""
     direction = lane.element.get("direction", "standard")
     if not use.users or set(use.users) == {FOOT}:
         return use
@@ -507,7 +507,7 @@ def _is_driven(lane: SectionLane) -> bool:
 
 
 def _write_signals(road: ElementTree.Element, sign: int) -> Iterator[str]:
-    """Traffic lights and signs of priority; all other signs say nothing to netconvert."""
+    """Traffic lights and signs of priority; netconvert ignores all other signs."""
     for signal in road.findall("signals/signal"):
         kind, name, s = signal.get("type", ""), signal.get("id", ""), signal.get("s", "")
         if kind not in (*_TRAFFIC_LIGHTS, *_PRIORITY_SIGNS) or not _SAFE_NAME.fullmatch(name) or not _is_number(s):
