@@ -69,6 +69,18 @@ def test_letters_that_come_with_matplotlib(installed, name):
     assert figure.texts[0].get_text() == name
 
 
+def test_letters_that_no_bold_font_has_are_set_in_the_usual_one(installed):
+    """DejaVu Sans Bold 2.37 lacks 74 Arabic letters of DejaVu Sans."""
+    installed()
+    bold = fonts.list_letters(fonts.own_font("DejaVuSans-Bold"))
+    (letter, *_) = sorted(fonts.list_letters(fonts.own_font("DejaVuSans")) - bold)
+    figure = canvas.blank_figure(3, 1)
+    heading = figure.text(0.1, 0.5, f"é{chr(letter)}", fontweight="bold")
+    latin = figure.text(0.1, 0.2, "é", fontweight="bold")
+    canvas.set_letters(figure)
+    assert (heading.get_fontweight(), latin.get_fontweight()) == ("normal", "bold")
+
+
 @pytest.mark.parametrize("name", FOREIGN.values(), ids=FOREIGN)
 def test_letters_without_a_font_are_numbered_and_named(installed, name):
     installed()

@@ -20,7 +20,7 @@ from warnings import catch_warnings, filterwarnings, warn
 import numpy as np
 
 from toolkit.arrays import Float, Float64, Shaped
-from toolkit.plots.fonts import choose_fonts, name_letters, own_font
+from toolkit.plots.fonts import choose_fonts, list_letters, name_letters, own_font
 from toolkit.runtime.files import write_bytes
 
 if TYPE_CHECKING:
@@ -169,7 +169,11 @@ def set_letters(figure: "Figure") -> None:
     fonts = choose_fonts((text.get_text() for text in foreign), own_font("DejaVuSans"), shaping=shaping)
     for file in fonts.files:
         fontManager.addfont(str(file))
+    usual = list_letters(own_font("DejaVuSans"))
     for text in foreign:
+        letters = set(map(ord, text.get_text())) & usual
+        if not letters <= list_letters(Path(fontManager.findfont(text.get_fontproperties()))):
+            text.set_fontweight("normal")  # some of them are in no bold font
         text.set_fontfamily([*text.get_fontfamily(), *fonts.families])
     numbers: dict[str, str] = {}
     for text in foreign:

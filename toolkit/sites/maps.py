@@ -387,31 +387,9 @@ def import_osm(piece: MapPiece, *, lefthand: bool | None = None) -> Site:
     if not pieces:
         raise piece.no_road(nearby=osm.describe_roadless(extract, within))
     parking = osm.find_parking(extract, osm_rules.ROADS, within, lefthand=lefthand)
-    map_SE3_site, driving, on_earth = pose(yaw=heading), ["--lefthand"] if lefthand else [], projection(*place)
-    types = osm_rules.name_types(cast("osm_rules.RoadRules", way.rules) for way in pieces)
-    with tempfile.TemporaryDirectory() as folder:
-        streets, type_file = Path(folder, "roads.osm"), Path(folder, "types.xml")
-        streets.write_text(osm.write_osm(pieces, extract), "utf-8")
-        type_file.write_text(osm_rules.format_types(types), "utf-8")
-        options = [f"--osm-files={streets}", f"--type-files={type_file}", f"--proj={on_earth}", *_OSM_OPTIONS, *driving]
-        options += [f"--plain-output-prefix={Path(folder, 'plain')}"]
-        with name_errors(path):
-            network, warned = nets.convert_with_warnings(options)
-        if ElementTree.fromstring(network).find("edge") is None:
-            raise piece.no_road(nearby=osm.describe_roadless(extract, within))
-        notes += describe_warnings(warned)
-        network = _in_site_frame(network, map_SE3_site)
-        strips = osm.find_parking_strips(network, parking) if parking else {}
-        again = ["--output.street-names", "--no-warnings", *driving]
-        if any(rules.number is not None for rules in types):
-            osm.restrict_network(Path(folder), types)
-            network = _in_site_frame(nets.convert([*osm.widen_network(Path(folder), {}), *again]), map_SE3_site)
-        if strips:
-            options = [*osm.widen_network(Path(folder), strips), *again]
-            try:
-                network = _in_site_frame(nets.convert(options), map_SE3_site)
-            except ValueError as error:
-                notes.append(f"parking along the kerbs was left out ({error})")
+    map_SE3_site, on_earth = pose(yaw=heading), projection(*place)
+    network, warned = _make_osm_network(pieces, extract, piece, parking)
+    notes += warned
     window = piece.around(SURROUNDINGS)
     lanes, footways = nets.road_polygons(network, piece.area)
     paved, street = nets.unite(lanes), nets.unite([*lanes, *footways])
@@ -434,6 +412,41 @@ def import_osm(piece: MapPiece, *, lefthand: bool | None = None) -> Site:
     if not nets.unite(lanes).intersects(shapely.box(*site.area)):
         raise piece.no_road(nearby=osm.describe_roadless(extract, piece.around(0.0)))
     return _finish(site, piece, solids, lamps=lamps, notes=[*notes, *cut])
+
+
+def _make_osm_network(
+    pieces: Sequence[osm.Way], extract: osm.Extract, piece: MapPiece, parking: osm.Parking
+) -> tuple[str, list[str]]:
+    """Network of the roads of an OpenStreetMap file, in the site's frame, and notes.
+
+    netconvert reads the roads and writes them as plain edges. Where the two directions of a road have rules of their
+    own, or vehicles park along a kerb, these are changed and read again."""
+    map_SE3_site, driving = pose(yaw=piece.heading), ["--lefthand"] if parking.lefthand else []
+    types = osm_rules.name_types(cast("osm_rules.RoadRules", way.rules) for way in pieces)
+    again = ["--output.street-names", "--no-warnings", *driving]
+    with tempfile.TemporaryDirectory() as folder:
+        streets, type_file = Path(folder, "roads.osm"), Path(folder, "types.xml")
+        streets.write_text(osm.write_osm(pieces, extract), "utf-8")
+        type_file.write_text(osm_rules.format_types(types), "utf-8")
+        options = [f"--osm-files={streets}", f"--type-files={type_file}", f"--proj={projection(*extract.centre)}"]
+        options += [*_OSM_OPTIONS, *driving, f"--plain-output-prefix={Path(folder, 'plain')}"]
+        with name_errors(piece.path):
+            network, warned = nets.convert_with_warnings(options)
+        if ElementTree.fromstring(network).find("edge") is None:
+            raise piece.no_road(nearby=osm.describe_roadless(extract, piece.around(REACH)))
+        notes = describe_warnings(warned)
+        network = _in_site_frame(network, map_SE3_site)
+        strips = osm.find_parking_strips(network, parking) if parking else {}
+        if any(rules.number is not None for rules in types):
+            osm.restrict_network(Path(folder), types)
+            network = _in_site_frame(nets.convert([*osm.widen_network(Path(folder), {}), *again]), map_SE3_site)
+        if strips:
+            try:
+                wide = nets.convert([*osm.widen_network(Path(folder), strips), *again])
+                network = _in_site_frame(wide, map_SE3_site)
+            except ValueError as error:
+                notes.append(f"parking along the kerbs was left out ({error})")
+    return network, notes
 
 
 def _finish(site: Site, piece: MapPiece, solids: Sequence[Solid], *, lamps: np.ndarray, notes: Sequence[str]) -> Site:

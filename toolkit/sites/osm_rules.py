@@ -90,7 +90,7 @@ _SIZE_LIMITS = {"maxweight": 7.5, "maxheight": 3.5, "maxlength": 10.0, "maxwidth
 
 @dataclass(frozen=True)
 class RoadRules:
-    """RoadRules of a piece of road.
+    """Rules of a piece of road.
 
     Attributes:
         kind: class of road.
@@ -112,7 +112,7 @@ class RoadRules:
 
 @dataclass(frozen=True)
 class RoadReading:
-    """RoadRules that the tags of a road give.
+    """Rules that the tags of a road give.
 
     Attributes:
         rules: of the road.
@@ -135,13 +135,13 @@ def usual_users(kind: str) -> Users:
 
 
 def usual_rules(kind: str) -> RoadRules:
-    """RoadRules of a class of road whose map says nothing more."""
+    """Rules of a class of road whose map says nothing more."""
     users, speed = usual_users(kind), ROADS[kind][1]
     return RoadRules(kind, (users, users), (speed, speed))
 
 
 def read_rules(tags: Tags) -> RoadReading:
-    """RoadRules of a road of a class in `ROADS`, by its tags."""
+    """Rules of a road of a class in `ROADS`, by its tags."""
     tags = {key.strip().lower(): value.strip().lower() for key, value in tags.items()}
     if any(tags.get(key) == "yes" for key in ("abandoned", "disused", "construction", "proposed", "razed")):
         tags = {key: value for key, value in tags.items() if key.partition(":")[0] not in ACCESS_KEYS}
