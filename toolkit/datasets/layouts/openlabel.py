@@ -23,7 +23,7 @@ from pathlib import Path, PurePosixPath
 
 import numpy as np
 
-from toolkit.arrays import Float64, Pose
+from toolkit.arrays import BoxRows, Float64, Pose
 from toolkit.datasets import records
 from toolkit.datasets.clock_times import find_epoch, parse_time
 from toolkit.datasets.origins import Middles
@@ -298,7 +298,7 @@ def _sample(frames: dict[str, tuple[Path, str]], clouds: _Clouds, middles: Middl
         moved = any(not np.array_equal(in_root, np.eye(4)) for in_root in poses.values())
         add_problem(problems, NO_FRAME, rows.unnamed * moved)
         add_problem(problems, NO_POSE, len(systems.unplaced) * bool(sensors))
-    found = records.labelled(np.array(rows.boxes).reshape(-1, 7), rows.kinds, rows.ids, problems, rows.counts)
+    found = records.labelled(rows.boxes, rows.kinds, rows.ids, problems, rows.counts)
     measured = []
     for sensor, cloud in sensors.items():
         stamp, placed = stamps[sensor], poses[sensor]
@@ -339,7 +339,7 @@ class _Rows:
     """Cuboids of one frame in the world frame: boxes, classes, ids, the set's counts of points, and how many of them
     name no coordinate system."""
 
-    boxes: list[np.ndarray]
+    boxes: BoxRows
     kinds: list[str]
     ids: list[str]
     counts: list[int]
@@ -351,7 +351,8 @@ class _Rows:
     ) -> "_Rows":
         """Parse the cuboids that the frame has or that hold in it."""
         boxes, kinds, ids, counts = list[np.ndarray](), list[str](), list[str](), list[int]()
-        unnamed = 0
+        names: list[str] = []  # of each box's coordinate system
+        poses: dict[str, Pose | None] = {}
         described = content.get("objects") or {}
         for track, data in _list_object_data(described, frame, key):
             cuboids = data.get("cuboid") or []
@@ -360,18 +361,26 @@ class _Rows:
             for cuboid in cuboids if isinstance(cuboids, list) else [cuboids]:
                 system = cuboid.get("coordinate_system") or data.get("coordinate_system")
                 system = system or about.get("coordinate_system")
-                in_root = _place_box(systems, system, root)
-                if in_root is None:
+                name = str(system or "")
+                if name not in poses:
+                    poses[name] = _place_box(systems, name, root)
+                if poses[name] is None:
                     add_problem(problems, UNKNOWN_FRAME, 1)
                     continue
-                unnamed += not system
                 box, angles = _parse_box(entry(cuboid, "val"))
-                records.count_full_turns(angles, problems)
-                boxes.append(records.move_boxes(in_root, box[None])[0])
+                if len(angles):
+                    records.count_full_turns(angles, problems)
+                boxes.append(box)
+                names.append(name)
                 kinds.append(str(data.get("type") or entry({"objects": described}, "objects", track, "type")))
                 ids.append(track)
                 counts.append(_count(cuboid))
-        return _Rows(boxes, kinds, ids, counts, unnamed)
+        table = np.array(boxes, np.float64).reshape(-1, 7)
+        for name, in_root in poses.items():
+            rows = np.flatnonzero(np.array(names, str) == name)
+            if in_root is not None and len(rows):
+                table[rows] = records.move_boxes(in_root, table[rows])
+        return _Rows(table, kinds, ids, counts, names.count(""))
 
 
 def _list_object_data(described: Unchecked, frame: Unchecked, key: str) -> Iterable[tuple[str, Unchecked]]:
@@ -387,11 +396,11 @@ def _list_object_data(described: Unchecked, frame: Unchecked, key: str) -> Itera
             yield track, data
 
 
-def _place_box(systems: _Systems, system: Unchecked, root: str | None) -> Pose | None:
+def _place_box(systems: _Systems, system: str, root: str | None) -> Pose | None:
     """Pose in the world frame of the system that a cuboid names, None if nothing connects them."""
     if not system or (root is None and system not in systems.known):
         return np.eye(4)
-    found, in_root = systems.find_root(str(system))
+    found, in_root = systems.find_root(system)
     return in_root if found == root else None
 
 
