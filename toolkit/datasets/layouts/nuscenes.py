@@ -36,6 +36,7 @@ _NAMES = "vehicle.car", "vehicle.bicycle", "human.pedestrian.adult", "vehicle.tr
 NOT_MICROSECONDS = LATEST_S * 1e6  # since 1970: what is larger has a smaller unit
 SCENE = "scene"  # token of the one scene that is written, of its log and its map
 MAP_FILE = "maps/none.png"
+SWEEPS = "sweeps between two samples, which is_key_frame does not say, left out"
 NO_CLOCK = "samples less than a millisecond apart, whose timestamps number them: their times are unknown"
 MIN_STEP_S = 0.001  # between two sweeps of a lidar
 NO_SENSOR = "rows of sample_data whose sensor the tables lack"
@@ -70,6 +71,11 @@ def nuscenes(path: Path) -> records.Listing:
                 lidars.setdefault(str(entry(row, "sample_token")), []).append(row)
         if reason is not None and not lidars:
             raise reason
+    with named_damage(folder / "sample_data.json", "table"):
+        between = 0
+        for token, rows in lidars.items():
+            lidars[token] = _drop_sweeps(tables, rows, tables["sample"].get(token, {}).get("timestamp"))
+            between += len(rows) - len(lidars[token])
     labels: dict[str, list[_Row]] = {}
     with named_damage(folder / "sample_annotation.json", "table"):
         for row in tables["sample_annotation"].values():
@@ -81,8 +87,22 @@ def nuscenes(path: Path) -> records.Listing:
         is_clock = len(times) < 2 or float(np.median(np.diff(times))) >= MIN_STEP_S
 
     load = partial(_load, folder, tables, lidars, labels, is_clock)
-    noted = {NO_SENSOR: unknown, NO_CLOCK: 0 if is_clock else len(order)}
+    noted = {NO_SENSOR: unknown, SWEEPS: between, NO_CLOCK: 0 if is_clock else len(order)}
     return records.Listing(tuple(order), load, labelled=labels, noted=noted)
+
+
+def _drop_sweeps(tables: dict[str, _Row], rows: list[_Row], stamp: records.Unchecked) -> list[_Row]:
+    """Keep of each channel the row nearest to the sample's stamp, in the table's order."""
+    channels = [_sensor(tables, row, "channel") for row in rows]
+    if len(set(channels)) == len(rows):
+        return rows
+    centre = as_number(stamp, "timestamp")
+    nearest: dict[str, _Row] = {}
+    for channel, row in zip(channels, rows, strict=True):
+        away = abs(as_number(entry(row, "timestamp"), "timestamp") - centre)
+        if channel not in nearest or away < abs(as_number(nearest[channel]["timestamp"], "timestamp") - centre):
+            nearest[channel] = row
+    return [row for row in rows if any(row is kept for kept in nearest.values())]
 
 
 def _load(
