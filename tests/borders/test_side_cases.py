@@ -56,7 +56,7 @@ def test_sweeps_of_nuscenes_that_do_not_say_whether_they_are_key_frames(tmp_path
     table.write_text(json.dumps(sweeps))
     (frame,) = open_recording(tmp_path, "nuscenes")
     assert frame.clouds[0].stamp_s == pytest.approx(1.7e9)
-    assert frame.problems == {nuscenes.SWEEPS: 3}
+    assert frame.problems == {nuscenes.SWEEPS_BETWEEN: 3}
 
 
 def test_pairs_of_dair_that_were_not_downloaded_are_counted(tmp_path):

@@ -36,7 +36,7 @@ _NAMES = "vehicle.car", "vehicle.bicycle", "human.pedestrian.adult", "vehicle.tr
 NOT_MICROSECONDS = LATEST_S * 1e6  # since 1970: what is larger has a smaller unit
 SCENE = "scene"  # token of the one scene that is written, of its log and its map
 MAP_FILE = "maps/none.png"
-SWEEPS = "sweeps between two samples, which is_key_frame does not say, left out"
+SWEEPS_BETWEEN = "sweeps between two samples, which is_key_frame does not say, left out"
 NO_CLOCK = "samples less than a millisecond apart, whose timestamps number them: their times are unknown"
 MIN_STEP_S = 0.001  # between two sweeps of a lidar
 NO_SENSOR = "rows of sample_data whose sensor the tables lack"
@@ -87,7 +87,7 @@ def nuscenes(path: Path) -> records.Listing:
         is_clock = len(times) < 2 or float(np.median(np.diff(times))) >= MIN_STEP_S
 
     load = partial(_load, folder, tables, lidars, labels, is_clock)
-    noted = {NO_SENSOR: unknown, SWEEPS: between, NO_CLOCK: 0 if is_clock else len(order)}
+    noted = {NO_SENSOR: unknown, SWEEPS_BETWEEN: between, NO_CLOCK: 0 if is_clock else len(order)}
     return records.Listing(tuple(order), load, labelled=labels, noted=noted)
 
 

@@ -190,7 +190,7 @@ class Bag:
         add_problem(problems, OTHER_TREE, int(is_placed and bool(roots) and placed.root != roots[0]))
         add_problem(problems, FAR_TF, int(placed.gap_s >= MAX_TF_GAP_S))
         roots += [placed.root] * is_placed
-        why = self.recorded.get(message.topic) or ("" if stamp else NO_STAMP)
+        why = self.recorded.get(message.topic) or ("" if stamp or not message.recorded_ns else NO_STAMP)
         add_problem(problems, why, int(bool(why)))
         seconds = self._time(message)
         name = message.topic.strip("/")
