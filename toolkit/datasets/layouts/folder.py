@@ -77,7 +77,7 @@ def folder(path: Path, *, poses: Path | None = None, inverted: bool = False) -> 
 
     stems = {name: [_stem(file) for file in files.values()] for name, files in names.items()}
     load = _Loader(names, len(clouds), by_order, placed, labels, entries, times, middles)
-    known = [stem for each in stems.values() for stem in each]
+    known = [stem for of_frame in stems.values() for stem in of_frame]
     of_folder = entries if path.is_dir() else ()
     return records.Listing(tuple(names), load, labelled=of_folder, known=known, noted={DOUBLED_CLOUDS: doubled})
 

@@ -181,7 +181,7 @@ def _kind(tables: dict[str, _Row], row: _Row, instance: str) -> str:
 
 def write_nuscenes(samples: Iterable[Frame], folder: Path) -> None:
     """Write frames as a root with v1.0-coview/, one scene that the nuScenes devkit loads. Each sensor is a channel in
-    its own frame. Objects without a count of points get that of the frame's points in their box."""
+    its own frame. Objects without a count of points get the number of the frame's points in their box."""
     tables: dict[str, list[_Row]] = {name: [] for name in (*_TABLES, "scene", "log", "map", "attribute", "visibility")}
     named = zip(LABELS, _NAMES, strict=True)
     tables["category"] = [{"token": label, "name": name, "description": ""} for label, name in named]

@@ -1,4 +1,4 @@
-"""ASAM OpenLABEL 1.0.0, and what TUM Traffic (A9) makes of it: JSON files of frames; clouds are beside or below them.
+"""ASAM OpenLABEL 1.0.0, and what TUM Traffic (A9) makes of it: JSON files of frames; clouds are next to or below them.
 
 World frame: the root of the coordinate systems that the first cloud's sensor hangs from, z roughly up. In a file that
 places no sensor it is the lidar's, as in TUM Traffic.
@@ -88,7 +88,7 @@ def openlabel(path: Path) -> records.Listing:
 
 
 def _frames(content: Unchecked) -> dict[str, Unchecked]:
-    """Frames by key; a file of objects alone, whose cuboids hold always, is one frame."""
+    """Frames by key; a file of objects without frames, whose cuboids hold always, is one frame."""
     if "frames" not in content and content.get("objects"):
         return {"0": {}}
     return dict(entry({"openlabel": content}, "openlabel", "frames"))
@@ -120,9 +120,9 @@ def _find_clouds(
     listed = [str(name) for name in (frame.get("frame_properties") or {}).get("point_cloud_file_names") or ()]
     if listed:
         chosen = [_find_cloud(name, file, clouds) for name in listed]
-        found = list(dict.fromkeys(cloud for cloud in chosen if cloud is not None))
-        add_problem(problems, NO_CLOUD, chosen.count(None) if found else 0)
-        return found
+        present = list(dict.fromkeys(cloud for cloud in chosen if cloud is not None))
+        add_problem(problems, NO_CLOUD, chosen.count(None) if present else 0)
+        return present
     if of_streams:
         return list(of_streams)
     candidates = [cloud for ending in records.ENDINGS for cloud in clouds.get(f"{file.stem}{ending}", ())]
