@@ -17,6 +17,7 @@ places no sensor it is the lidar's, as in TUM Traffic.
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path, PurePosixPath
@@ -40,6 +41,7 @@ UNKNOWN_FRAME = "boxes in a coordinate system that nothing connects with the clo
 UNPLACED_SENSOR = "clouds whose sensor is none of the file's coordinate systems, taken in their root"
 UNCONNECTED_SENSOR = "clouds whose coordinate system nothing connects with the first cloud's, taken in its root"
 NO_POSE = "coordinate systems without a pose in their parent, taken as being at its origin"
+UNREADABLE_POSE = "coordinate systems that hold nothing here, whose poses cannot be read"
 OTHER_SHAPES = "objects of other shapes than cuboids"
 NO_CLOUD = "clouds that a frame names and that are not there"
 NOT_OPENLABEL = "JSON files without openlabel"
@@ -198,46 +200,73 @@ class _Systems:
     Attributes:
         parents: parent of each system that has one, and the system's pose in it.
         known: names of all systems.
-        unplaced: systems whose pose in their parent nothing states."""
+        unplaced: systems whose pose in their parent nothing states.
+        unreadable: systems whose pose cannot be read, and why; it matters only to what is in them."""
 
     parents: dict[str, tuple[str, Pose]]
     known: frozenset[str]
     unplaced: frozenset[str] = field(default_factory=frozenset)
+    unreadable: dict[str, str] = field(default_factory=dict)
 
     def find_root(self, name: str) -> tuple[str, Pose]:
         """Return the root that a system hangs from, and the system's pose in it."""
         placed = np.eye(4)
         for _ in range(MAX_SYSTEMS_DEEP):
+            if name in self.unreadable:
+                raise ValueError(self.unreadable[name])
             if name not in self.parents:
                 return name, placed
             name, in_parent = self.parents[name]
             placed = in_parent @ placed
         raise ValueError(f"its coordinate systems run in a circle, through {name!r}")
 
+    def list_roots(self) -> set[str]:
+        """Return the roots of all systems that can be read."""
+        roots = set()
+        for name in self.known:
+            with suppress(ValueError):
+                roots.add(self.find_root(name)[0])
+        return roots
+
 
 def _parse_systems(content: Unchecked, frame: Unchecked) -> _Systems:
     parents: dict[str, tuple[str, Pose]] = {}
-    unplaced = set()
+    unplaced, unreadable = set(), dict[str, str]()
     systems = content.get("coordinate_systems") or {}
     for name, system in systems.items():
         parent, placed = str(system.get("parent") or ""), system.get("pose_wrt_parent")
         if placed:
-            parents[name] = parent, parse_transform(placed, f"pose of {name}")
+            try:
+                parents[name] = parent, parse_transform(placed, f"pose of {name}")
+            except ValueError as error:
+                unreadable[name] = str(error)
         elif parent:
             parents[name] = parent, np.eye(4)
             unplaced.add(name)
     known = {*systems, *(parent for parent, _ in parents.values())}
     for title, transform in ((frame.get("frame_properties") or {}).get("transforms") or {}).items():
         source, target = str(entry(transform, "src")), str(entry(transform, "dst"))
-        dst_SE3_src = parse_transform(entry(transform, "transform_src_to_dst"), f"transform {title}")
         known |= {source, target}
+        try:
+            dst_SE3_src = parse_transform(_find_transform(transform), f"transform {title}")
+        except ValueError as error:
+            unreadable[source] = str(error)
+            continue
         if parents.get(target, ("",))[0] == source or (source in parents and parents[source][0] != target):
             parents[target] = source, invert(dst_SE3_src)
             unplaced.discard(target)
+            unreadable.pop(target, None)
         else:
             parents[source] = target, dst_SE3_src
             unplaced.discard(source)
-    return _Systems(parents, frozenset(known), frozenset(unplaced))
+            unreadable.pop(source, None)
+    return _Systems(parents, frozenset(known), frozenset(unplaced), unreadable)
+
+
+def _find_transform(transform: Unchecked) -> Unchecked:
+    """Data of a frame's transform; VCD 4.3 has a matrix under another name."""
+    older = transform.get("transform_src_to_dst_4x4")
+    return entry(transform, "transform_src_to_dst") if older is None else older
 
 
 def parse_transform(value: Unchecked, name: str) -> Pose:
@@ -298,6 +327,7 @@ def _sample(frames: dict[str, tuple[Path, str]], clouds: _Clouds, middles: Middl
         moved = any(not np.array_equal(in_root, np.eye(4)) for in_root in poses.values())
         add_problem(problems, NO_FRAME, rows.unnamed * moved)
         add_problem(problems, NO_POSE, len(systems.unplaced) * bool(sensors))
+        add_problem(problems, UNREADABLE_POSE, len(systems.unreadable))
     found = records.labelled(rows.boxes, rows.kinds, rows.ids, problems, rows.counts)
     measured = []
     for sensor, cloud in sensors.items():
@@ -320,7 +350,7 @@ def _place_sensors(systems: _Systems, sensors: list[str], problems: Problems) ->
     placed = {sensor: systems.find_root(sensor) for sensor in sensors if sensor in systems.known}
     roots = [root for root, _ in placed.values()]
     if not roots:
-        of_file = {systems.find_root(name)[0] for name in systems.known}
+        of_file = systems.list_roots()
         roots = list(of_file) if len(of_file) == 1 else []
     root = roots[0] if roots else None
     poses = {}
@@ -387,7 +417,8 @@ def _list_object_data(described: Unchecked, frame: Unchecked, key: str) -> Itera
     """Yield id and object_data of the objects of a frame, then of those at the top that hold in it."""
     for track, found in (frame.get("objects") or {}).items():
         about = found or {}
-        yield track, {"coordinate_system": about.get("coordinate_system"), **(about.get("object_data") or {})}
+        named = {key: about[key] for key in ("coordinate_system", "type") if about.get(key)}
+        yield track, named | (about.get("object_data") or {})
     for track, about in described.items():
         data = (about or {}).get("object_data") or {}
         intervals = about.get("frame_intervals") or [] if data else []
