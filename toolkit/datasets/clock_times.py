@@ -115,7 +115,12 @@ def group_by_time(times_s: Mapping[str, Float64[np.ndarray, " n"]]) -> list[Grou
         groups += [{sensor: row} for row in unpaired.tolist()]
         in_order = np.argsort(centres, kind="stable")
         centres, groups = centres[in_order], [groups[place] for place in in_order]
-    return [{sensor: group[sensor] for sensor in times_s if sensor in group} for group in groups]
+    return [_sort_group(group, list(times_s)) for group in groups]
+
+
+def _sort_group(group: Group, sensors: list[str]) -> Group:
+    """A group in the order of the sensors."""
+    return {sensor: group[sensor] for sensor in sensors if sensor in group}
 
 
 def _find_period(times: Float64[np.ndarray, " n"]) -> float:

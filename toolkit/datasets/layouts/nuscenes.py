@@ -102,7 +102,8 @@ def _drop_sweeps(tables: dict[str, _Row], rows: list[_Row], stamp: records.Unche
         away = abs(as_number(entry(row, "timestamp"), "timestamp") - centre)
         if channel not in nearest or away < abs(as_number(nearest[channel]["timestamp"], "timestamp") - centre):
             nearest[channel] = row
-    return [row for row in rows if any(row is kept for kept in nearest.values())]
+    identities = {id(row) for row in nearest.values()}
+    return [row for row in rows if id(row) in identities]
 
 
 def _load(
