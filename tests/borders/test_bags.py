@@ -15,8 +15,9 @@ import pytest
 from toolkit.datasets import transform_tree
 from toolkit.datasets.clock_times import UNPAIRED
 from toolkit.datasets.layouts import rosbag as layout
-from toolkit.datasets.recordings import open_recording
-from toolkit.frame import Frame
+from toolkit.datasets.recordings import open_recording, write_recording
+from toolkit.frame import Frame, SensorCloud
+from toolkit.objects import Objects
 
 pytest.importorskip("rosbags")
 
@@ -271,6 +272,14 @@ def test_a_simulated_clock_is_one_clock(tmp_path):
     frames = read(write(tmp_path / "bag", messages))
     assert list_x(frames) == [1.5, 2.25]
     assert [frame.time for frame in frames] == [1.5, 2.25]
+
+
+@pytest.mark.filterwarnings("ignore:.*no place for labels")
+def test_a_simulation_that_begins_at_0_has_a_stamp(tmp_path):
+    still = SensorCloud("lidar", np.ones((1, 3), np.float32), np.eye(4))
+    shown = [Frame.of_clouds(str(k), (still,), Objects.empty(), time=0.5 * k) for k in range(2)]
+    write_recording(shown, tmp_path, "rosbag")
+    assert [(frame.time, frame.problems) for frame in read(tmp_path / "bag")] == [(0.0, {}), (0.5, {})]
 
 
 def test_clouds_without_a_stamp_have_the_time_of_their_recording(tmp_path):

@@ -193,6 +193,36 @@ def test_poses_of_other_forms_are_refused_by_name(tmp_path, pose_of_lidar, messa
         read(tmp_path, document(CUBOIDS["in lidar1"], pose_of_lidar))
 
 
+@pytest.mark.parametrize("camera", [{"matrix4x4": [[2.0, 0, 0, 0]] * 4}, {"rodrigues": [1]}, [1.0] * 9, "none"])
+def test_a_camera_whose_pose_cannot_be_read_refuses_nothing(tmp_path, camera):
+    """TUM Traffic lists cameras with projections for poses; no cloud and no cuboid is in theirs."""
+    content = document(CUBOIDS["in lidar1"], POSES["matrix"])
+    systems = content["openlabel"]["coordinate_systems"]
+    systems["camera1"] = {"type": "sensor_cs", "parent": "lidar1", "children": [], "pose_wrt_parent": camera}
+    frame = read(tmp_path, content)
+    assert frame.problems == {layout.UNREADABLE_POSE: 1}
+    np.testing.assert_allclose(frame.objects.boxes, [BOX], atol=1e-6)
+    content = document({"val": IN_LIDAR, "coordinate_system": "camera1"}, POSES["matrix"])
+    content["openlabel"]["coordinate_systems"]["camera1"] = systems["camera1"]
+    with pytest.raises(ValueError, match="camera1"):
+        read(tmp_path, content)
+
+
+def test_transforms_of_vcd_4_have_their_matrix_under_another_name(tmp_path):
+    """Vicomtech/video-content-description-VCD, schema 4.3.0: transform_src_to_dst_4x4."""
+    content = document(CUBOIDS["in lidar1"], {"quaternion": [0, 0, 0, 1], "translation": [1, 2, 3]})
+    transform = {"src": "lidar1", "dst": "world", "transform_src_to_dst_4x4": LIDAR.ravel().tolist()}
+    content["openlabel"]["frames"]["0"]["frame_properties"]["transforms"] = {"lidar1_to_world": transform}
+    check(read(tmp_path, content))
+
+
+def test_types_may_be_those_of_the_frames_objects(tmp_path):
+    content = document(CUBOIDS["in lidar1"], POSES["matrix"])
+    del content["openlabel"]["objects"]
+    content["openlabel"]["frames"]["0"]["objects"]["1"]["type"] = "car"
+    check(read(tmp_path, content))
+
+
 def test_systems_in_a_circle_are_refused_by_name(tmp_path):
     content = document(CUBOIDS["in lidar1"], POSES["matrix"])
     content["openlabel"]["coordinate_systems"]["world"]["parent"] = "lidar1"

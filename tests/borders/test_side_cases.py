@@ -46,6 +46,19 @@ def test_a_camera_of_nuscenes_without_calibration_is_counted(tmp_path):
     assert len(first.clouds) == 1
 
 
+def test_sweeps_of_nuscenes_that_do_not_say_whether_they_are_key_frames(tmp_path):
+    """Ten sweeps belong to one sample; the one at its time is the sample's."""
+    write_recording(frames(1), tmp_path, "nuscenes")
+    table = tmp_path / "v1.0-coview/sample_data.json"
+    (row,) = json.loads(table.read_text())
+    del row["is_key_frame"]
+    sweeps = [row | {"token": f"s{k}", "timestamp": row["timestamp"] + 50_000 * k} for k in (2, 1, 0, -1)]
+    table.write_text(json.dumps(sweeps))
+    (frame,) = open_recording(tmp_path, "nuscenes")
+    assert frame.clouds[0].stamp_s == pytest.approx(1.7e9)
+    assert frame.problems == {nuscenes.SWEEPS_BETWEEN: 3}
+
+
 def test_pairs_of_dair_that_were_not_downloaded_are_counted(tmp_path):
     """AIR-THU/DAIR-V2X: data_info.json lists the whole set, the example set has a few pairs of it."""
     level = {"rotation": np.eye(3).tolist(), "translation": [[0], [0], [0]]}

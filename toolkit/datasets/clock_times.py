@@ -89,7 +89,7 @@ def group_by_time(times_s: Mapping[str, Float64[np.ndarray, " n"]]) -> list[Grou
     """Group the clouds of several sensors by time, in order of time.
 
     times_s: times (s, one clock) of each sensor's clouds, in any order. A group has at most one cloud of each sensor;
-    a cloud that no other was measured with is a group of its own.
+    a cloud without partners is a group of one.
 
     >>> group_by_time({"north": np.array([0.0, 0.1, 0.3]), "south": np.array([0.104, 0.204, 0.304])})
     [{'north': 0}, {'north': 1, 'south': 0}, {'south': 1}, {'north': 2, 'south': 2}]
@@ -110,12 +110,17 @@ def group_by_time(times_s: Mapping[str, Float64[np.ndarray, " n"]]) -> list[Grou
         for row, partner in zip(rows.tolist(), partners.tolist(), strict=True):
             if partner >= 0:
                 groups[partner][sensor] = row
-        alone = rows[partners < 0]
-        centres = np.concatenate([centres, times_s[sensor][alone]])
-        groups += [{sensor: row} for row in alone.tolist()]
+        unpaired = rows[partners < 0]
+        centres = np.concatenate([centres, times_s[sensor][unpaired]])
+        groups += [{sensor: row} for row in unpaired.tolist()]
         in_order = np.argsort(centres, kind="stable")
         centres, groups = centres[in_order], [groups[place] for place in in_order]
-    return [{sensor: group[sensor] for sensor in times_s if sensor in group} for group in groups]
+    return [_sort_group(group, list(times_s)) for group in groups]
+
+
+def _sort_group(group: Group, sensors: list[str]) -> Group:
+    """A group in the order of the sensors."""
+    return {sensor: group[sensor] for sensor in sensors if sensor in group}
 
 
 def _find_period(times: Float64[np.ndarray, " n"]) -> float:
@@ -128,7 +133,7 @@ def _find_period(times: Float64[np.ndarray, " n"]) -> float:
 def _find_partners(
     times: Float64[np.ndarray, " n"], centres: Float64[np.ndarray, " m"], period: float
 ) -> Int64[np.ndarray, " n"]:
-    """Number of the group that each cloud belongs to, of each group one at most, -1 for none; times ascend."""
+    """Number of the group that each cloud belongs to, -1 for none; a group gets one cloud at most. Times ascend."""
     lag = _find_lag(times - centres[_find_nearest(times, centres)], period)
     nearest = _find_nearest(times - lag, centres)
     away = np.abs(times - lag - centres[nearest])

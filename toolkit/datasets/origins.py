@@ -1,4 +1,4 @@
-"""Origins of recordings whose coordinates are far from zero, such as those of UTM.
+"""Origins of recordings whose coordinates are far from zero, such as UTM's.
 
 float32 holds a tenth of a millimetre at a kilometre, but half a metre at a northing of 5336 km. Clouds are float32, so
 an origin goes into their sensors' poses, which are float64. Layouts that keep clouds in one world frame get frames that
@@ -44,7 +44,7 @@ def find_far_middle(points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "
 class Middles:
     """Middles of the sensors' first clouds, from which all their clouds are counted if they are far away.
 
-    files: each sensor's first cloud by its name; of a sensor without one it is the first cloud that is asked for."""
+    files: each sensor's first cloud by its name; for a sensor without one it is the first cloud that is read."""
 
     files: Mapping[str, Path] = field(default_factory=dict)
     _by_sensor: dict[str, Float64[np.ndarray, "3"]] = field(default_factory=dict, repr=False, compare=False)

@@ -3,7 +3,7 @@
 - A static transform holds at all times, whatever its stamp. A later one of the same frame replaces it from the time on
   at which it was recorded, as a listener would see it.
 - The pose of a moving frame is interpolated between two transforms to one parent; before the first, after the last and
-  while its parent changes it is that of the one next to it. `gap_s` says how far away that is.
+  while its parent changes, the pose is the nearest transform's. `gap_s` is how far away that is.
 - A frame that both topics place is static: tf2 keeps one history for a frame.
 - A transform that tf2 would not take is left out and counted: a quaternion not of length 1, numbers that are not
   finite, a frame without a name or in itself."""
@@ -64,7 +64,7 @@ class FrameHistory:
         return self.parents[row], self.poses[row]
 
     def interpolate(self, time_ns: int) -> tuple[str, Pose, float]:
-        """Parent and pose at a time, and the time (s) to the nearest transform if that stands in for others."""
+        """Parent, pose and gap at a time: how far (s) the nearest transform is if none is of this time."""
         later = int(np.searchsorted(self.times_ns, time_ns))
         if later < len(self.times_ns) and self.times_ns[later] == time_ns:
             return self.parents[later], self.poses[later], 0.0
@@ -74,14 +74,14 @@ class FrameHistory:
             gap = min(time_ns - before, after - time_ns) / NS_PER_S
             return self.parents[later], between(self.poses[later - 1], self.poses[later], share), gap
         row = max(0, later - 1)
-        alone = len(self.times_ns) == 1  # all that is known of it
-        gap = 0.0 if alone else abs(time_ns - int(self.times_ns[row])) / NS_PER_S
+        is_single = len(self.times_ns) == 1  # nothing else is known of the frame
+        gap = 0.0 if is_single else abs(time_ns - int(self.times_ns[row])) / NS_PER_S
         return self.parents[row], self.poses[row], gap
 
 
 @dataclass(frozen=True, eq=False)
 class TransformTree:
-    """Frames that hang from one another.
+    """Frames of coordinates and their parents.
 
     Attributes:
         static: frames of /tf_static, by the times at which their transforms were recorded.
@@ -116,7 +116,7 @@ class TransformTree:
     def knows(self, frame: str) -> bool:
         """True for a frame that some transform mentions."""
         histories = (*self.static.values(), *self.moving.values())
-        return frame in self.static or frame in self.moving or any(frame in each.parents for each in histories)
+        return frame in self.static or frame in self.moving or any(frame in history.parents for history in histories)
 
     def find(self, frame: str, stamp_ns: int, recorded_ns: int) -> Placed:
         """Pose of a frame in its root for a message of this stamp that was recorded at this time.

@@ -130,9 +130,9 @@ def _pairs(root: Path) -> records.Listing:
     with named_damage(index, "list of pairs"):
         every = records.as_list(records.load_json(index))
         road, car = root / "infrastructure-side", root / "vehicle-side"
-        whole = [each for each in every if _has_clouds(each, road, car)] or every
+        whole = [row for row in every if _has_clouds(row, road, car)] or every
         pairs = _name_pairs(whole)
-        vehicles = [_stem(each, "vehicle") for each in every]
+        vehicles = [_stem(row, "vehicle") for row in every]
     labelled = _labelled(root, _COOPERATIVE)
     noted = {NO_PARTNER: len(every) - len(whole)}
     load = partial(_load_pair, root, pairs, (_read_stamps(road), _read_stamps(car)), bool(labelled))
@@ -158,9 +158,9 @@ def _load_pair(
     novatel_SE3_lidar = read_transform(car / "calib" / "lidar_to_novatel" / f"{vehicle}.json")
     map_SE3_novatel = read_transform(car / "calib" / "novatel_to_world" / f"{vehicle}.json")
     road_SE3_car = invert(map_SE3_road) @ map_SE3_novatel @ novatel_SE3_lidar
-    seen, own = road / "velodyne" / f"{pole}.pcd", car / "velodyne" / f"{vehicle}.pcd"
-    near = records.read_cloud(seen, "infrastructure", np.eye(4), problems, stamp_s=road_stamps.get(pole))
-    far = records.read_cloud(own, "vehicle", road_SE3_car, problems, stamp_s=car_stamps.get(vehicle))
+    pole_file, vehicle_file = road / "velodyne" / f"{pole}.pcd", car / "velodyne" / f"{vehicle}.pcd"
+    near = records.read_cloud(pole_file, "infrastructure", np.eye(4), problems, stamp_s=road_stamps.get(pole))
+    far = records.read_cloud(vehicle_file, "vehicle", road_SE3_car, problems, stamp_s=car_stamps.get(vehicle))
     file = _first(root, _COOPERATIVE, vehicle)
     records.add_problem(problems, records.UNLABELLED, int(is_labelled and file is None))
     in_world = file is None or file.parent.name == WORLD_LABELS

@@ -75,9 +75,8 @@ def folder(path: Path, *, poses: Path | None = None, inverted: bool = False) -> 
     with records.named_damage(labels, "file of boxes"):
         times = _written_times(entries)
 
-    stems = {name: [_stem(file) for file in files.values()] for name, files in names.items()}
     load = _Loader(names, len(clouds), by_order, placed, labels, entries, times, middles)
-    known = [stem for each in stems.values() for stem in each]
+    known = [_stem(file) for files in names.values() for file in files.values()]
     of_folder = entries if path.is_dir() else ()
     return records.Listing(tuple(names), load, labelled=of_folder, known=known, noted={DOUBLED_CLOUDS: doubled})
 
@@ -181,12 +180,15 @@ def _match(clouds: Mapping[str, list[Path]]) -> tuple[dict[str, dict[str, Path]]
 
 def _match_times(clouds: Mapping[str, list[Path]]) -> dict[str, dict[str, Path]]:
     """Files of each frame by sensor, whose names are times; a frame has the name of its first."""
-    times = {sensor: np.array([parse_epoch(_stem(file)) for file in files]) for sensor, files in clouds.items()}
-    matched = {}
+    times = {}
+    for sensor, files in clouds.items():
+        times[sensor] = np.array([parse_epoch(_stem(file)) for file in files])
+    matched: dict[str, dict[str, Path]] = {}
     for group in group_by_time(times):
-        files = {sensor: clouds[sensor][row] for sensor, row in group.items()}
-        first, name = next(iter(files.items())), _stem(next(iter(files.values())))
-        matched[name if name not in matched else f"{first[0]}/{name}"] = files
+        of_frame = {sensor: clouds[sensor][row] for sensor, row in group.items()}
+        sensor, file = next(iter(of_frame.items()))
+        name = _stem(file)
+        matched[name if name not in matched else f"{sensor}/{name}"] = of_frame
     return matched
 
 

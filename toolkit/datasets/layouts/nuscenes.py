@@ -36,6 +36,7 @@ _NAMES = "vehicle.car", "vehicle.bicycle", "human.pedestrian.adult", "vehicle.tr
 NOT_MICROSECONDS = LATEST_S * 1e6  # since 1970: what is larger has a smaller unit
 SCENE = "scene"  # token of the one scene that is written, of its log and its map
 MAP_FILE = "maps/none.png"
+SWEEPS_BETWEEN = "sweeps between two samples, which is_key_frame does not say, left out"
 NO_CLOCK = "samples less than a millisecond apart, whose timestamps number them: their times are unknown"
 MIN_STEP_S = 0.001  # between two sweeps of a lidar
 NO_SENSOR = "rows of sample_data whose sensor the tables lack"
@@ -70,6 +71,11 @@ def nuscenes(path: Path) -> records.Listing:
                 lidars.setdefault(str(entry(row, "sample_token")), []).append(row)
         if reason is not None and not lidars:
             raise reason
+    with named_damage(folder / "sample_data.json", "table"):
+        between = 0
+        for token, rows in lidars.items():
+            lidars[token] = _drop_sweeps(tables, rows, tables["sample"].get(token, {}).get("timestamp"))
+            between += len(rows) - len(lidars[token])
     labels: dict[str, list[_Row]] = {}
     with named_damage(folder / "sample_annotation.json", "table"):
         for row in tables["sample_annotation"].values():
@@ -81,8 +87,23 @@ def nuscenes(path: Path) -> records.Listing:
         is_clock = len(times) < 2 or float(np.median(np.diff(times))) >= MIN_STEP_S
 
     load = partial(_load, folder, tables, lidars, labels, is_clock)
-    noted = {NO_SENSOR: unknown, NO_CLOCK: 0 if is_clock else len(order)}
+    noted = {NO_SENSOR: unknown, SWEEPS_BETWEEN: between, NO_CLOCK: 0 if is_clock else len(order)}
     return records.Listing(tuple(order), load, labelled=labels, noted=noted)
+
+
+def _drop_sweeps(tables: dict[str, _Row], rows: list[_Row], stamp: records.Unchecked) -> list[_Row]:
+    """Keep of each channel the row nearest to the sample's stamp, in the table's order."""
+    channels = [_sensor(tables, row, "channel") for row in rows]
+    if len(set(channels)) == len(rows):
+        return rows
+    centre = as_number(stamp, "timestamp")
+    nearest: dict[str, _Row] = {}
+    for channel, row in zip(channels, rows, strict=True):
+        away = abs(as_number(entry(row, "timestamp"), "timestamp") - centre)
+        if channel not in nearest or away < abs(as_number(nearest[channel]["timestamp"], "timestamp") - centre):
+            nearest[channel] = row
+    identities = {id(row) for row in nearest.values()}
+    return [row for row in rows if id(row) in identities]
 
 
 def _load(
@@ -161,7 +182,7 @@ def _kind(tables: dict[str, _Row], row: _Row, instance: str) -> str:
 
 def write_nuscenes(samples: Iterable[Frame], folder: Path) -> None:
     """Write frames as a root with v1.0-coview/, one scene that the nuScenes devkit loads. Each sensor is a channel in
-    its own frame. Objects without a count of points get that of the frame's points in their box."""
+    its own frame. Objects without a count of points get the number of the frame's points in their box."""
     tables: dict[str, list[_Row]] = {name: [] for name in (*_TABLES, "scene", "log", "map", "attribute", "visibility")}
     named = zip(LABELS, _NAMES, strict=True)
     tables["category"] = [{"token": label, "name": name, "description": ""} for label, name in named]

@@ -1,4 +1,4 @@
-"""ASAM OpenLABEL 1.0.0, and what TUM Traffic (A9) makes of it: JSON files of frames; clouds are beside or below them.
+"""ASAM OpenLABEL 1.0.0, and what TUM Traffic (A9) makes of it: JSON files of frames; clouds are next to or below them.
 
 World frame: the root of the coordinate systems that the first cloud's sensor hangs from, z roughly up. In a file that
 places no sensor it is the lidar's, as in TUM Traffic.
@@ -17,13 +17,14 @@ places no sensor it is the lidar's, as in TUM Traffic.
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path, PurePosixPath
 
 import numpy as np
 
-from toolkit.arrays import Float64, Pose
+from toolkit.arrays import BoxRows, Float64, Pose
 from toolkit.datasets import records
 from toolkit.datasets.clock_times import find_epoch, parse_time
 from toolkit.datasets.origins import Middles
@@ -40,6 +41,7 @@ UNKNOWN_FRAME = "boxes in a coordinate system that nothing connects with the clo
 UNPLACED_SENSOR = "clouds whose sensor is none of the file's coordinate systems, taken in their root"
 UNCONNECTED_SENSOR = "clouds whose coordinate system nothing connects with the first cloud's, taken in its root"
 NO_POSE = "coordinate systems without a pose in their parent, taken as being at its origin"
+UNREADABLE_POSE = "coordinate systems that hold nothing here, whose poses cannot be read"
 OTHER_SHAPES = "objects of other shapes than cuboids"
 NO_CLOUD = "clouds that a frame names and that are not there"
 NOT_OPENLABEL = "JSON files without openlabel"
@@ -88,7 +90,7 @@ def openlabel(path: Path) -> records.Listing:
 
 
 def _frames(content: Unchecked) -> dict[str, Unchecked]:
-    """Frames by key; a file of objects alone, whose cuboids hold always, is one frame."""
+    """Frames by key; a file of objects without frames, whose cuboids hold always, is one frame."""
     if "frames" not in content and content.get("objects"):
         return {"0": {}}
     return dict(entry({"openlabel": content}, "openlabel", "frames"))
@@ -120,9 +122,9 @@ def _find_clouds(
     listed = [str(name) for name in (frame.get("frame_properties") or {}).get("point_cloud_file_names") or ()]
     if listed:
         chosen = [_find_cloud(name, file, clouds) for name in listed]
-        found = list(dict.fromkeys(cloud for cloud in chosen if cloud is not None))
-        add_problem(problems, NO_CLOUD, chosen.count(None) if found else 0)
-        return found
+        present = list(dict.fromkeys(cloud for cloud in chosen if cloud is not None))
+        add_problem(problems, NO_CLOUD, chosen.count(None) if present else 0)
+        return present
     if of_streams:
         return list(of_streams)
     candidates = [cloud for ending in records.ENDINGS for cloud in clouds.get(f"{file.stem}{ending}", ())]
@@ -198,46 +200,73 @@ class _Systems:
     Attributes:
         parents: parent of each system that has one, and the system's pose in it.
         known: names of all systems.
-        unplaced: systems whose pose in their parent nothing states."""
+        unplaced: systems whose pose in their parent nothing states.
+        unreadable: systems whose pose cannot be read, and why; it matters only to what is in them."""
 
     parents: dict[str, tuple[str, Pose]]
     known: frozenset[str]
     unplaced: frozenset[str] = field(default_factory=frozenset)
+    unreadable: dict[str, str] = field(default_factory=dict)
 
     def find_root(self, name: str) -> tuple[str, Pose]:
         """Return the root that a system hangs from, and the system's pose in it."""
         placed = np.eye(4)
         for _ in range(MAX_SYSTEMS_DEEP):
+            if name in self.unreadable:
+                raise ValueError(self.unreadable[name])
             if name not in self.parents:
                 return name, placed
             name, in_parent = self.parents[name]
             placed = in_parent @ placed
         raise ValueError(f"its coordinate systems run in a circle, through {name!r}")
 
+    def list_roots(self) -> set[str]:
+        """Return the roots of all systems that can be read."""
+        roots = set()
+        for name in self.known:
+            with suppress(ValueError):
+                roots.add(self.find_root(name)[0])
+        return roots
+
 
 def _parse_systems(content: Unchecked, frame: Unchecked) -> _Systems:
     parents: dict[str, tuple[str, Pose]] = {}
-    unplaced = set()
+    unplaced, unreadable = set(), dict[str, str]()
     systems = content.get("coordinate_systems") or {}
     for name, system in systems.items():
         parent, placed = str(system.get("parent") or ""), system.get("pose_wrt_parent")
         if placed:
-            parents[name] = parent, parse_transform(placed, f"pose of {name}")
+            try:
+                parents[name] = parent, parse_transform(placed, f"pose of {name}")
+            except ValueError as error:
+                unreadable[name] = str(error)
         elif parent:
             parents[name] = parent, np.eye(4)
             unplaced.add(name)
     known = {*systems, *(parent for parent, _ in parents.values())}
     for title, transform in ((frame.get("frame_properties") or {}).get("transforms") or {}).items():
         source, target = str(entry(transform, "src")), str(entry(transform, "dst"))
-        dst_SE3_src = parse_transform(entry(transform, "transform_src_to_dst"), f"transform {title}")
         known |= {source, target}
+        try:
+            dst_SE3_src = parse_transform(_find_transform(transform), f"transform {title}")
+        except ValueError as error:
+            unreadable[source] = str(error)
+            continue
         if parents.get(target, ("",))[0] == source or (source in parents and parents[source][0] != target):
             parents[target] = source, invert(dst_SE3_src)
             unplaced.discard(target)
+            unreadable.pop(target, None)
         else:
             parents[source] = target, dst_SE3_src
             unplaced.discard(source)
-    return _Systems(parents, frozenset(known), frozenset(unplaced))
+            unreadable.pop(source, None)
+    return _Systems(parents, frozenset(known), frozenset(unplaced), unreadable)
+
+
+def _find_transform(transform: Unchecked) -> Unchecked:
+    """Data of a frame's transform; VCD 4.3 has a matrix under another name."""
+    older = transform.get("transform_src_to_dst_4x4")
+    return entry(transform, "transform_src_to_dst") if older is None else older
 
 
 def parse_transform(value: Unchecked, name: str) -> Pose:
@@ -298,7 +327,8 @@ def _sample(frames: dict[str, tuple[Path, str]], clouds: _Clouds, middles: Middl
         moved = any(not np.array_equal(in_root, np.eye(4)) for in_root in poses.values())
         add_problem(problems, NO_FRAME, rows.unnamed * moved)
         add_problem(problems, NO_POSE, len(systems.unplaced) * bool(sensors))
-    found = records.labelled(np.array(rows.boxes).reshape(-1, 7), rows.kinds, rows.ids, problems, rows.counts)
+        add_problem(problems, UNREADABLE_POSE, len(systems.unreadable))
+    found = records.labelled(rows.boxes, rows.kinds, rows.ids, problems, rows.counts)
     measured = []
     for sensor, cloud in sensors.items():
         stamp, placed = stamps[sensor], poses[sensor]
@@ -320,7 +350,7 @@ def _place_sensors(systems: _Systems, sensors: list[str], problems: Problems) ->
     placed = {sensor: systems.find_root(sensor) for sensor in sensors if sensor in systems.known}
     roots = [root for root, _ in placed.values()]
     if not roots:
-        of_file = {systems.find_root(name)[0] for name in systems.known}
+        of_file = systems.list_roots()
         roots = list(of_file) if len(of_file) == 1 else []
     root = roots[0] if roots else None
     poses = {}
@@ -339,7 +369,7 @@ class _Rows:
     """Cuboids of one frame in the world frame: boxes, classes, ids, the set's counts of points, and how many of them
     name no coordinate system."""
 
-    boxes: list[np.ndarray]
+    boxes: BoxRows
     kinds: list[str]
     ids: list[str]
     counts: list[int]
@@ -351,7 +381,8 @@ class _Rows:
     ) -> "_Rows":
         """Parse the cuboids that the frame has or that hold in it."""
         boxes, kinds, ids, counts = list[np.ndarray](), list[str](), list[str](), list[int]()
-        unnamed = 0
+        names: list[str] = []  # of each box's coordinate system
+        poses: dict[str, Pose | None] = {}
         described = content.get("objects") or {}
         for track, data in _list_object_data(described, frame, key):
             cuboids = data.get("cuboid") or []
@@ -360,25 +391,34 @@ class _Rows:
             for cuboid in cuboids if isinstance(cuboids, list) else [cuboids]:
                 system = cuboid.get("coordinate_system") or data.get("coordinate_system")
                 system = system or about.get("coordinate_system")
-                in_root = _place_box(systems, system, root)
-                if in_root is None:
+                name = str(system or "")
+                if name not in poses:
+                    poses[name] = _place_box(systems, name, root)
+                if poses[name] is None:
                     add_problem(problems, UNKNOWN_FRAME, 1)
                     continue
-                unnamed += not system
                 box, angles = _parse_box(entry(cuboid, "val"))
-                records.count_full_turns(angles, problems)
-                boxes.append(records.move_boxes(in_root, box[None])[0])
+                if len(angles):
+                    records.count_full_turns(angles, problems)
+                boxes.append(box)
+                names.append(name)
                 kinds.append(str(data.get("type") or entry({"objects": described}, "objects", track, "type")))
                 ids.append(track)
                 counts.append(_count(cuboid))
-        return _Rows(boxes, kinds, ids, counts, unnamed)
+        table = np.array(boxes, np.float64).reshape(-1, 7)
+        for name, in_root in poses.items():
+            rows = np.flatnonzero(np.array(names, str) == name)
+            if in_root is not None and len(rows):
+                table[rows] = records.move_boxes(in_root, table[rows])
+        return _Rows(table, kinds, ids, counts, names.count(""))
 
 
 def _list_object_data(described: Unchecked, frame: Unchecked, key: str) -> Iterable[tuple[str, Unchecked]]:
     """Yield id and object_data of the objects of a frame, then of those at the top that hold in it."""
     for track, found in (frame.get("objects") or {}).items():
         about = found or {}
-        yield track, {"coordinate_system": about.get("coordinate_system"), **(about.get("object_data") or {})}
+        named = {key: about[key] for key in ("coordinate_system", "type") if about.get(key)}
+        yield track, named | (about.get("object_data") or {})
     for track, about in described.items():
         data = (about or {}).get("object_data") or {}
         intervals = about.get("frame_intervals") or [] if data else []
@@ -387,11 +427,11 @@ def _list_object_data(described: Unchecked, frame: Unchecked, key: str) -> Itera
             yield track, data
 
 
-def _place_box(systems: _Systems, system: Unchecked, root: str | None) -> Pose | None:
+def _place_box(systems: _Systems, system: str, root: str | None) -> Pose | None:
     """Pose in the world frame of the system that a cuboid names, None if nothing connects them."""
     if not system or (root is None and system not in systems.known):
         return np.eye(4)
-    found, in_root = systems.find_root(str(system))
+    found, in_root = systems.find_root(system)
     return in_root if found == root else None
 
 

@@ -65,10 +65,14 @@ def _match(files: Mapping[str, Sequence[Path]]) -> tuple[list[dict[str, Path]], 
     """Clouds of each frame by agent, and whether their order put them together."""
     times = {agent: np.array([_time(file)[0] for file in some]) for agent, some in files.items()}
     if all(np.isfinite(each).all() for each in times.values()):
-        groups = group_by_time(times)
-        return [{agent: files[agent][row] for agent, row in group.items()} for group in groups], False
-    count = min((len(some) for some in files.values()), default=0)
-    return [{agent: some[k] for agent, some in files.items()} for k in range(count)], len(files) > 1
+        return [_take(files, group) for group in group_by_time(times)], False
+    count = min((len(clouds) for clouds in files.values()), default=0)
+    return [_take(files, dict.fromkeys(files, k)) for k in range(count)], len(files) > 1
+
+
+def _take(files: Mapping[str, Sequence[Path]], rows: Mapping[str, int]) -> dict[str, Path]:
+    """Clouds of these numbers by agent."""
+    return {agent: files[agent][row] for agent, row in rows.items()}
 
 
 def _clouds(folder: Path) -> list[Path]:

@@ -1,6 +1,6 @@
 """ROS bags: PointCloud2 topics with tf, of ROS 1 (.bag) or ROS 2 (a folder with metadata.yaml, .mcap or .db3 files).
 
-World frame: the root of the tf tree that the clouds' frames hang from. A cloud whose frame no tf mentions stays in its
+World frame: the root of the clouds' frames in tf. A cloud whose frame no tf mentions stays in its
 frame, and is counted.
 
 - All of tf is read first: static transforms come once, and tf of a cloud's time may be recorded after the cloud
@@ -51,7 +51,7 @@ from toolkit.sites.site import Site
 CLOUD = "sensor_msgs/msg/PointCloud2"
 TF, OLD_TF = "tf2_msgs/msg/TFMessage", "tf/msg/tfMessage"
 NO_TF = "clouds in a frame that no tf mentions"
-OTHER_TREE = "clouds whose frames hang from another root of tf than the first cloud's"
+OTHER_TREE = "clouds whose frames have another root in tf than the first cloud's"
 FAR_TF = "clouds a second or more from the nearest transform of a moving frame"
 UNREADABLE = "clouds that cannot be read"
 NO_XYZ = "topics of PointCloud2 without x, y and z"
@@ -168,7 +168,7 @@ class Bag:
         return Frame.of_clouds(f"{number:06d}", clouds, Objects.empty(), time=time, problems=problems)
 
     def _time(self, message: _Message) -> float:
-        """Time of a cloud (s): its stamp, or that of its recording."""
+        """Time of a cloud (s): its stamp, or the time of its recording."""
         stamp = 0 if message.topic in self.recorded else message.read_stamp()
         return (stamp or message.recorded_ns) / NS_PER_S
 
@@ -190,7 +190,7 @@ class Bag:
         add_problem(problems, OTHER_TREE, int(is_placed and bool(roots) and placed.root != roots[0]))
         add_problem(problems, FAR_TF, int(placed.gap_s >= MAX_TF_GAP_S))
         roots += [placed.root] * is_placed
-        why = self.recorded.get(message.topic) or ("" if stamp else NO_STAMP)
+        why = self.recorded.get(message.topic) or ("" if stamp or not message.recorded_ns else NO_STAMP)
         add_problem(problems, why, int(bool(why)))
         seconds = self._time(message)
         name = message.topic.strip("/")
@@ -206,7 +206,7 @@ def rosbag(path: Path) -> Bag:
     """Frames of a bag. Raises FileNotFoundError, and ValueError for a bag that is damaged or has no PointCloud2."""
     if path.is_dir() and not lexists(path / "metadata.yaml") and len(files := list_bags(path)) > 1:
         names = ", ".join(file.name for file in files[:6])
-        warnings.warn(f"{path}: {names} are read as one recording: give one file for that alone", stacklevel=2)
+        warnings.warn(f"{path}: {names} are read as one recording: give one of them to read no other", stacklevel=2)
     stamps: dict[str, list[int]] = {}
     recorded: dict[str, list[int]] = {}
     with_points: dict[str, bool] = {}  # topics that have a readable cloud: whether it has points
@@ -219,7 +219,7 @@ def rosbag(path: Path) -> Bag:
             continue
         if topic not in with_points:
             try:
-                with_points[topic] = {"x", "y", "z"} <= {str(each.name) for each in message.parse().fields}
+                with_points[topic] = {"x", "y", "z"} <= {str(column.name) for column in message.parse().fields}
             except Exception as error:  # rosbags and its parsers raise errors of any kind
                 reason = error
         with _damage(path):
@@ -242,8 +242,8 @@ def rosbag(path: Path) -> Bag:
             times[topic] = on_record[topic]
         else:
             times[topic] = np.where(own_clock[topic] == 0, on_record[topic], own_clock[topic])
-    start = min(int(each.min()) for each in times.values())
-    groups = group_by_time({topic: (each - start) / NS_PER_S for topic, each in times.items()})
+    start = min(int(stamps_ns.min()) for stamps_ns in times.values())
+    groups = group_by_time({topic: (stamps_ns - start) / NS_PER_S for topic, stamps_ns in times.items()})
     problems = dict(tree.problems)
     add_problem(problems, NO_XYZ, len(stamps) - len(topics))
     return Bag(path, tuple(groups), tree, topics, instead, problems)
