@@ -34,9 +34,9 @@ class SensorCloud:
     Attributes:
         points: (n, 3) m, in the sensor's frame or in the world frame, as `frame` says.
         world_SE3_sensor: pose of the sensor.
-        time: of each point, seconds from the cloud's first; None if the set has none.
-        intensity: of each point, as the set gives it; None if it has none.
-        ring: number of each point's laser; None if the set has none.
+        time: of each point, seconds from the cloud's first; None if the set lacks it.
+        intensity: of each point, as the set gives it; None if it lacks it.
+        ring: number of each point's laser; None if the set lacks it.
         stamp_s: when the cloud was measured, seconds on the clock of `Frame.time`; None if unknown."""
 
     name: str

@@ -695,8 +695,10 @@ def test_what_contradicts_itself_is_noted(imported):
 
 def test_roads_that_carry_no_traffic_are_noted(imported):
     bare = street(name="2", start=(-150.0, 30.0)).replace(section(lane(1), lane(-1)), "")
-    site, notes = imported(street() + street(start=(-150.0, 15.0)) + bare, size=(80.0, 80.0))
-    assert len(read_lanes(site)) == 2
+    lost = street(name="3", start=(-150.0, -15.0), junction="77")
+    site, notes = imported(street() + street(start=(-150.0, 15.0)) + bare + lost, size=(80.0, 80.0))
+    assert len(read_lanes(site)) == 4
+    assert "1 roads are part of a junction that is not in the file" in notes
     assert "1 roads have the id of another one and carry no traffic" in notes
     assert "1 roads have no lanes" in notes
 

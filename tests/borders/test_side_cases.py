@@ -74,6 +74,20 @@ def test_pairs_of_dair_that_were_not_downloaded_are_counted(tmp_path):
     assert first.time == 1626155121.027
 
 
+def test_two_vehicles_by_one_pole_are_two_frames(tmp_path):
+    """A pole's cloud that is paired with two vehicles: the second pair must not replace the first."""
+    level = {"rotation": np.eye(3).tolist(), "translation": [[0], [0], [0]]}
+    for vehicle in ("20", "21"):
+        put_cloud(tmp_path / f"vehicle-side/velodyne/{vehicle}.pcd")
+        for kind in ("lidar_to_novatel", "novatel_to_world"):
+            put_json(tmp_path / f"vehicle-side/calib/{kind}/{vehicle}.json", level)
+    put_cloud(tmp_path / "infrastructure-side/velodyne/10.pcd")
+    put_json(tmp_path / "infrastructure-side/calib/virtuallidar_to_world/10.json", level)
+    pairs = [{"infrastructure_frame": "10", "vehicle_frame": vehicle} for vehicle in ("20", "21")]
+    put_json(tmp_path / "cooperative/data_info.json", pairs)
+    assert [frame.name for frame in open_recording(tmp_path, "dair")] == ["10-20", "10-21"]
+
+
 def test_json_files_of_another_kind_below_openlabel_are_counted(tmp_path):
     """TUM Traffic keeps calibrations in JSON files next to the labels."""
     write_recording(frames(1), tmp_path, "openlabel")

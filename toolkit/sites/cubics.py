@@ -82,6 +82,9 @@ def number(element: ElementTree.Element, key: str, default: float | None = None)
 
 def cubics(elements: list[ElementTree.Element], key: str = "s") -> Cubics:
     """Pieces described by elements with a, b, c, d, in order of `key`."""
-    rows = np.array([[number(e, k, 0.0) for k in (key, *"abcd")] for e in elements]).reshape(-1, 5)
-    rows = rows[np.argsort(rows[:, 0], kind="stable")]
+    keys = (key, "a", "b", "c", "d")
+    numbers = [number(element, name, 0.0) for element in elements for name in keys]
+    rows = np.array(numbers, np.float64).reshape(-1, 5)
+    if len(rows) > 1:
+        rows = rows[np.argsort(rows[:, 0], kind="stable")]
     return Cubics(rows[:, 0], rows[:, 1:])

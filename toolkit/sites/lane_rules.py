@@ -14,7 +14,7 @@ from toolkit.sites.cubics import number
 from toolkit.sites.lane_sections import Section, SectionLane
 from toolkit.sites.network import FOOT, MOTOR
 
-USUAL_SPEED_MPS = 13.89  # of a road whose limit the map does not say
+USUAL_SPEED_MPS = 13.89  # of a road without a limit in the map
 NO_LIMIT_MPS = 36.11  # 130 km/h, on roads whose map says "no limit"
 MAX_LIKELY_SPEED_MPS = 45.0  # 160 km/h; a limit above it is noted
 WALKING_SPEED_MPS, BICYCLE_SPEED_MPS = 2.78, 5.56
@@ -78,7 +78,7 @@ def find_cuts(road: ElementTree.Element, sections: Sequence[Section]) -> set[flo
 def find_use(
     road: ElementTree.Element, section: Section, lane: SectionLane, defaults: dict[str, float], problems: Counter[str]
 ) -> LaneUse:
-    """Users and limit of a lane at its section's start. What is not as the map says is counted in `problems`.
+    """Users and limit of a lane at its section's start. What differs from the map is counted in `problems`.
 
     defaults: limits (m/s) by type of road, as `read_defaults` gives them."""
     users = _find_users(section, lane, problems)
@@ -165,7 +165,7 @@ def _find_limit(
 
 
 def _parse_limit(text: str | None, unit: str | None, problems: Counter[str]) -> float | None:
-    """Limit (m/s) of a text; None if it says nothing."""
+    """Limit (m/s) of a text; None if it gives no speed."""
     text = (text or "").strip()
     if text == "no limit":
         problems[f"limits of 'no limit' count as {NO_LIMIT_MPS * 3.6:.0f} km/h"] += 1

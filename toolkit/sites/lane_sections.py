@@ -1,7 +1,7 @@
 """Lane sections of an OpenDRIVE road, each whole: both sides, and the width of every lane.
 
 A section that describes one side only (`singleSide`) leaves the other side as the section before has it. A lane is as
-wide as its <width> says; without one it reaches from the lane inside to its <border>, which is counted from the
+wide as its <width>; without one it reaches from the lane inside to its <border>, which is counted from the
 reference line (ASAM OpenDRIVE 1.8, 11.3 to 11.6)."""
 
 import re

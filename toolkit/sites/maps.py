@@ -374,8 +374,8 @@ def import_osm(piece: MapPiece, *, lefthand: bool | None = None) -> Site:
     lefthand: traffic keeps left, or right if False; None for the side that the map's roads or their country keep to.
 
     Roads, footways, parking along kerbs, buildings with heights, walls, fences, hedges, trees and lamp posts come from
-    the map; mounts are on its lamp posts, or else along the kerbs. Roads are driven as the map says: who may use them,
-    which way, how fast, and where they turn. What the site cannot hold (tunnels, bridges over a road, buildings over a
+    the map; mounts are on its lamp posts, or else along the kerbs. Roads have the map's rules: who may use them, which
+    way, how fast, and where they turn. What the site cannot hold (tunnels, bridges over a road, buildings over a
     road, rules of some hours) is left out with a warning.
 
     Raises ValueError in one line if the file is no OSM map or has no road there, ImportError without SUMO."""
@@ -486,7 +486,7 @@ def _doubt_place(site: Site) -> list[str]:
     """Notes of what is uncertain about a site's place on earth, and its scale."""
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # it says again what is noted here
+            warnings.simplefilter("ignore", UserWarning)  # it repeats a note of this module
             doubts = [doubt_place(site.geo_reference), doubt_scale(site)]
     except ValueError as error:
         return [f"its place on earth cannot be used: {error}"]

@@ -25,6 +25,7 @@ from toolkit.sites.netconvert_warnings import list_warnings
 MOTOR = "passenger taxi bus coach delivery truck emergency motorcycle moped bicycle"
 FOOT = "pedestrian"
 _RAIL = {"tram", "rail", "rail_urban", "rail_electric", "rail_fast", "subway", "cable_car", "ship"}
+_SPECIAL = re.compile(r"""[&<>"'\s]""")  # in an attribute of XML
 _COMMENT = re.compile(r"<!--.*?-->\s*", re.DOTALL)
 _OPTIONS = (
     *("--offset.disable-normalization", "--no-turnarounds", "--walkingareas", "--precision=3"),
@@ -219,5 +220,9 @@ def format_xml(root: str, elements: Iterable[str]) -> str:
 
 def format_element(tag: str, attributes: XmlAttributes, inside: str = "") -> str:
     """XML text of an element."""
-    written = " ".join(f"{key}={quoteattr(str(value))}" for key, value in attributes.items())
+    written = " ".join(f"{key}={_quote(str(value))}" for key, value in attributes.items())
     return f"<{tag} {written}>{inside}</{tag}>"
+
+
+def _quote(text: str) -> str:
+    return quoteattr(text) if _SPECIAL.search(text) else f'"{text}"'

@@ -29,7 +29,7 @@ from toolkit.sites.surroundings import Bay
 LONGEST = 1e5  # m, of one piece of a road
 _STEP = 0.25  # m between the points at which a spiral is summed up
 _ADDITIONAL = ("userData", "include", "dataQuality")  # what any element may hold
-MIN_TILT_RAD = 1e-4  # less tilt across the road is none: 1 mm over 10 m
+MIN_TILT_RAD = 1e-4  # less tilt across the road is ignored: 1 mm over 10 m
 _SIDES = (("left", 1), ("right", -1))
 _SHAPES = ("line", "arc", "spiral", "poly3", "paramPoly3")
 
@@ -164,7 +164,7 @@ def _find_parameter(
 ) -> np.ndarray:
     """Parameter of a curve `ds` m along it, its speed given (m per unit of the parameter from 0 to `last`).
 
-    length: m from 0 to `last` as the file says, which need not agree with the speed to the last digit."""
+    length: m from 0 to `last` as in the file, which need not agree with the speed to the last digit."""
     grid = np.linspace(0.0, last, max(int((length or last) / _STEP), 16) + 1)
     middle = (grid[1:] + grid[:-1]) / 2
     along = np.concatenate([[0.0], np.cumsum(speed(middle) * np.diff(grid))])

@@ -23,7 +23,7 @@ _SAFE_NAME = re.compile(r"[A-Za-z0-9_][\w.]*")
 _WHOLE = re.compile(r"[-+]?\d{1,9}")
 _NO_LIMIT = f"roads without a limit in the map are driven at {lane_rules.USUAL_SPEED_MPS * 3.6:.0f} km/h"
 MAX_KERB_M, MAX_LENGTH_GAP_M, MAX_LENGTH_GAP_SHARE = 0.25, 1.0, 0.02
-_STRAIGHT = 1e-10  # 1/m; less curvature is none
+_STRAIGHT = 1e-10  # 1/m; less curvature is ignored
 _TRAFFIC_LIGHTS = (  # those that netconvert takes for traffic lights
     *("1000001", "1000002", "1000003", "1000004", "1000005", "1000006", "1000007", "1000009"),
     *("1000010", "1000011", "1000012", "1000013", "1000020"),
@@ -65,6 +65,7 @@ class _Carriageway:
         sections: with lanes numbered as in the plain road.
         offset: m, of the middle of these lanes to the left of the reference line.
         ends: ids in the file and in the plain road, of the lanes at "start" and "end".
+        junction: id of the junction it is part of, or -1.
         closed: lanes that keep others in their places, but are driven in another carriageway."""
 
     element: ElementTree.Element
@@ -73,6 +74,7 @@ class _Carriageway:
     sections: Sequence[Section]
     offset: Cubics
     ends: Mapping[str, Mapping[int, int]]
+    junction: str
     closed: frozenset[SectionLane] = frozenset()
 
 
@@ -106,7 +108,7 @@ def write_plain(root: ElementTree.Element) -> PlainMap:
     elements = [
         _write_road(writer, carriageway, left_out, defaults)
         for carriageway in carriageways
-        if carriageway.element.get("junction", "-1") not in left_out
+        if carriageway.junction not in left_out
     ]
     for name, junction in junctions.items():
         if name in left_out:
@@ -147,7 +149,7 @@ def describe_problems(plain: PlainMap, roads: Sequence[MapRoad]) -> list[str]:
 
 
 def count_unread(road: ElementTree.Element) -> dict[str, int]:
-    """Number of things of a road that bear on traffic or the ground and are not read, by what a note says."""
+    """Number of things of a road that bear on traffic or the ground and are not read, by the words of a note."""
     plates = [s for s in road.findall("signals/signal") if s.get("type") not in (*_TRAFFIC_LIGHTS, *_PRIORITY_SIGNS)]
     heights = road.findall("lanes/laneSection/*/lane/height")
     high = [h for h in heights if max(abs(number(h, key, 0.0)) for key in ("inner", "outer")) > MAX_KERB_M]
@@ -193,13 +195,18 @@ def _usual_speed(users: Sequence[str]) -> float:
 def _read_roads(writer: _Writer) -> None:
     rules = Counter(road.get("rule", "RHT") for road in writer.root.findall("road"))
     writer.sign = -1 if rules["LHT"] > rules["RHT"] else 1
+    known = {"-1", *(junction.get("id", "") for junction in writer.root.findall("junction"))}
     for i, road in enumerate(writer.root.findall("road")):
         name = road.get("id", "")
         if name in writer.roads:
             writer.problems[name]["roads have the id of another one and carry no traffic"] += 1
             continue
         length = max(_road_length(road), 2e-3)
-        is_inner = road.get("junction", "-1") != "-1"
+        junction = road.get("junction") or "-1"
+        if junction not in known:
+            writer.problems[name]["roads are part of a junction that is not in the file"] += 1
+            junction = "-1"
+        is_inner = junction != "-1"
         sections = read_sections(road, length, keep_empty=is_inner)
         cuts = set() if is_inner else lane_rules.find_cuts(road, sections) - {section.start for section in sections}
         if cuts:
@@ -214,7 +221,7 @@ def _read_roads(writer: _Writer) -> None:
         safe = name if _SAFE_NAME.fullmatch(name) else f"coview{i}"
         keeps_other_side = (rule == "LHT") != (writer.sign < 0)
         offset = cubics(road.findall("lanes/laneOffset"))
-        whole = _Carriageway(road, safe, length, sections, offset, _number_ends(sections))
+        whole = _Carriageway(road, safe, length, sections, offset, _number_ends(sections), junction)
         writer.roads[name] = _part_directions(whole, keeps_other_side=keeps_other_side)
 
 
@@ -300,7 +307,7 @@ def _contraflow(road: _Carriageway, against: set[SectionLane], sign: int) -> _Ca
         ends[contact] = {old: new for old, new in maps[place].items() if old in driven}
     name = f"{road.name}.{'left' if sign > 0 else 'right'}"
     offset = Cubics(np.array(starts), np.array(rows).reshape(-1, 4))
-    return _Carriageway(road.element, name, road.length, sections, offset, ends, frozenset(closed))
+    return _Carriageway(road.element, name, road.length, sections, offset, ends, road.junction, frozenset(closed))
 
 
 def _renumber(numbers: Sequence[int], known: Mapping[int, int] | None) -> tuple[int, ...]:
@@ -331,8 +338,7 @@ def _write_road(writer: _Writer, road: _Carriageway, left_out: set[str], default
     is_first = writer.roads[road.element.get("id", "")][0] is road
     links = dict(_find_links(writer, road, left_out, problems if is_first else Counter()))
     attributes = {"id": road.name, "length": road.length, "name": road.element.get("name", "")}
-    junction = road.element.get("junction", "-1")
-    attributes["junction"] = "-1" if junction in ("-1", "") else _junction_name(junction)
+    attributes["junction"] = "-1" if road.junction == "-1" else _junction_name(road.junction)
     inside = [format_element("link", {}, "".join(map(_write_link, links.items())))] if links else []
     inside.append(format_element("planView", {}, "".join(_write_geometry(road.element))))
     heights = cubics(road.element.findall("elevationProfile/elevation"))
@@ -369,7 +375,7 @@ def _find_links(
                 contact = link.get("contactPoint", usual)
                 contact = contact if contact in ("start", "end") else usual
                 other = _find_partner(writer, road, where, name, contact)
-                if other.element.get("junction", "-1") not in left_out:
+                if other.junction not in left_out:
                     yield where, _Link(kind, other.name, contact, other.ends[contact])
             else:
                 problems["roads are linked to what is not in the file"] += 1
@@ -415,8 +421,10 @@ def _write_geometry(road: ElementTree.Element) -> Iterator[str]:
 
 
 def _write_cubics(tag: str, key: str, function: Cubics) -> str:
-    rows = zip(function.starts.tolist(), function.rows.tolist(), strict=True)
-    return "".join(format_element(tag, {key: s, **dict(zip("abcd", row, strict=True))}) for s, row in rows)
+    elements = []
+    for s, (a, b, c, d) in zip(function.starts.tolist(), function.rows.tolist(), strict=True):
+        elements.append(f'<{tag} {key}="{s}" a="{a}" b="{b}" c="{c}" d="{d}"></{tag}>')
+    return "".join(elements)
 
 
 def _write_sections(
@@ -465,7 +473,7 @@ def _find_kind(
 ) -> str:
     """Name of the type of a lane that netconvert is handed."""
     use = lane_rules.find_use(road.element, section, lane, dict(defaults), problems)
-    if use.limit is None and "passenger" in use.users and road.element.get("junction", "-1") == "-1":
+    if use.limit is None and "passenger" in use.users and road.junction == "-1":
         problems[_NO_LIMIT] = 1  # of one road, however many lanes it has
     if lane in road.closed:
         use = lane_rules.LaneUse((), None)
@@ -479,7 +487,7 @@ def _find_kind(
 def _close_both(
     section: Section, lane: SectionLane, use: lane_rules.LaneUse, problems: Counter[str]
 ) -> lane_rules.LaneUse:
-    """Use of a lane whose traffic does not run as its side says."""
+    """Use of a lane whose traffic does not run in the direction of its side."""
     direction = lane.element.get("direction", "standard")
     if not use.users or set(use.users) == {FOOT}:
         return use
@@ -499,7 +507,7 @@ def _is_driven(lane: SectionLane) -> bool:
 
 
 def _write_signals(road: ElementTree.Element, sign: int) -> Iterator[str]:
-    """Traffic lights and signs of priority; all other signs say nothing to netconvert."""
+    """Traffic lights and signs of priority; netconvert ignores all other signs."""
     for signal in road.findall("signals/signal"):
         kind, name, s = signal.get("type", ""), signal.get("id", ""), signal.get("s", "")
         if kind not in (*_TRAFFIC_LIGHTS, *_PRIORITY_SIGNS) or not _SAFE_NAME.fullmatch(name) or not _is_number(s):
@@ -595,7 +603,7 @@ def _write_connection(
 
 def _note_left_out(writer: _Writer, name: str, junction: ElementTree.Element) -> None:
     kind = junction.get("type", "")
-    roads = [road[0] for road in writer.roads.values() if road[0].element.get("junction") == name]
+    roads = [road[0] for road in writer.roads.values() if road[0].junction == name]
     if kind == "virtual":
         text = "virtual junctions are left out: the main road goes on, and traffic does not turn there"
         for road in roads:

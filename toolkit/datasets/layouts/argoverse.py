@@ -5,6 +5,7 @@ beside the recording's own count."""
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import chain
 from os.path import lexists
 from pathlib import Path
@@ -96,7 +97,7 @@ def argoverse(path: Path) -> records.Listing:
     if lexists(annotations):
         with named_damage(annotations, "table of labels"):
             labelled = np.unique(_stamps(read_table(annotations))).astype(str).tolist()
-    return records.Listing(names, lambda name: _sample(path, name), labelled=labelled)
+    return records.Listing(names, partial(_sample, path), labelled=labelled)
 
 
 def _stamps(table: Mapping[str, np.ndarray]) -> np.ndarray:

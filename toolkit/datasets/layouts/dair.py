@@ -16,7 +16,9 @@ level with the ground, and the clouds of velodyne/ are in it already.
 - CarIgnore and its like are not objects, Trafficcone and Barrowlist none of our classes: they are counted."""
 
 import json
-from collections.abc import Iterable
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from functools import partial
 from os.path import lexists
 from pathlib import Path
 
@@ -52,21 +54,24 @@ def dair(path: Path) -> records.Listing:
     labelled, stamps = _labelled(path, _LABELS), _read_stamps(path)
     middles = Middles({"lidar": path / "velodyne" / f"{names[0]}.pcd"})
 
-    def load(name: str) -> Frame:
-        problems: records.Problems = {}
-        recorded = path / "velodyne" / f"{name}.pcd"
-        cloud = records.read_cloud(recorded, "lidar", np.eye(4), problems, stamp_s=stamps.get(name), middles=middles)
-        file = _first(path, _LABELS, name)
-        records.add_problem(problems, records.UNLABELLED, int(bool(labelled) and file is None))
-        found = read_annotations(file, np.eye(4), problems)
-        complete: Region = Everywhere()
-        if file is not None and file.parent.name == "camera":  # nobody labelled what the camera does not show
-            complete = _read_camera(path / "calib", name, problems)
-        place, time = _read_place(path / "calib", name, problems), records.frame_time([cloud])
-        measured = name, (cloud,), *found
-        return Frame.of_clouds(*measured, time=time, complete=complete, map_SE3_world=place, problems=problems)
-
+    load = partial(_load_side, path, stamps, middles, bool(labelled))
     return records.Listing(names, load, labelled=labelled)
+
+
+def _load_side(path: Path, stamps: Mapping[str, float], middles: Middles, is_labelled: bool, name: str) -> Frame:
+    """Frame of one side."""
+    problems: records.Problems = {}
+    recorded = path / "velodyne" / f"{name}.pcd"
+    cloud = records.read_cloud(recorded, "lidar", np.eye(4), problems, stamp_s=stamps.get(name), middles=middles)
+    file = _first(path, _LABELS, name)
+    records.add_problem(problems, records.UNLABELLED, int(is_labelled and file is None))
+    found = read_annotations(file, np.eye(4), problems)
+    complete: Region = Everywhere()
+    if file is not None and file.parent.name == "camera":  # nobody labelled what the camera does not show
+        complete = _read_camera(path / "calib", name, problems)
+    place, time = _read_place(path / "calib", name, problems), records.frame_time([cloud])
+    measured = name, (cloud,), *found
+    return Frame.of_clouds(*measured, time=time, complete=complete, map_SE3_world=place, problems=problems)
 
 
 def _read_place(folder: Path, name: str, problems: records.Problems) -> Pose:
@@ -126,31 +131,52 @@ def _pairs(root: Path) -> records.Listing:
         every = records.as_list(records.load_json(index))
         road, car = root / "infrastructure-side", root / "vehicle-side"
         whole = [each for each in every if _has_clouds(each, road, car)] or every
-        pairs = {_stem(each, "infrastructure"): each for each in whole}
+        pairs = _name_pairs(whole)
         vehicles = [_stem(each, "vehicle") for each in every]
-    road_stamps, car_stamps = _read_stamps(road), _read_stamps(car)
-
-    def load(name: str) -> Frame:
-        problems: records.Problems = {}
-        with named_damage(index, "list of pairs"):
-            vehicle, offset = _stem(pairs[name], "vehicle"), _offset(pairs[name].get("system_error_offset"))
-        map_SE3_road = read_transform(road / "calib" / "virtuallidar_to_world" / f"{name}.json", offset)
-        novatel_SE3_lidar = read_transform(car / "calib" / "lidar_to_novatel" / f"{vehicle}.json")
-        map_SE3_novatel = read_transform(car / "calib" / "novatel_to_world" / f"{vehicle}.json")
-        road_SE3_car = invert(map_SE3_road) @ map_SE3_novatel @ novatel_SE3_lidar
-        seen, own = road / "velodyne" / f"{name}.pcd", car / "velodyne" / f"{vehicle}.pcd"
-        near = records.read_cloud(seen, "infrastructure", np.eye(4), problems, stamp_s=road_stamps.get(name))
-        far = records.read_cloud(own, "vehicle", road_SE3_car, problems, stamp_s=car_stamps.get(vehicle))
-        file = _first(root, _COOPERATIVE, vehicle)
-        records.add_problem(problems, records.UNLABELLED, int(bool(labelled) and file is None))
-        in_world = file is None or file.parent.name == WORLD_LABELS
-        found = read_annotations(file, invert(map_SE3_road) if in_world else road_SE3_car, problems)
-        time = records.frame_time([near])
-        return Frame.of_clouds(name, (near, far), *found, time=time, map_SE3_world=map_SE3_road, problems=problems)
-
     labelled = _labelled(root, _COOPERATIVE)
     noted = {NO_PARTNER: len(every) - len(whole)}
+    load = partial(_load_pair, root, pairs, (_read_stamps(road), _read_stamps(car)), bool(labelled))
     return records.Listing(tuple(pairs), load, labelled=labelled, known=vehicles, noted=noted)
+
+
+def _load_pair(
+    root: Path,
+    pairs: Mapping[str, records.Unchecked],
+    stamps: tuple[Mapping[str, float], Mapping[str, float]],
+    is_labelled: bool,
+    name: str,
+) -> Frame:
+    """Frame of both sides. stamps: times of the infrastructure's and the vehicle's clouds."""
+    problems: records.Problems = {}
+    with named_damage(root / "cooperative" / "data_info.json", "list of pairs"):
+        pair = pairs[name]
+        vehicle, offset = _stem(pair, "vehicle"), _offset(pair.get("system_error_offset"))
+        pole = _stem(pair, "infrastructure")
+    road, car = root / "infrastructure-side", root / "vehicle-side"
+    road_stamps, car_stamps = stamps
+    map_SE3_road = read_transform(road / "calib" / "virtuallidar_to_world" / f"{pole}.json", offset)
+    novatel_SE3_lidar = read_transform(car / "calib" / "lidar_to_novatel" / f"{vehicle}.json")
+    map_SE3_novatel = read_transform(car / "calib" / "novatel_to_world" / f"{vehicle}.json")
+    road_SE3_car = invert(map_SE3_road) @ map_SE3_novatel @ novatel_SE3_lidar
+    seen, own = road / "velodyne" / f"{pole}.pcd", car / "velodyne" / f"{vehicle}.pcd"
+    near = records.read_cloud(seen, "infrastructure", np.eye(4), problems, stamp_s=road_stamps.get(pole))
+    far = records.read_cloud(own, "vehicle", road_SE3_car, problems, stamp_s=car_stamps.get(vehicle))
+    file = _first(root, _COOPERATIVE, vehicle)
+    records.add_problem(problems, records.UNLABELLED, int(is_labelled and file is None))
+    in_world = file is None or file.parent.name == WORLD_LABELS
+    found = read_annotations(file, invert(map_SE3_road) if in_world else road_SE3_car, problems)
+    time = records.frame_time([near])
+    return Frame.of_clouds(name, (near, far), *found, time=time, map_SE3_world=map_SE3_road, problems=problems)
+
+
+def _name_pairs(rows: list[records.Unchecked]) -> dict[str, records.Unchecked]:
+    """Pairs by the infrastructure's frame, and the vehicle's too if it has several vehicles."""
+    count = Counter(_stem(row, "infrastructure") for row in rows)
+    named = {}
+    for row in rows:
+        pole = _stem(row, "infrastructure")
+        named[pole if count[pole] == 1 else f"{pole}-{_stem(row, 'vehicle')}"] = row
+    return named
 
 
 def _has_clouds(pair: records.Unchecked, road: Path, car: Path) -> bool:

@@ -16,6 +16,7 @@ import json
 import re
 from collections import Counter
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from os.path import lexists
 from pathlib import Path
 
@@ -75,32 +76,55 @@ def folder(path: Path, *, poses: Path | None = None, inverted: bool = False) -> 
         times = _written_times(entries)
 
     stems = {name: [_stem(file) for file in files.values()] for name, files in names.items()}
-    labelled = {name: [stem for stem in each if stem in entries] for name, each in stems.items()}
-
-    def load(name: str) -> Frame:
-        problems: records.Problems = {}
-        records.add_problem(problems, UNPAIRED, int(len(names[name]) < len(clouds)))
-        records.add_problem(problems, BY_ORDER, int(by_order))
-        records.add_problem(problems, OTHER_NAME, max(0, len(set(labelled[name])) - 1))
-        records.add_problem(problems, records.UNLABELLED, int(bool(entries) and not labelled[name]))
-        title = next(iter(labelled[name]), name)
-        seconds, stamps = times.get(title, (None, {}))
-        measured = []
-        for sensor, file in names[name].items():
-            stem = _stem(file)
-            stamp = next((time for time in (find_epoch(stem), stamps.get(sensor)) if time is not None), None)
-            pose = _pose(placed, sensor, stem)
-            cloud = records.read_cloud(file, sensor, pose, problems, stamp_s=stamp, middles=middles)
-            measured.append(cloud)
-        found = records.no_labels()
-        if title in entries:
-            found = records.parse_objects(labels, entries[title], problems)
-        known = next((time for time in (find_epoch(name), seconds) if time is not None), float("nan"))
-        return Frame.of_clouds(name, measured, *found, time=known, problems=problems)
-
+    load = _Loader(names, len(clouds), by_order, placed, labels, entries, times, middles)
     known = [stem for each in stems.values() for stem in each]
     of_folder = entries if path.is_dir() else ()
     return records.Listing(tuple(names), load, labelled=of_folder, known=known, noted={DOUBLED_CLOUDS: doubled})
+
+
+@dataclass(frozen=True)
+class _Loader:
+    """Reader of a folder's frames by name.
+
+    Attributes:
+        names: cloud file of each sensor in each frame.
+        sensors: number of sensors of the folder.
+        by_order: whether the order of the clouds put them together.
+        placed: poses by name.
+        labels: the file of labels.
+        entries: labels by the names of frames.
+        times: times (s) of frames and of their clouds, as the labels say.
+        middles: of the sensors' first clouds."""
+
+    names: Mapping[str, Mapping[str, Path]]
+    sensors: int
+    by_order: bool
+    placed: Mapping[str, Pose]
+    labels: Path
+    entries: Mapping[str, records.Unchecked]
+    times: Mapping[str, tuple[float | None, dict[str, float]]]
+    middles: Middles
+
+    def __call__(self, name: str) -> Frame:
+        files, problems = self.names[name], records.Problems()
+        labelled = [stem for stem in map(_stem, files.values()) if stem in self.entries]
+        records.add_problem(problems, UNPAIRED, int(len(files) < self.sensors))
+        records.add_problem(problems, BY_ORDER, int(self.by_order))
+        records.add_problem(problems, OTHER_NAME, max(0, len(set(labelled)) - 1))
+        records.add_problem(problems, records.UNLABELLED, int(bool(self.entries) and not labelled))
+        title = next(iter(labelled), name)
+        seconds, stamps = self.times.get(title, (None, {}))
+        clouds = []
+        for sensor, file in files.items():
+            stem = _stem(file)
+            stamp = next((time for time in (find_epoch(stem), stamps.get(sensor)) if time is not None), None)
+            pose = _pose(self.placed, sensor, stem)
+            clouds.append(records.read_cloud(file, sensor, pose, problems, stamp_s=stamp, middles=self.middles))
+        found = records.no_labels()
+        if title in self.entries:
+            found = records.parse_objects(self.labels, self.entries[title], problems)
+        known = next((time for time in (find_epoch(name), seconds) if time is not None), float("nan"))
+        return Frame.of_clouds(name, clouds, *found, time=known, problems=problems)
 
 
 def _find_remedy(path: Path) -> str:

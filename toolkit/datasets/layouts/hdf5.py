@@ -14,8 +14,9 @@ Recorded clouds are kept in one file, nothing lost. Each frame is a group of its
                                                   int64 [n] if known"""
 
 import json
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 import h5py
@@ -68,11 +69,12 @@ def hdf5_clouds(path: Path) -> Listing:
             raise ValueError("samples have the same name")
     places = {name: k for k, name in enumerate(names)}
 
-    def load(name: str) -> Frame:
-        with _open(path) as file:
-            return _sample(file, f"samples/{places[name]}", name)
+    return Listing(tuple(names), partial(_load, path, places))
 
-    return Listing(tuple(names), load)
+
+def _load(path: Path, places: Mapping[str, int], name: str) -> Frame:
+    with _open(path) as file:
+        return _sample(file, f"samples/{places[name]}", name)
 
 
 def _sample(file: h5py.File, place: str, name: str) -> Frame:

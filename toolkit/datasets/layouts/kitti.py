@@ -14,6 +14,7 @@ World frame: the lidar's, x forward, y left, z up, about 1.73 m above the ground
 
 import struct
 from collections.abc import Iterable
+from functools import partial
 from os.path import lexists
 from pathlib import Path
 
@@ -46,10 +47,10 @@ def kitti(path: Path) -> records.Listing:
         raise FileNotFoundError(f"{folder / 'velodyne'} holds no *.bin")
     labelled = [file.stem for file in records.list_files(folder / "label_2", "*.txt")]
     middles = Middles({SENSOR: folder / "velodyne" / f"{names[0]}.bin"})
-    return records.Listing(names, lambda name: _sample(folder, name, middles, bool(labelled)), labelled=labelled)
+    return records.Listing(names, partial(_sample, folder, middles, bool(labelled)), labelled=labelled)
 
 
-def _sample(folder: Path, name: str, middles: Middles, is_labelled: bool) -> Frame:
+def _sample(folder: Path, middles: Middles, is_labelled: bool, name: str) -> Frame:
     problems: records.Problems = {}
     file = folder / "velodyne" / f"{name}.bin"
     cloud = records.read_cloud(file, SENSOR, np.eye(4), problems, middles=middles)

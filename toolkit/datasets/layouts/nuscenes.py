@@ -14,7 +14,8 @@ World frame: the ego vehicle's when the lidar measured, x forward, z up, its ori
 import json
 import struct
 import zlib
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -79,11 +80,20 @@ def nuscenes(path: Path) -> records.Listing:
         times = [_parse_time(entry(tables["sample"][token], "timestamp")) for token in order]
         is_clock = len(times) < 2 or float(np.median(np.diff(times))) >= MIN_STEP_S
 
-    def load(token: str) -> Frame:
-        return _sample(folder, token, tables, lidars[token], labels.get(token, []), is_clock)
-
+    load = partial(_load, folder, tables, lidars, labels, is_clock)
     noted = {NO_SENSOR: unknown, NO_CLOCK: 0 if is_clock else len(order)}
     return records.Listing(tuple(order), load, labelled=labels, noted=noted)
+
+
+def _load(
+    folder: Path,
+    tables: dict[str, _Row],
+    lidars: Mapping[str, list[_Row]],
+    labels: Mapping[str, list[_Row]],
+    is_clock: bool,
+    token: str,
+) -> Frame:
+    return _sample(folder, token, tables, lidars[token], labels.get(token, []), is_clock)
 
 
 def _sensor(tables: dict[str, _Row], row: _Row, key: str) -> str:

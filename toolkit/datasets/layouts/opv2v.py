@@ -11,7 +11,7 @@ World frame: level, its origin at the first agent's lidar, x where that lidar fa
 - A roadside unit's folder has a negative number; intensity is in the first of a .pcd's colours.
 - YAML 1.1 reads 1e-05 as a string."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from functools import partial
 from os.path import lexists
@@ -57,12 +57,8 @@ def opv2v(path: Path, *, left_handed: bool = True) -> records.Listing:
         of_scenario.setdefault(file.parent.parent, set()).add(file.parent.name)
     undescribed = sum(len(stems - described.get(agent, set())) for agent, stems in clouds.items() if agent in described)
 
-    def load(name: str) -> Frame:
-        files = agents[name]
-        problems: records.Problems = {}
-        records.add_problem(problems, UNPAIRED, int(len(files) < len(of_scenario[files[0].parent.parent])))
-        return _sample(name, files, mirror, problems)
-
+    counts = {scenario: len(members) for scenario, members in of_scenario.items()}
+    load = partial(_load, agents, counts, mirror)
     noted = {NO_YAML: undescribed}
     return records.Listing(tuple(agents), load, labelled=labelled, known=known, noted=noted)
 
@@ -76,6 +72,14 @@ def _agent(file: Path) -> tuple[int, int | str]:
     if not name.removeprefix("-").isdigit():
         return 2, name
     return int(name.startswith("-")), abs(int(name))
+
+
+def _load(agents: Mapping[str, list[Path]], counts: Mapping[Path, int], mirror: np.ndarray, name: str) -> Frame:
+    """Frame of all agents. counts: number of agents of each scenario."""
+    files = agents[name]
+    problems: records.Problems = {}
+    records.add_problem(problems, UNPAIRED, int(len(files) < counts[files[0].parent.parent]))
+    return _sample(name, files, mirror, problems)
 
 
 def _sample(name: str, files: list[Path], mirror: np.ndarray, problems: records.Problems) -> Frame:

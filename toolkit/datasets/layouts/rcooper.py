@@ -10,6 +10,7 @@ agent for itself: boxes of one class that two agents list and that overlap are o
 - lidar2world turns by a matrix that is not quite a rotation."""
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from os.path import lexists
 from pathlib import Path
 
@@ -56,9 +57,7 @@ def rcooper(path: Path) -> Listing:
     if not names:
         raise FileNotFoundError(f"{path} is no RCooper folder: it has no data/SCENE/AGENT/SEQUENCE/lidar/*.pcd")
 
-    def load(name: str) -> Frame:
-        return _sample(path, name, names[name], noted[name], bool(labelled))
-
+    load = partial(_sample, path, names, noted, bool(labelled))
     return Listing(tuple(names), load, labelled=labelled, known=known)
 
 
@@ -83,8 +82,15 @@ def _time(file: Path) -> tuple[float, str]:
         return float("inf"), file.stem
 
 
-def _sample(root: Path, name: str, files: list[tuple[str, Path]], noted: Problems, is_labelled: bool) -> Frame:
-    problems = {kind: count for kind, count in noted.items() if count}
+def _sample(
+    root: Path,
+    clouds_of: Mapping[str, list[tuple[str, Path]]],
+    noted: Mapping[str, Problems],
+    is_labelled: bool,
+    name: str,
+) -> Frame:
+    files = clouds_of[name]
+    problems = {kind: count for kind, count in noted[name].items() if count}
     scene, sequence, _ = name.split("/")
     clouds: list[SensorCloud] = []
     parts: list[Objects] = []

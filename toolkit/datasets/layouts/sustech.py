@@ -11,6 +11,7 @@ World frame: the lidar's, as recorded; z up, which way is forward differs betwee
 
 import json
 from collections.abc import Iterable
+from functools import partial
 from os.path import lexists
 from pathlib import Path
 
@@ -34,17 +35,13 @@ def sustech(path: Path) -> Listing:
         raise FileNotFoundError(f"{path} is no SUSTechPOINTS scene: it has no lidar/*.pcd")
     labelled = [file.stem for file in records.list_files(path / "label", "*.json")]
     middles = Middles({"lidar": next(iter(files.values()))})
-    is_labelled = bool(labelled)
-
-    def load(name: str) -> Frame:
-        return _sample(path, name, files[name], middles, is_labelled)
-
+    load = partial(_sample, path, files, middles, bool(labelled))
     return Listing(tuple(files), load, labelled=labelled)
 
 
-def _sample(folder: Path, name: str, file: Path, middles: Middles, is_labelled: bool) -> Frame:
+def _sample(folder: Path, files: dict[str, Path], middles: Middles, is_labelled: bool, name: str) -> Frame:
     problems: records.Problems = {}
-    cloud = records.read_cloud(file, "lidar", np.eye(4), problems, stamp_s=find_epoch(name), middles=middles)
+    cloud = records.read_cloud(files[name], "lidar", np.eye(4), problems, stamp_s=find_epoch(name), middles=middles)
     path = folder / "label" / f"{name}.json"
     records.add_problem(problems, records.UNLABELLED, int(is_labelled and not lexists(path)))
     with records.named_damage(path, "list of labels"):
