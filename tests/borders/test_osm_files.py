@@ -154,3 +154,11 @@ def test_remedies_name_what_was_found(tmp_path: Path):
     assert "there is 1 footway; the nearest road is 140 m away, at 8.0" in said
     ((longitude, latitude),) = inverse_project(np.array([[40.0, 40.0]]), CENTRE)
     assert "nothing is tagged highway there; the nearest road is 40 m away" in centred(tmp_path, (longitude, latitude))
+
+
+@pytest.mark.parametrize("name", ["a,b.osm", "Straße;5 (neu).osm", "信号 灯.osm", "-x=y.osm"])
+def test_a_file_may_have_any_name(tmp_path: Path, name):
+    """netconvert's options part lists of files at commas."""
+    site, _ = import_text(tmp_path, name, xml())
+    assert site.name == name.removesuffix(".osm")
+    assert len(site.lanes) > 2

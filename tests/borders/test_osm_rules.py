@@ -54,6 +54,7 @@ def test_access_goes_from_the_general_to_the_particular():
     assert allowed(highway="busway") == {"bus"}
     assert allowed(highway="busway", bicycle="yes") == {"bus", "bicycle"}
     assert allowed(highway="cycleway") == {"bicycle"}
+    assert read_rules({"highway": "cycleway", "access": "no"}).rules.users[0] == {"emergency"}  # never nobody
     assert allowed(highway="cycleway", motor_vehicle="yes") == MOTOR | {"bicycle"}
     assert allowed(motorroad="yes", highway="trunk") == MOTOR - {"moped"}
     assert allowed(maxweight="3.5") == MOTOR - {"truck", "bus", "coach"} | {"bicycle"}

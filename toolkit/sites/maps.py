@@ -94,7 +94,7 @@ def whole_road(
     carriageway = shapely.union_all([closed, stubs, *islets])
     carriageway = shapely.set_precision(carriageway, OUTLINE_GRID)  # off the grid an overlay may lose a whole lane
     if carriageway.geom_type == "GeometryCollection":  # whose overlays are slow
-        carriageway = shapely.MultiPolygon(nets.list_polygons(carriageway))
+        carriageway = shapely.union_all(nets.list_polygons(carriageway))
     between = _open_shape(carriageway.difference(shapely.union_all(list(lanes))), 0.01)
     near = [lane for lane in lanes if lane.intersects(window)]
     pieces = nets.cut_polygons([lane.intersection(carriageway) for lane in near] + [between], window)

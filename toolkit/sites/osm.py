@@ -81,6 +81,7 @@ class Way:
 class Restriction(NamedTuple):
     """Rule for those who turn at a node: `kind` is no_left_turn, only_straight_on and so on; ids of the map."""
 
+    name: str
     kind: str
     origin: str
     via: str
@@ -201,7 +202,7 @@ def _read_restriction(element: ElementTree.Element, tags: Tags) -> tuple[list[Re
         return [], _TURN_HOURS if any(key.startswith("restriction:") for key in tags) else _TURN_UNREAD
     via = members.get("via node", [])
     turns = [
-        Restriction(kind, origin, via[0], target)
+        Restriction(element.get("id", ""), kind, origin, via[0], target)
         for origin in members.get("from way", [])
         for target in members.get("to way", [])
         if via
@@ -598,7 +599,7 @@ def _format_restrictions(
     for k, piece in enumerate(pieces, start=1):
         for node in piece.nodes:
             ends.setdefault((piece.name, node), []).append(k)
-    for r, turn in enumerate(restrictions, start=1):
+    for r, turn in enumerate(restrictions, start=1):  # named as in the map, for netconvert's warnings
         for origin in ends.get((turn.origin, turn.via), ()):
             for target in ends.get((turn.target, turn.via), ()):
                 members = (("way", origin, "from"), ("node", number[turn.via], "via"), ("way", target, "to"))
@@ -608,7 +609,9 @@ def _format_restrictions(
                 )
                 for key, value in (("type", "restriction"), ("restriction", turn.kind)):
                     inside += nets.format_element("tag", {"k": key, "v": value})
-                yield nets.format_element("relation", {"id": r}, inside)
+                yield nets.format_element(
+                    "relation", {"id": turn.name if re.fullmatch(r"\d{1,15}", turn.name, re.ASCII) else r}, inside
+                )
 
 
 def _below(tags: Tags) -> bool:

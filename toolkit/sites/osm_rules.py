@@ -258,7 +258,9 @@ def _read_users(tags: Tags, side: str, notes: list[str]) -> Users:
     if any(_is_tight(tags, key, limit) for key, limit in _SIZE_LIMITS.items()):
         allowed -= _LONG
         notes.append(SIZES)
-    return frozenset(allowed | ({_ALWAYS} if kind != "cycleway" or allowed - {"bicycle"} else set()))
+    if kind == "cycleway" and allowed == {"bicycle"}:
+        return frozenset(allowed)
+    return frozenset(allowed | {_ALWAYS})
 
 
 def _is_open(tags: Tags, user: str, keys: Collection[str], side: str, *, usual: bool, notes: list[str]) -> bool:
