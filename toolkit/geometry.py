@@ -97,7 +97,7 @@ def tilt_rows(rows: Float[np.ndarray, "n c"], slope: Slope) -> Float[np.ndarray,
     return level_rows(rows, (-slope[0], -slope[1]))
 
 
-MAX_COORDINATE_M = 1e8  # the one limit of absolute coordinates; those of maps reach 1e7
+MAX_COORDINATE_M = 1e8  # the one limit of absolute coordinates; maps reach 1e7
 
 
 def check_pose(candidate: Float[np.ndarray, "..."], name: str = "pose") -> Pose:

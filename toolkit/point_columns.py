@@ -49,7 +49,7 @@ STATED_OFFSET = re.compile(
 MAX_LISTED = 200  # letters of the list of columns in an error
 
 
-class Axes(NamedTuple):
+class CoordinateColumns(NamedTuple):
     """Columns that hold x, y and z.
 
     Attributes:
@@ -105,7 +105,7 @@ def name_attributes(columns: Mapping[str, Shaped[np.ndarray, "..."]]) -> Attribu
     return attributes
 
 
-def find_axes(names: Sequence[str]) -> Axes:
+def find_axes(names: Sequence[str]) -> CoordinateColumns:
     """Return which columns are x, y and z. Raises ValueError with the columns if that is not said by their names.
 
     >>> find_axes(["intensity", "x_m", "y_m", "z_m"]).names
@@ -116,7 +116,7 @@ def find_axes(names: Sequence[str]) -> Axes:
     for spelled in (names, [name.lower() for name in names]):
         if all(spelled.count(axis) == 1 for axis in "xyz"):
             x, y, z = (names[spelled.index(axis)] for axis in "xyz")
-            return Axes((x, y, z), (1.0, 1.0, 1.0))
+            return CoordinateColumns((x, y, z), (1.0, 1.0, 1.0))
     sets = _coordinate_sets(names)
     if len(sets) != 1:
         listed = ", ".join(names)[:MAX_LISTED]
@@ -130,7 +130,7 @@ def find_axes(names: Sequence[str]) -> Axes:
         listed = ", ".join(names)[:MAX_LISTED]
         raise ValueError(f"its coordinates are in {foreign}, its columns {listed}: convert them to metres")
     first, second, third = (UNITS_M[unit] if unit else 1.0 for unit in units)
-    return Axes((by_axis[0][0], by_axis[1][0], by_axis[2][0]), (first, second, third))
+    return CoordinateColumns((by_axis[0][0], by_axis[1][0], by_axis[2][0]), (first, second, third))
 
 
 def warn_of_offset(comments: Iterable[str]) -> None:

@@ -6,7 +6,7 @@
   again. PLY stores positions of float64 as `double`.
 - Colours are bytes, `rgb` in PCD and `red`, `green`, `blue` in PLY. Floats are taken as Open3D's, from 0 to 1; readers
   take floating `red` for shares of 255.
-- PLY knows no 64-bit integers: they become `int` where all of them fit, else `double` where that is exact."""
+- PLY knows no 64-bit integers: they become `int` if all fit, else `double` if that is exact."""
 
 import re
 import warnings

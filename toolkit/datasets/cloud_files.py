@@ -2,7 +2,7 @@
 
     .ply .pcd .npz       with all their attributes
     .xyz .txt .csv       text, separated by blanks, commas or semicolons: x y z first in each row, or under a line or
-                         comment that names the columns (`toolkit.point_columns`), of which the numeric ones are kept
+                         comment that names the columns (`toolkit.point_columns`), kept if numeric
     .npy                 array (n, 3 or more), x y z first, no other column kept; or one with names
     .bin                 KITTI's: float32 x y z intensity; .pcd.bin, nuScenes': float32 x y z intensity ring
     .feather             columns x, y, z and others, as Argoverse 2 has them (needs pyarrow)

@@ -12,7 +12,7 @@ Protocol `exact` (paper section "Evaluation Metrics"):
    but not scored: IoU >= threshold with it, or more than half of the detection's footprint on its footprint (detectors
    see large vehicles in part). Not scored are heavy vehicles when vehicles are scored, and whatever `counted` excludes.
    A detection outside the scored area (`outside`) may hit a truth too, and is ignored if it does not: an object at the
-   border counts as found on whichever side of it the detection's centre is.
+   border counts as found wherever the detection's centre is.
 4. Every other detection is a **false alarm**, in frames without truths too.
 5. Over the detections that are not ignored, with hits and false alarms counted down to each score,
    precision = hits / (hits + false alarms), recall = hits / truths. Equal scores make one point of the curve, since no

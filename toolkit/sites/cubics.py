@@ -1,6 +1,6 @@
 """Numbers of an OpenDRIVE element, and the cubic polynomials by which it describes widths, borders and heights.
 
-A polynomial is valid from its start to that of the next one (ASAM OpenDRIVE 1.8, 7.3 and 11.6). Errors of damaged
+A polynomial is valid from its start to the next one's (ASAM OpenDRIVE 1.8, 7.3 and 11.6). Errors of damaged
 numbers do not name the file: their caller does."""
 
 from collections.abc import Sequence

@@ -1,8 +1,8 @@
 """Traffic rules of an OpenDRIVE road: who may use its lanes, and how fast.
 
-Types of lanes are those of ASAM OpenDRIVE 1.4 to 1.8 (`e_laneType`); a lane of another type is closed. <access> of a
-lane allows some users and closes it to all others, or denies some (11.10). Limits are those of the lane (11.9), else
-those of the road's <type> there (10.4), else those of the header for roads of that type. Users are in SUMO's words."""
+ASAM OpenDRIVE 1.4 to 1.8 lists the types of lanes (`e_laneType`); a lane of another type is closed. <access> of a lane
+allows some users and closes it to all others, or denies some (11.10). A lane's own limit counts first (11.9), then the
+road's <type> there (10.4), then the header's for roads of its type. Users are in SUMO's words."""
 
 from collections import Counter
 from collections.abc import Iterable, Sequence

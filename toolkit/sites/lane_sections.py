@@ -141,7 +141,7 @@ def _read_side(described: _Description, side: str, span: tuple[float, float], la
 def _widths_of_borders(
     widths: dict[ElementTree.Element, Cubics], inner: Cubics, *, is_left: bool
 ) -> dict[ElementTree.Element, Cubics]:
-    """Widths of lanes from the middle outwards, of those without a <width> by their borders."""
+    """Widths of lanes from the middle outwards, without a <width> by their borders."""
     complete = {}
     for lane, width in widths.items():
         borders = lane.findall("border")

@@ -233,7 +233,7 @@ class MapLane:
 def roads_near(
     root: ElementTree.Element, window: shapely.Geometry, level: float, storey: float
 ) -> tuple[list[MapRoad], int]:
-    """Roads in `window` near the height `level` (m), and the number of those there on another storey."""
+    """Roads in `window` near the height `level` (m), and the number of roads there on another storey."""
     found, others = [], 0
     around = window.buffer(30.0)
     for road in map(read_road, root.iter("road")):
@@ -393,7 +393,7 @@ def _project(root: ElementTree.Element, place: tuple[float, float]) -> tuple[flo
 
 
 def find_placement(root: ElementTree.Element) -> Pose:
-    """Pose of the file's frame in that of its projection: the <offset> of its header (1.8, 8.5).
+    """Pose of the file's frame in its projection's: the <offset> of its header (1.8, 8.5).
 
     A point of the file is turned by `hdg`, then moved by x, y and z. Raises ValueError for a damaged number."""
     offset = root.find("header/offset")

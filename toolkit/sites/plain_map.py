@@ -235,7 +235,7 @@ def _number_lanes(section: Section) -> dict[int, int]:
 
 
 def _part_directions(road: _Carriageway, *, keeps_other_side: bool) -> list[_Carriageway]:
-    """Carriageways of a road, first those of lanes that run against the usual direction of their side."""
+    """Carriageways of a road, first of the lanes that run against the usual direction of their side."""
     lanes = [lane for section in road.sections for lane in section.lanes]
     against = {lane for lane in lanes if _runs_against(lane) != keeps_other_side and _has_direction(lane)}
     if not against:
@@ -574,7 +574,7 @@ _Place = tuple[_Carriageway, int]
 def _read_pairs(
     connection: ElementTree.Element, writer: _Writer, incoming: tuple[str, str], other: tuple[str, str]
 ) -> list[tuple[_Place, _Place]]:
-    """Lanes that a connection joins. Without links, those of the same id (1.4, 5.4.2).
+    """Lanes that a connection joins. Without links, lanes of the same id (1.4, 5.4.2).
 
     incoming, other: id of a road, and the end at which it meets the junction or the connection."""
     texts = [(link.get("from", ""), link.get("to", "")) for link in connection.findall("laneLink")]

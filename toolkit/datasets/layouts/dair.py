@@ -92,7 +92,7 @@ def _read_place(folder: Path, name: str, problems: records.Problems) -> Pose:
 
 
 def _read_stamps(side: Path) -> dict[str, float]:
-    """Times of a side's clouds by name (s), of those that its data_info.json gives one."""
+    """Times of a side's clouds by name (s), if its data_info.json gives one."""
     index = side / "data_info.json"
     if not lexists(index):
         return {}
@@ -107,7 +107,7 @@ def _read_stamps(side: Path) -> dict[str, float]:
 
 
 def _read_camera(folder: Path, name: str, problems: records.Problems) -> Region:
-    """Region that the camera shows, from its own calibration and that of the lidar to it; everywhere without them."""
+    """Region that the camera shows, from its calibration and the lidar's to it; everywhere without them."""
     intrinsic, extrinsic = (folder / kind / f"{name}.json" for kind in ("camera_intrinsic", "virtuallidar_to_camera"))
     if not (lexists(intrinsic) and lexists(extrinsic)):
         records.add_problem(problems, NO_CAMERA, 1)

@@ -1,16 +1,15 @@
 """Plain folders of clouds: SENSOR/NAME.pcd or NAME.pcd, with poses.json (or .txt) and labels.json or without.
 
-World frame: that of the poses, world_SE3_sensor; without a pose file the clouds are taken to be in it already.
+World frame: the poses', world_SE3_sensor; without a pose file the clouds are taken to be in it already.
 
 - Clouds are any of .pcd .bin .ply .npy .npz .feather .xyz .csv (`toolkit.datasets.cloud_files`).
-- Sensors' files of one time are one frame if all names are times (`toolkit.datasets.clock_times`), else those of one
+- Sensors' files of one time are one frame if all names are times (`toolkit.datasets.clock_times`), else files of one
   name. If names are no times, no two sensors share one and all have equally many files, the k-th files of each are one
   frame, in the order of their names. A frame that lacks a sensor, or goes by order, is counted in its problems.
 - A pose goes by the name of the sensor, or of SENSOR/NAME or NAME if it moves.
-- labels.json is `toolkit.datasets.records`, by the names of the frames: those of their first clouds; it may have
-  another cloud's.
-- A name that is a number of seconds, milli-, micro- or nanoseconds since 1970 gives the time. Without one it is that of
-  labels.json, whose `clouds` has the times of the sensors' clouds."""
+- labels.json is `toolkit.datasets.records`, by the names of the frames' first clouds, or other clouds.
+- A name that is a number of seconds, milli-, micro- or nanoseconds since 1970 gives the time. Otherwise labels.json
+  has it, whose `clouds` has the times of the sensors' clouds."""
 
 import json
 import re
@@ -157,7 +156,7 @@ def _drop_doubled(files: list[Path]) -> list[Path]:
 
 
 def _stem(file: Path) -> str:
-    """A cloud's name without its ending, also without that of .pcd.bin."""
+    """A cloud's name without its ending, also without .pcd.bin."""
     return file.stem.removesuffix(".pcd")
 
 

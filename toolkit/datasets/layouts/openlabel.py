@@ -5,12 +5,12 @@ places no sensor it is the lidar's, as in TUM Traffic.
 
 - A cuboid's `val` is x y z, then the quaternion **x y z w** of any length, then length, width, height; x y z is the
   centre. With 9 numbers it has Euler angles about x, y and z, turned in the order ZYX, in place of the quaternion.
-- A cuboid, or its object, may name its `coordinate_system`; one that names none is in the world's.
+- A cuboid, or its object, may name its `coordinate_system`; without one it is in the world's.
 - pose_wrt_parent places a system in its parent: matrix4x4 by rows, quaternion x y z w and translation, or euler_angles
   in their `sequence` (ZYX) and translation. A frame's `transforms` replace it: X_dst = transform_src_to_dst X_src.
 - `cuboid` is a list, in TUM Traffic a single object. The class is `type` of the object at the top, or, in TUM Traffic,
   of object_data. Objects at the top may have cuboids too, which hold in their frame_intervals.
-- A frame's clouds are point_cloud_file_names (TUM Traffic), or the `uri` of its streams, or those of the file's name. A
+- A frame's clouds are point_cloud_file_names (TUM Traffic), the `uri` of its streams, or files called as the labels. A
   cloud's sensor is the stream whose uri it is, else one that its folder or its name tells.
 - num_points among the attributes is the set's count, -1 if nobody counted.
 - An object seen by two lidars has a label in each lidar's file: they are different frames here, not doubled labels."""
@@ -118,7 +118,7 @@ def _find_sensors(
 def _find_clouds(
     file: Path, frame: Unchecked, of_streams: Mapping[Path, str], clouds: _Clouds, problems: Problems
 ) -> list[Path]:
-    """Files of a frame's clouds: those it names, those of its streams, else those of its file's name."""
+    """Files of a frame's clouds: as it names them, by its streams, else by its file's name."""
     listed = [str(name) for name in (frame.get("frame_properties") or {}).get("point_cloud_file_names") or ()]
     if listed:
         chosen = [_find_cloud(name, file, clouds) for name in listed]

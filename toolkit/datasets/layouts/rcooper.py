@@ -1,12 +1,12 @@
 """RCooper: data/SCENE/AGENT/SEQUENCE/lidar/*.pcd, label/SCENE/AGENT/SEQUENCE/*.json, calib/lidar2world/AGENT.json.
 
-World frame: that of lidar2world, in which all agents (poles) of a scene stand; right-handed, z up. Each agent's labels
+World frame: lidar2world's, in which all agents (poles) of a scene stand; right-handed, z up. Each agent's labels
 are in its own lidar's frame and say what that agent sees; label/SCENE/coop is not read. Tracks are numbered by each
 agent for itself: boxes of one class that two agents list and that overlap are one object, the first agent's.
 
 - SCENE lists its agents, "117-118-120-119"; files are named by their time in seconds and differ by milliseconds between
-  agents: those of one time are one frame. Only if names are no times, the k-th of one belongs to the k-th of others.
-- Labels are as those of DAIR-V2X: centre, l w h, yaw about z in radians, numbers or strings.
+  agents: files of one time are one frame. Only if names are no times, the k-th of one belongs to the k-th of others.
+- Labels are as in DAIR-V2X: centre, l w h, yaw about z in radians, numbers or strings.
 - lidar2world turns by a matrix that is not quite a rotation."""
 
 from collections.abc import Mapping, Sequence
