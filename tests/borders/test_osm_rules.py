@@ -196,6 +196,7 @@ def test_ordinary_tags_need_no_word():
         ({"barrier": "block"}, True),
         ({"barrier": "lift_gate", "motor_vehicle": "no"}, True),
         ({"barrier": "cattle_grid"}, False),
+        ({"barrier": "sump_buster"}, True),
         ({"motor_vehicle": "no"}, True),
         ({"highway": "crossing", "motor_vehicle": "no"}, False),
         ({"highway": "traffic_signals"}, False),

@@ -62,7 +62,7 @@ _BOTH_WAYS = {"no", "false", "0"}
 _HALF_THE_TIME = {"reversible", "alternating"}
 _PASSABLE = {  # barriers on a road that cars drive through unless their tags close them
     *("gate", "lift_gate", "swing_gate", "cattle_grid", "toll_booth", "border_control", "entrance", "no", "kerb"),
-    *("height_restrictor", "sally_port", "arch", "checkpoint", "sump_buster", "rising_bollard", "hampshire_gate"),
+    *("height_restrictor", "sally_port", "arch", "checkpoint", "rising_bollard", "hampshire_gate"),
 }
 
 # kinds of rules, each followed by a colon and the number of roads
