@@ -169,7 +169,7 @@ def test_a_source_or_zone_tells_the_limit_where_none_is_given():
         ({"lanes": "2;3"}, osm_rules.LANES),
         ({"lanes:both_ways": "1"}, osm_rules.MIDDLE),
         ({"lanes": "1"}, osm_rules.SINGLE),
-        ({"width": "3.5"}, osm_rules.WIDTHS),
+        ({"width": "3.5"}, osm_rules.WIDTHS_UNUSED),
         ({"incline": "10%"}, osm_rules.SLOPES),
         ({"maxweight": "3.5"}, osm_rules.SIZES),
         ({"bicycle_road": "yes"}, osm_rules.CYCLE_ROAD),

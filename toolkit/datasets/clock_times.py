@@ -57,7 +57,7 @@ def parse_time(value: object, name: str) -> float | None:
     """Parse a time that a file states, as seconds; None if it is missing or empty.
 
     Numbers, also as text, are seconds, or smaller units since 1970 if they are that large; other text is a date and
-    time by ISO 8601, UTC unless it says otherwise. Raises ValueError for anything else."""
+    time by ISO 8601, UTC unless it has a zone. Raises ValueError for anything else."""
     if value is None or value == "":
         return None
     text = str(value).strip()

@@ -11,7 +11,7 @@ from typing import Literal
 from xml.etree import ElementTree
 
 from toolkit.sites.cubics import number
-from toolkit.sites.lane_sections import Section, SectionLane
+from toolkit.sites.lane_sections import LaneSection, SectionLane
 from toolkit.sites.network import FOOT, MOTOR
 
 USUAL_SPEED_MPS = 13.89  # of a road without a limit in the map
@@ -65,7 +65,7 @@ class LaneUse:
     limit: float | None
 
 
-def find_cuts(road: ElementTree.Element, sections: Sequence[Section]) -> set[float]:
+def find_cuts(road: ElementTree.Element, sections: Sequence[LaneSection]) -> set[float]:
     """Places along s (m) where a limit or an access rule changes within a section."""
     cuts = {number(element, "s", 0.0) for element in road.findall("type")}
     for section in sections:
@@ -76,7 +76,11 @@ def find_cuts(road: ElementTree.Element, sections: Sequence[Section]) -> set[flo
 
 
 def find_use(
-    road: ElementTree.Element, section: Section, lane: SectionLane, defaults: dict[str, float], problems: Counter[str]
+    road: ElementTree.Element,
+    section: LaneSection,
+    lane: SectionLane,
+    defaults: dict[str, float],
+    problems: Counter[str],
 ) -> LaneUse:
     """Users and limit of a lane at its section's start. What differs from the map is counted in `problems`.
 
@@ -103,7 +107,7 @@ def read_defaults(root: ElementTree.Element, problems: Counter[str]) -> dict[str
     return limits
 
 
-def _find_users(section: Section, lane: SectionLane, problems: Counter[str]) -> tuple[str, ...]:
+def _find_users(section: LaneSection, lane: SectionLane, problems: Counter[str]) -> tuple[str, ...]:
     kind = lane.kind
     if kind not in USERS:
         problems[f"lanes of type {kind[:30]!r} are closed, as the type is unknown"] += 1
@@ -147,7 +151,11 @@ def _apply_access(
 
 
 def _find_limit(
-    road: ElementTree.Element, section: Section, lane: SectionLane, defaults: dict[str, float], problems: Counter[str]
+    road: ElementTree.Element,
+    section: LaneSection,
+    lane: SectionLane,
+    defaults: dict[str, float],
+    problems: Counter[str],
 ) -> float | None:
     for speed in _active(lane.element.findall("speed"), lane.offset):
         limit = _parse_limit(speed.get("max"), speed.get("unit"), problems)

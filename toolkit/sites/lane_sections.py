@@ -42,7 +42,7 @@ class SectionLane:
 
 
 @dataclass(frozen=True, eq=False)
-class Section:
+class LaneSection:
     """Lanes from `start` to `end` along s (m), from the leftmost to the rightmost, without the centre lane."""
 
     start: float
@@ -56,7 +56,7 @@ class Section:
 
 def read_sections(
     road: ElementTree.Element, length: float, cuts: Iterable[float] = (), *, keep_empty: bool = False
-) -> list[Section]:
+) -> list[LaneSection]:
     """Sections of a <road>, cut at further places `cuts` too. length: of the road (m).
 
     keep_empty: keep sections of no length, whose links may lead from the road before to the section after.
@@ -65,7 +65,7 @@ def read_sections(
     elements = road.findall("lanes/laneSection")
     elements.sort(key=lambda element: number(element, "s"))
     offset = cubics(road.findall("lanes/laneOffset"))
-    sections: list[Section] = []
+    sections: list[LaneSection] = []
     sources: dict[str, list[ElementTree.Element]] = {}
     for side in _SIDES:
         sources[side] = [element for element in elements if _describes(element, side)]
@@ -79,14 +79,14 @@ def read_sections(
         for element in empty:
             sides = ((side, _Description(element, start, start)) for side in _SIDES)
             ends = [lane for side, described in sides for lane in _read_side(described, side, (start, start), offset)]
-            sections.append(Section(start, start, tuple(sorted(ends, key=lambda lane: -lane.number))))
+            sections.append(LaneSection(start, start, tuple(sorted(ends, key=lambda lane: -lane.number))))
         if 0 <= start < end - (0.0 if keep_empty else MIN_SECTION_M):
             lanes: list[SectionLane] = []
             for side in _SIDES:
                 described = _find_description(sources[side], start, length)
                 lanes += _read_side(described, side, (start, end), offset) if described else []
             lanes.sort(key=lambda lane: -lane.number)
-            sections.append(Section(start, end, tuple(lanes)))
+            sections.append(LaneSection(start, end, tuple(lanes)))
     return sections
 
 

@@ -80,7 +80,7 @@ SPEEDS = "roads with speed limits for some lanes or vehicles (maxspeed:hgv, maxs
 LANES = "roads with a number of lanes that is not understood"
 MIDDLE = "roads with a middle lane for both directions (lanes:both_ways), not used"
 SINGLE = "roads with one lane for both directions (lanes=1), drawn with one each way"
-WIDTHS = "roads with a width of their own (width, width:lanes), drawn with usual lanes"
+WIDTHS_UNUSED = "roads with a width of their own (width, width:lanes), drawn with usual lanes"
 SLOPES = "roads that rise (incline), level here"
 SIZES = "roads with limits of weight or size, closed to trucks and buses"
 CYCLE_ROAD = "roads for bicycles first (bicycle_road, cyclestreet), open to motor traffic as their access says"
@@ -392,7 +392,7 @@ def _list_unused(tags: Tags) -> list[str]:
     if tags.get("lanes") == "1" and _read_oneway(tags, []) == "no":
         notes.append(SINGLE)
     if any(key in tags for key in ("width", "est_width", "width:carriageway", "width:lanes")):
-        notes.append(WIDTHS)
+        notes.append(WIDTHS_UNUSED)
     if re.search(r"[1-9]|up|down", tags.get("incline", "")):
         notes.append(SLOPES)
     if "lanes:both_ways" in tags:

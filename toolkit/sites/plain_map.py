@@ -15,7 +15,7 @@ import numpy as np
 
 from toolkit.sites import lane_rules
 from toolkit.sites.cubics import Cubics, cubics, number
-from toolkit.sites.lane_sections import Section, SectionLane, read_sections
+from toolkit.sites.lane_sections import LaneSection, SectionLane, read_sections
 from toolkit.sites.network import FOOT, MOTOR, format_element, format_xml
 from toolkit.sites.opendrive import MapRoad
 
@@ -71,7 +71,7 @@ class _Carriageway:
     element: ElementTree.Element
     name: str
     length: float
-    sections: Sequence[Section]
+    sections: Sequence[LaneSection]
     offset: Cubics
     ends: Mapping[str, Mapping[int, int]]
     junction: str
@@ -225,11 +225,11 @@ def _read_roads(writer: _Writer) -> None:
         writer.roads[name] = _part_directions(whole, keeps_other_side=keeps_other_side)
 
 
-def _number_ends(sections: Sequence[Section]) -> dict[str, dict[int, int]]:
+def _number_ends(sections: Sequence[LaneSection]) -> dict[str, dict[int, int]]:
     return {"start": _number_lanes(sections[0]), "end": _number_lanes(sections[-1])}
 
 
-def _number_lanes(section: Section) -> dict[int, int]:
+def _number_lanes(section: LaneSection) -> dict[int, int]:
     """Ids of a section's lanes, each by itself."""
     return {lane.number: lane.number for lane in section.lanes}
 
@@ -240,7 +240,7 @@ def _part_directions(road: _Carriageway, *, keeps_other_side: bool) -> list[_Car
     against = {lane for lane in lanes if _runs_against(lane) != keeps_other_side and _has_direction(lane)}
     if not against:
         return [road]
-    kept: list[Section] = []
+    kept: list[LaneSection] = []
     for section in road.sections:
         inside = [*_strip_outer(section.side(1), against), *_strip_outer(section.side(-1), against)]
         kept.append(replace(section, lanes=tuple(sorted(inside, key=lambda lane: -lane.number))))
@@ -276,7 +276,7 @@ def _contraflow(road: _Carriageway, against: set[SectionLane], sign: int) -> _Ca
     """Lanes of one side that run against it, as lanes of the other side of a line along their outer border."""
     starts: list[float] = []
     rows: list[list[float]] = []
-    sections: list[Section] = []
+    sections: list[LaneSection] = []
     maps: list[dict[int, int]] = []
     closed: set[SectionLane] = set()
     for section in road.sections:
@@ -295,7 +295,7 @@ def _contraflow(road: _Carriageway, against: set[SectionLane], sign: int) -> _Ca
             for lane in group
         ]
         closed |= {new for new, lane in zip(turned, group, strict=True) if lane not in against}
-        sections.append(Section(section.start, section.end, tuple(sorted(turned, key=lambda lane: -lane.number))))
+        sections.append(LaneSection(section.start, section.end, tuple(sorted(turned, key=lambda lane: -lane.number))))
         maps.append(numbers)
     for i, numbers in enumerate(maps[1:]):
         ahead = tuple(replace(lane, after=_renumber(lane.after, numbers)) for lane in sections[i].lanes)
@@ -315,7 +315,9 @@ def _renumber(numbers: Sequence[int], known: Mapping[int, int] | None) -> tuple[
     return tuple(numbers) if known is None else tuple(known[n] for n in numbers if n in known)
 
 
-def _check_road(road: ElementTree.Element, length: float, sections: Sequence[Section], problems: Counter[str]) -> None:
+def _check_road(
+    road: ElementTree.Element, length: float, sections: Sequence[LaneSection], problems: Counter[str]
+) -> None:
     """Count what contradicts itself in a road."""
     attribute = road.get("length", "")
     if _is_number(attribute) and abs(float(attribute) - length) > max(MAX_LENGTH_GAP_M, MAX_LENGTH_GAP_SHARE * length):
@@ -466,7 +468,7 @@ def _write_lane(
 def _find_kind(
     writer: _Writer,
     road: _Carriageway,
-    section: Section,
+    section: LaneSection,
     lane: SectionLane,
     defaults: Mapping[str, float],
     problems: Counter[str],
@@ -485,7 +487,7 @@ def _find_kind(
 
 
 def _close_both(
-    section: Section, lane: SectionLane, use: lane_rules.LaneUse, problems: Counter[str]
+    section: LaneSection, lane: SectionLane, use: lane_rules.LaneUse, problems: Counter[str]
 ) -> lane_rules.LaneUse:
     """Use of a lane whose traffic does not run in the direction of its side."""
     direction = lane.element.get("direction", "standard")

@@ -147,7 +147,7 @@ def _sample(log: Path, name: str) -> Frame:
 
 
 def _first_offset_ns(part: Mapping[str, np.ndarray]) -> int:
-    """Time of a lidar's first point after its sweep's, 0 if the sweep does not say."""
+    """Time of a lidar's first point after its sweep's, 0 if the sweep has no times."""
     offsets = part.get("offset_ns", np.zeros(0, np.int64))
     return int(offsets.min()) if offsets.size and offsets.dtype.kind in "iu" else 0
 

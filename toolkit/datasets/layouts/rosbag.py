@@ -266,7 +266,7 @@ def _find_other_clocks(
 
 
 def _refuse(path: Path, has_clouds: bool, reason: Exception | None) -> None:
-    """Raise ValueError that says why a bag has no clouds of points."""
+    """Raise ValueError with the reason that a bag has no clouds of points."""
     if reason is not None:
         with _damage(path):
             raise reason
@@ -407,7 +407,7 @@ def _messages(path: Path, *kinds: str) -> Iterator[_Message]:
 
 
 def write_rosbag(samples: Iterable[Frame], folder: Path) -> None:
-    """Write clouds for ROS 2: recording.mcap, a topic per sensor with tf, without labels, as a warning says."""
+    """Write clouds for ROS 2: recording.mcap, a topic per sensor with tf, without labels, with a warning."""
     from rosbags.rosbag2 import StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
 

@@ -57,7 +57,7 @@ def _sample(folder: Path, files: dict[str, Path], middles: Middles, is_labelled:
 def write_sustech(samples: Iterable[Frame], folder: Path) -> None:
     """Write frames as a scene, numbered from 000000. The clouds of a frame become one.
 
-    A scene has no place for an origin: a warning says which was taken off coordinates that are far from zero."""
+    A scene has no place for an origin: a warning names the one taken off coordinates that are far from zero."""
     for number, sample in enumerate(near_frames(samples)):
         name = f"{number:06d}"
         if not number:
