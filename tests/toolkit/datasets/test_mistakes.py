@@ -120,3 +120,13 @@ def test_rows_that_belong_to_the_frames_are_given_back():
     tables = [rows(10.0 * k) for k in range(6)]
     assert suspect_frames([side(20.0, 99)] * 2, tables, [0, 1], LEVEL)[0] is None
     assert suspect_frames([side(20.0)] * 2, [table[:0] for table in tables], [0, 1], LEVEL)[0] is None
+
+
+def test_each_sensor_of_one_mistake_has_its_evidence(spoil):
+    (finding,) = [each for each in spoil(extrinsics(np.linalg.inv)) if each.where.startswith("sensor")]
+    assert finding.where == "sensors north, west"
+    north, west = finding.evidence.split("; ")
+    assert north.startswith("north: ")
+    assert west.startswith("west: ")
+    (alone,) = [each for each in spoil(extrinsics(np.linalg.inv, ["d01"])) if each.where.startswith("sensor")]
+    assert west == f"west: {alone.evidence}"
