@@ -24,6 +24,8 @@ from toolkit.sites.site import Site
 IGNORED_SHARE = 0.5  # share of a box's rectangle in the image beyond which an ignored region voids it, as in KITTI
 FARTHEST_BOX = 1000.0  # m from every sensor and point; an object farther away has coordinates of another unit or frame
 AWAY = "boxes a kilometre from every sensor"
+MAX_APART_S = 0.02  # a car at 50 km/h moves .28 m
+APART = f"frames whose clouds were measured more than {MAX_APART_S * 1000:.0f} ms apart"
 _UNKNOWN_MODEL = SpinningLidar()  # stands for the model of a sensor that is known by its clouds alone
 
 
@@ -268,6 +270,8 @@ class Frame(Displayed):
         more |= {"categories": categories, "counts": counts, "others": OtherObjects() if others is None else others}
         if away := _count_away(clouds, objects):
             more["problems"] = {**more.get("problems", {}), AWAY: away}
+        if measure_spread(clouds) > MAX_APART_S:
+            more["problems"] = {**more.get("problems", {}), APART: 1}
         return Frame(_cloud_sensors(clouds), tuple(clouds), objects, time, name=name, **more)
 
     def _card(self) -> Card:
@@ -332,6 +336,12 @@ class Frame(Displayed):
 def tabulate_measured(frame: Frame) -> Table:
     """Columns of a table of a frame's sensors with their points."""
     return {**tabulate_sensors(frame.sensors), "points": [len(cloud.points) for cloud in frame.clouds]}
+
+
+def measure_spread(clouds: Sequence[SensorCloud]) -> float:
+    """Time (s) between the first and the last of some clouds, 0 if fewer than two have a stamp."""
+    stamps = [cloud.stamp_s for cloud in clouds if cloud.stamp_s is not None]
+    return max(stamps) - min(stamps) if len(stamps) > 1 else 0.0
 
 
 def _count_away(clouds: Sequence[SensorCloud], objects: Objects) -> int:

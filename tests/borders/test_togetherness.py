@@ -11,7 +11,7 @@ from toolkit.datasets.clock_times import BY_ORDER, MAX_PERIOD_S, UNPAIRED, group
 from toolkit.datasets.layouts.folder import OTHER_NAME
 from toolkit.datasets.recordings import open_recording
 from toolkit.datasets.records import Listing
-from toolkit.frame import Frame
+from toolkit.frame import APART, Frame
 
 START_S = 1_700_000_000.0
 STEPS = np.arange(8)
@@ -49,6 +49,15 @@ def test_two_lidars_that_each_lost_a_cloud(tmp_path, unit):
     assert [frame.problems.get(UNPAIRED, 0) for frame in frames] == [0, 0, 1, 0, 0, 1, 0, 0]
     assert [cloud.name for cloud in frames[2].clouds] == ["south"]
     assert [cloud.name for cloud in frames[5].clouds] == ["north"]
+
+
+@pytest.mark.parametrize(("lag", "counted"), [(0.004, 0), (0.019, 0), (0.03, 1), (-0.045, 1)])
+def test_lidars_that_run_freely_are_paired_and_their_lag_is_counted(tmp_path, lag, counted):
+    put(tmp_path / "north", START_S + 0.1 * STEPS)
+    put(tmp_path / "south", START_S + 0.1 * STEPS + lag)
+    frames = list(open_recording(tmp_path))
+    assert [len(frame.clouds) for frame in frames] == [2] * 8
+    assert {frame.problems.get(APART, 0) for frame in frames} == {counted}
 
 
 def test_labels_by_the_name_of_any_cloud_of_a_frame(tmp_path):

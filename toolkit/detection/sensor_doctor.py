@@ -17,9 +17,8 @@ from toolkit.boxes import count_points, iou_bev
 from toolkit.calibration.ground import Ground
 from toolkit.datasets.doctor import Finding
 from toolkit.detection.label_fits import LEAST_BOXES, SHIFTS_S, Movers, Seen, find_movers, fits
-from toolkit.frame import Frame, SensorCloud
+from toolkit.frame import MAX_APART_S, Frame, SensorCloud, measure_spread
 
-MAX_APART_S = 0.02  # of clouds of one frame
 MAX_RATE_RATIO = 1.2
 MAX_REPEATED_SHARE = 0.2  # of a sensor's clouds
 MAX_MISSING_SHARE = 0.3  # of the frames between a sensor's first and last cloud
@@ -62,11 +61,8 @@ def _find_cloud(sample: Frame, name: str) -> SensorCloud | None:
 
 def suspect_stamps(samples: Sequence[Frame]) -> Iterator[Finding]:
     """Find clouds of one frame whose stamps are apart."""
-    spreads_s = []
-    for sample in samples:
-        stamps = [cloud.stamp_s for cloud in sample.clouds if cloud.stamp_s is not None]
-        if len(stamps) > 1:
-            spreads_s.append(max(stamps) - min(stamps))
+    paired = [sample for sample in samples if len(sample.clouds) > 1]
+    spreads_s = [measure_spread(sample.clouds) for sample in paired]
     if not spreads_s or np.median(spreads_s) <= MAX_APART_S:
         return
     evidence = f"{np.median(spreads_s):.3f} s from first to last, median of {len(spreads_s)} frames"
