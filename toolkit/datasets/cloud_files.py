@@ -33,7 +33,7 @@ if TYPE_CHECKING:  # Open3D takes long to load, and simulated recordings do with
     from toolkit.clouds import PointCloud
 
 _LEAST = 1e-30  # m; what is nearer to 0 are whole numbers, or parts of others, read as floats
-MIN_ROUNDING_M = 0.02
+MIN_ROUNDING_M = 0.01
 _MOST_SPREAD = 5000.0  # m from their middle that half of a sensor's points may lie: they would be millimetres
 
 
@@ -123,11 +123,11 @@ def check_extent(points: Float64[np.ndarray, "n 3"]) -> None:
 
 def describe_rounding(points: Float64[np.ndarray, "n 3"]) -> str | None:
     """Words on coordinates that lost centimetres before they were read; None if they did not."""
-    if not len(points):
-        return None
-    farthest = np.median(np.abs(points), axis=0).max()
+    sample = points[:: len(points) // 1000 + 1]
+    sample = sample[np.isfinite(sample).all(axis=1)]
+    farthest = np.median(np.abs(sample), axis=0).max() if len(sample) else 0.0
     step_m = float(np.spacing(np.float32(farthest)))
-    if step_m < MIN_ROUNDING_M or (points != points.astype(np.float32)).any():
+    if step_m < MIN_ROUNDING_M or (sample != sample.astype(np.float32)).any():
         return None
     lost = f"its coordinates are rounded to {step_m:g} m, as float32 does near {farthest:.0f} m"
     return f"{lost}: export them as double, or with an origin taken off"

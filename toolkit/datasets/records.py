@@ -14,7 +14,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from toolkit.arrays import Float64, Int64, Pose, Shaped
-from toolkit.datasets.cloud_files import check_extent, read_recorded
+from toolkit.datasets.cloud_files import check_extent, describe_rounding, read_recorded
 from toolkit.datasets.origins import MAX_SAMPLE, Middles, find_far_middle, translation
 from toolkit.datasets.point_times import is_time, parse_point_times
 from toolkit.frame import DisplayedRecording, Frame, Frames, OtherObjects, RecordingView, SensorCloud
@@ -298,7 +298,6 @@ EMPTY = "clouds without points"
 UNPLACED = "clouds far from their sensor's origin: the sensor counts as in their middle"
 COARSE_POINTS = "clouds in float32 so far from their origin that it holds no centimetres"
 FARTHEST_POINT = 1e5  # m from the sensor or the cloud's middle; farther out float32 loses centimetres
-COARSE_STEP_M = 0.01
 _FAR = 1000.0  # m from the middle, where no sensor for traffic measures
 _INTENSITIES = ("intensity", "reflectivity", "i", "colors")
 _RINGS = ("ring", "laser_number", "laser_id", "channel", "line", "beam")
@@ -357,7 +356,7 @@ def build_cloud(
     returned = (recorded != 0).any(axis=1) if frame == "sensor" else np.ones(len(recorded), bool)
     middle = find_far_middle(recorded)
     if middle.any():
-        add_problem(problems, COARSE_POINTS, int(_is_coarse(recorded, middle)))
+        add_problem(problems, COARSE_POINTS, int(describe_rounding(recorded) is not None))
         if frame == "world":
             recorded, frame = transform(invert(world_SE3_sensor), recorded), "sensor"
             middle = find_far_middle(recorded)
@@ -391,13 +390,6 @@ def build_cloud(
     kept = recorded[keep].astype(np.float32), world_SE3_sensor, frame
     intensity = None if intensity is None else intensity.astype(np.float32)
     return SensorCloud(name, *kept, seconds, intensity, None if ring is None else ring.astype(np.int64), stamp_s)
-
-
-def _is_coarse(points: Float64[np.ndarray, "n 3"], middle: Float64[np.ndarray, "3"]) -> bool:
-    """True if points were float32, whose steps at the cloud's middle exceed a centimetre."""
-    sample = points[:: len(points) // MAX_SAMPLE + 1]
-    step = float(np.spacing(np.float32(np.abs(middle).max())))
-    return step > COARSE_STEP_M and np.array_equal(sample, sample.astype(np.float32), equal_nan=True)
 
 
 def clock_time(frame: Frame, number: int) -> float:
