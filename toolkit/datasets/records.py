@@ -15,7 +15,7 @@ import numpy as np
 
 from toolkit.arrays import Float64, Int64, Pose, Shaped
 from toolkit.datasets.cloud_files import check_extent, describe_rounding, read_recorded
-from toolkit.datasets.origins import MAX_SAMPLE, Middles, find_far_middle, translation
+from toolkit.datasets.origins import Middles, find_far_middle, translation
 from toolkit.datasets.point_times import is_time, parse_point_times
 from toolkit.frame import DisplayedRecording, Frame, Frames, OtherObjects, RecordingView, SensorCloud
 from toolkit.geometry import MAX_COORDINATE_M, check_pose, invert, transform
