@@ -402,12 +402,12 @@ def clock_time(frame: Frame, number: int) -> float:
 
 
 def cloud_time(cloud: SensorCloud, frame_time_s: float) -> float:
-    """Return the time (s) to write of a cloud, its frame's if it has none."""
+    """Return the time (s) to write of a cloud, its frame's if it lacks one."""
     return frame_time_s if cloud.stamp_s is None else cloud.stamp_s
 
 
 def frame_time(clouds: Sequence[SensorCloud]) -> float:
-    """Return the time (s) of a frame's first cloud, NaN if it has none."""
+    """Return the time (s) of a frame's first cloud, NaN if it is not known."""
     first = clouds[0].stamp_s if clouds else None
     return np.nan if first is None else first
 

@@ -59,7 +59,7 @@ class FrameHistory:
         return FrameHistory(np.array(times, np.int64), tuple(link.parent for link in links), poses)
 
     def last_before(self, time_ns: int) -> tuple[str, Pose]:
-        """Parent and pose of the last transform up to a time, of the first if there is none."""
+        """Parent and pose of the last transform up to a time, of the first if all are later."""
         row = max(0, int(np.searchsorted(self.times_ns, time_ns, side="right")) - 1)
         return self.parents[row], self.poses[row]
 

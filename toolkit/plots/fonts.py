@@ -1,7 +1,7 @@
 """Fonts for letters that the house's own lack: those installed on this computer.
 
 Pictures are set in DejaVu Sans, which comes with matplotlib and has Latin, Greek, Cyrillic, Hebrew, Arabic, Georgian
-and Armenian letters. For others a font is looked for among those of the system; letters that none has are named, and
+and Armenian letters. For others a font is looked for among those of the system; letters without any font are named, and
 whoever sets a name writes something else in its place, never an empty box."""
 
 import unicodedata

@@ -376,7 +376,7 @@ def _describe_outside(root: ElementTree.Element, centre: tuple[float, float], ro
 
 
 def _project(root: ElementTree.Element, place: tuple[float, float]) -> tuple[float, float] | None:
-    """Longitude and latitude in metres of a map's projection; None if they or it are none, or PROJ is not here."""
+    """Longitude and latitude in metres of a map's projection; None without them, and without PROJ."""
     reference = _read_reference(root)
     if not reference or not (abs(place[0]) <= 180 and abs(place[1]) <= 90):
         return None

@@ -55,7 +55,7 @@ _Clouds = Mapping[str, Sequence[Path]]  # cloud files below a folder by name
 
 
 def openlabel(path: Path) -> records.Listing:
-    """Frames of one label file, or of all below a folder. Raises FileNotFoundError if there are none."""
+    """Frames of one label file, or of all below a folder. Raises FileNotFoundError without any."""
     files = [path] if path.is_file() else records.list_files(path, "*.json", recursive=True)
     if not files:
         raise FileNotFoundError(f"{path} holds no OpenLABEL files (*.json)")
