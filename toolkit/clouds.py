@@ -21,6 +21,7 @@ import numpy as np
 from toolkit.arrays import Float, Int, Int32, Int64, Mask, Points, Rng
 from toolkit.boxes import count_points
 from toolkit.frame import unproject
+from toolkit.point_columns import MAX_LISTED
 from toolkit.point_files import read_pcd, read_ply
 from toolkit.point_writing import format_pcd, format_ply
 from toolkit.points import Area, Crop
@@ -182,7 +183,9 @@ def load(path: str | Path) -> PointCloud:
     columns = readers[kind](path)
     points = columns.get("positions")
     if points is None or points.ndim != 2 or points.shape[1] != 3 or points.dtype not in (np.float32, np.float64):
-        raise ValueError(f"{path} has no points: its array positions must be (n, 3) of float32 or float64")
+        held = ", ".join(f"{name} {column.dtype} {column.shape}" for name, column in columns.items())[:MAX_LISTED]
+        rule = "its array positions must be (n, 3) of float32 or float64"
+        raise ValueError(f"{path} has no points: {rule}, got {held or 'no array'}")
     count, sound = len(points), dict[str, np.ndarray]()  # without what no cloud can have
     for name, column in columns.items():
         numbers = column.dtype.kind in "iub" or column.dtype in (np.float32, np.float64)

@@ -50,6 +50,16 @@ def test_dair_keeps_a_time_that_all_clouds_of_a_frame_share(tmp_path):
     assert [frame.clouds[0].stamp_s for frame in back] == [START_S, START_S + 0.1]
 
 
+@pytest.mark.parametrize("step_s", [0.1, 5.0])
+def test_dair_keeps_times_of_a_clock_that_starts_at_0(tmp_path, step_s):
+    """Simulated frames 5 s apart are 5000000 microseconds apart, no seconds."""
+    cloud = SensorCloud("lidar", POINTS, np.eye(4))
+    started = [Frame.of_clouds(str(k), (cloud,), Objects.empty(), time=k * step_s) for k in range(3)]
+    write_recording(started, tmp_path, "dair")
+    times = [frame.time for frame in open_recording(tmp_path, "dair")]
+    np.testing.assert_allclose(times, [0.0, step_s, 2 * step_s], atol=1e-9)
+
+
 def test_clouds_of_unknown_time_have_none(tmp_path):
     untimed = [frame.with_clouds([replace(cloud, stamp_s=None) for cloud in frame.clouds]) for frame in frames()]
     for layout in ("folder", "hdf5"):

@@ -54,6 +54,14 @@ def test_kitti_rows_of_other_lengths_are_refused_by_name(tmp_path, row, message)
         read(path, "kitti")
 
 
+def test_kitti_labels_without_a_calibration_are_refused_by_name(tmp_path):
+    """Their boxes are in the camera's frame, and only calib/ says where the camera is."""
+    path = recording(tmp_path, "kitti")
+    (path / "training/calib/000000.txt").unlink()
+    with pytest.raises(FileNotFoundError, match=r"no calibration .*calib/000000\.txt: the boxes .* camera's frame"):
+        read(path, "kitti")
+
+
 def test_dair_has_the_boxs_centre_strings_and_radians(tmp_path):
     path = recording(tmp_path, "dair")
     row = {"type": "Car", "3d_location": {"x": "12", "y": "3", "z": "-1"}, "rotation": str(YAW)}

@@ -14,7 +14,7 @@ import yaml
 from toolkit.boxes import count_points
 from toolkit.datasets import records
 from toolkit.datasets.clock_times import UNPAIRED
-from toolkit.datasets.layouts import folder as folder_layout, kitti, nuscenes, opv2v, rosbag
+from toolkit.datasets.layouts import kitti, nuscenes, opv2v, rosbag
 from toolkit.datasets.recordings import open_recording, write_recording
 from toolkit.frame import Frame, SensorCloud
 from toolkit.geometry import pose, transform
@@ -171,7 +171,7 @@ def test_a_cloud_under_two_endings_is_taken_once_and_counted(tmp_path):
     for name in ("000000", "000001"):
         np.save(tmp_path / f"lidar/{name}.npy", 2 * POINTS)
     first, second = open_recording(tmp_path, "folder")
-    assert first.problems == {folder_layout.DOUBLED_CLOUDS: 2}
+    assert first.problems == {records.DOUBLED_CLOUDS: 2}
     assert second.problems == {}
     np.testing.assert_allclose(first.points(), POINTS, atol=1e-6)
 

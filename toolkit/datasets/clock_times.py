@@ -21,6 +21,7 @@ _DECIMAL = re.compile(r"\d{9,10}\.\d+")
 _PARTED = re.compile(r"(\d{9,10})_(\d{3}|\d{6}|\d{9})(?:_[A-Za-z].*)?")
 _TICKS_PER_SECOND = (1, 10**3, 10**6, 10**9)
 EARLIEST_S, LATEST_S = 1e8, 4.1e9  # since 1970
+MAX_MICROSECONDS = LATEST_S * 1e6  # since 1970: what is larger has a smaller unit
 MAX_JITTER_SHARE = 0.5  # of the fastest sensor's period that two clouds of one frame differ from their sensors' lag
 MAX_PERIOD_S = 0.2  # of a sensor that measures all the time; slower recordings are samples of one
 UNPAIRED = "frames that lack the cloud of some sensor at their time"
@@ -77,6 +78,16 @@ def parse_time(value: object, name: str) -> float | None:
     if math.isnan(epoch):
         raise ValueError(f"{name} must be a time in s, ms, us or ns since 1970, got {text[:40]}")
     return epoch
+
+
+def parse_microseconds(ticks: float) -> float:
+    """Return seconds of a time in a format that has microseconds; what is too large for them is in nanoseconds.
+
+    >>> parse_microseconds(500000), parse_microseconds(1700000000250000000)
+    (0.5, 1700000000.25)
+    """
+    epoch = None if ticks < MAX_MICROSECONDS else find_epoch(f"{ticks:.0f}")
+    return ticks * 1e-6 if epoch is None else epoch
 
 
 def find_epoch(name: str) -> float | None:

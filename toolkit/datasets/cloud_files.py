@@ -9,8 +9,9 @@
 
 A pose is world_SE3_sensor (world → sensor with `inverted`): 16 numbers (4×4 by rows), 12 (the first three rows, as
 KITTI) or 7 (qw qx qy qz tx ty tz, metres). A pose file is JSON (one pose, a list of poses, or an object {name: pose})
-or text (one pose a line, with or without its name before it, or one pose in four lines). A pose's name is its cloud's
-file name without the ending. All is float64, so that map coordinates of a million metres keep their millimetres."""
+or text (one pose a line, with or without its name before it, or one pose in four lines, or rows under the names
+name, qw, qx, qy, qz, tx, ty, tz in any order). A pose's name is its cloud's file name without the ending. All is
+float64, so that map coordinates of a million metres keep their millimetres."""
 
 import csv
 import io
@@ -24,7 +25,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from toolkit.arrays import Float64, Pose
+from toolkit.arrays import Float32, Float64, Pose
 from toolkit.geometry import MAX_COORDINATE_M, check_pose, invert, transform
 from toolkit.point_columns import Attributes, find_axes, name_attributes, warn_of_offset
 from toolkit.runtime import files
@@ -34,6 +35,13 @@ if TYPE_CHECKING:  # Open3D takes long to load, and simulated recordings do with
 
 _LEAST = 1e-30  # m; what is nearer to 0 are whole numbers, or parts of others, read as floats
 MIN_ROUNDING_M = 0.01
+MIN_NUMBERED_ROWS = 5  # whose first cells 0, 1, 2, ... are no coordinates
+POSE_FORMS = "16, 12 or 7 numbers (4×4, 3×4, or qw qx qy qz tx ty tz)"
+QUATERNION_COLUMNS = ("qw", "qx", "qy", "qz")
+PLACE_COLUMNS = (("tx", "ty", "tz"), ("tx_m", "ty_m", "tz_m"), ("x", "y", "z"))
+NAME_COLUMNS = ("name", "sensor", "sensor_name", "frame", "file", "id")
+MAX_SHOWN = 60  # letters of a row in an error
+MAX_CHECKED_ROWS = 1000  # of a .bin file whose columns are compared with other widths
 _MOST_SPREAD = 5000.0  # m from their middle that half of a sensor's points may lie: they would be millimetres
 
 
@@ -173,7 +181,8 @@ def parse_pose(numbers: object, name: str = "pose") -> Pose:
     try:
         flat = np.array(numbers, np.float64).ravel()
     except (TypeError, ValueError, OverflowError):
-        raise ValueError(f"{name} must be numbers, got {str(numbers)[:60]}") from None
+        forms = POSE_FORMS if isinstance(numbers, dict) else "numbers"
+        raise ValueError(f"{name} must be {forms}, got {str(numbers)[:60]}") from None
     if flat.size == 7:
         with files.name_errors(name):
             _check_order(flat)
@@ -182,7 +191,7 @@ def parse_pose(numbers: object, name: str = "pose") -> Pose:
     if flat.size == 12:
         flat = np.append(flat, [0.0, 0.0, 0.0, 1.0])
     if flat.size != 16:
-        raise ValueError(f"{name} must be 16, 12 or 7 numbers (4×4, 3×4, or qw qx qy qz tx ty tz), got {flat.size}")
+        raise ValueError(f"{name} must be {POSE_FORMS}, got {flat.size}")
     return check_pose(flat.reshape(4, 4), name)
 
 
@@ -194,6 +203,19 @@ def _check_order(numbers: Float64[np.ndarray, "7"]) -> None:
     if is_last and np.any(numbers[4:6]):
         read = "qw qx qy qz tx ty tz, but might be tx ty tz qx qy qz qw: write a 4×4 matrix if so"
         warnings.warn(f"the pose {numbers.tolist()} is read as {read}", stacklevel=4)
+    elif _is_likelier_last(numbers[:4]):
+        read = "qw qx qy qz tx ty tz, but might be qx qy qz qw tx ty tz: write a 4×4 matrix if so"
+        warnings.warn(f"the pose {numbers.tolist()} is read as {read}", stacklevel=4)
+
+
+def _is_likelier_last(quaternion: Float64[np.ndarray, "4"]) -> bool:
+    """Return True if a quaternion turns a sensor half round or over with w first, but keeps it upright with w last."""
+    first, second, third, fourth = quaternion.tolist()
+    if first == second == 0.0:
+        return fourth != 0.0
+    upright_first = 1 - 2 * (second**2 + third**2)
+    upright_last = 1 - 2 * (first**2 + second**2)
+    return upright_first < 0 < upright_last
 
 
 def quaternion_pose(quaternion: Float64[np.ndarray, "4"], translation: Float64[np.ndarray, "3"]) -> Pose:
@@ -300,6 +322,9 @@ def _read(path: Path) -> Attributes:
         if len(rows) and np.mean(rows[:, 3] < 0) > 0.01:
             held = f"{path} must hold rows of float32 {' '.join(names)}, but its intensities are below 0"
             raise ValueError(f"{held}: save other types or columns as .npy or .csv")
+        if count == 4 and _has_five_columns(rows):
+            five = "5 columns, the last of whole numbers, as nuScenes has them"
+            raise ValueError(f"{path} must hold rows of float32 {' '.join(names)}, but fits {five}: call it .pcd.bin")
         return name_attributes(dict(zip(names, rows.T, strict=True)))
     if ending == ".feather":
         columns = read_table(path)
@@ -311,21 +336,38 @@ def _read(path: Path) -> Attributes:
     raise ValueError(f"{path}: a cloud file ends in .ply .pcd .npz .xyz .txt .csv .npy .bin or .feather")
 
 
+def _has_five_columns(rows: Float32[np.ndarray, "n 4"]) -> bool:
+    """Return True if rows of 4 numbers look like rows of 5, of which the fifth, a ring, is whole."""
+    if rows.size % 5 or not len(rows):
+        return False
+    fifth = rows.reshape(-1, 5)[:MAX_CHECKED_ROWS, 4]
+    fourth = rows[:MAX_CHECKED_ROWS, 3]
+    if (fourth == np.trunc(fourth)).all():
+        return False
+    return bool((fifth == np.trunc(fifth)).all()) and bool(fifth.any())
+
+
 def _columns_of_text(path: Path) -> dict[str, np.ndarray]:
     """Columns of a text file: by the names above its rows, else x, y and z first; others if they are named and purely
     numeric."""
     text = files.read_text(path)
-    rows = _rows(text)
+    rows = _drop_count(_rows(text.replace('"', "") if '"' in text else text))
     warn_of_offset(_first_comments(text))
     names: list[str] = []
     if rows and not any(map(_is_number, rows[0])):
         names = _split_header(_uncommented(text, 0))
-        rows = rows[1:]
+        rows = _drop_count(rows[1:])
     elif rows:
         names = _commented_header(text, len(rows[0]))
     widths = {len(row) - (not row[-1]) for row in rows}  # a row may end in its separator
-    if len(widths | ({len(names) - (not names[-1])} if names else set())) > 1 or re.search(_DECIMAL_COMMA, text):
-        raise ValueError(f"{path} must have as many cells in each row as names, and no decimal commas")
+    counts = sorted(widths | ({len(names) - (not names[-1])} if names else set()))
+    if re.search(_DECIMAL_COMMA, text):
+        raise ValueError(f"{path} must have no decimal commas: write points for them")
+    if len(counts) > 1:
+        got = f"got rows of {' and '.join(map(str, counts[:4]))}"
+        raise ValueError(f"{path} must have as many cells in each row as names, {got}")
+    if rows and not names:
+        rows = _check_numbering(path, rows)
     places = dict(zip("xyz", range(3), strict=True))
     if names:
         repeated = {name for name in names if name and names.count(name) > 1}
@@ -337,7 +379,9 @@ def _columns_of_text(path: Path) -> dict[str, np.ndarray]:
     try:
         table = {name: np.array([float(row[place]) for row in rows]) for name, place in places.items()}
     except (ValueError, IndexError):
-        raise ValueError(f"{path} must hold x y z in every row, numbers only") from None
+        row = next(row for row in rows if not all(len(row) > k and _is_number(row[k]) for k in places.values()))
+        got = f"got {', '.join(row)[:MAX_SHOWN]!r}"
+        raise ValueError(f"{path} must hold x y z in every row, numbers with decimal points only, {got}") from None
     if not names and max(widths, default=0) >= 6 and "," in text and "." not in text:
         warnings.warn(f"{path}: all numbers are whole: if its commas are decimal, write points for them", stacklevel=2)
     for place, name in enumerate(names):
@@ -346,8 +390,29 @@ def _columns_of_text(path: Path) -> dict[str, np.ndarray]:
     return table
 
 
-_DECIMAL_COMMA = r"(?m)^[^#/\n]*\d,\d+[^\S\r\n]+-?\d"  # with blanks between the cells
+_DECIMAL_COMMA = r'(?m)^[^#/\n]*\d,\d+[^\S\r\n]+-?\d|"[-+]?\d+,\d+"'  # with blanks or quotes between the cells
 _COMMENT = "#|//"
+
+
+def _drop_count(rows: list[list[str]]) -> list[list[str]]:
+    """Rows without a first one that holds their number, as PTS files and CloudCompare's text have it."""
+    return rows[1:] if rows and rows[0] == [str(len(rows) - 1)] else rows
+
+
+def _check_numbering(path: Path, rows: list[list[str]]) -> list[list[str]]:
+    """Rows without names, without a first one that numbers the columns.
+
+    Raises ValueError if the first column numbers the rows, so that x would be their number."""
+    width = len(rows[0])
+    if width >= 3 and len(rows) > 1 and rows[0] == [str(k) for k in range(width)]:
+        warnings.warn(f"{path}: its first row, {' '.join(rows[0])}, numbers the columns and is left out", stacklevel=4)
+        rows = rows[1:]
+    first, last = rows[0][0], rows[-1][0]
+    if width < 4 or len(rows) < MIN_NUMBERED_ROWS or first not in ("0", "1") or last != str(len(rows) - 1 + int(first)):
+        return rows
+    if [row[0] for row in rows] == [str(k + int(first)) for k in range(len(rows))]:
+        raise ValueError(f"{path} numbers its rows in the first column: name the columns in a line above")
+    return rows
 
 
 def _rows(text: str) -> list[list[str]]:
@@ -415,10 +480,33 @@ def _poses_of_json(content: object) -> dict[str, object]:
     return {str(k): pose for k, pose in enumerate([content] if single else content)}
 
 
+def _poses_of_table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> dict[str, object]:
+    """Poses of rows under the names of their columns, by their name or number."""
+    place = next((names for names in PLACE_COLUMNS if set(names) <= set(columns)), None)
+    if place is None or len(set(columns)) < len(columns):
+        wanted = "one each of qw, qx, qy, qz, and tx, ty, tz or x, y, z in metres"
+        raise ValueError(f"its columns must be {wanted}, got {', '.join(columns)[:MAX_SHOWN]}")
+    if any(len(row) != len(columns) for row in rows) or not rows:
+        raise ValueError("it must have a cell under each of its names in every row")
+    title = next((columns.index(name) for name in NAME_COLUMNS if name in columns), None)
+    places = [columns.index(name) for name in (*QUATERNION_COLUMNS, *place)]
+    named = [str(number) if title is None else row[title] for number, row in enumerate(rows)]
+    if len(set(named)) < len(named):
+        raise ValueError(f"two poses have one name: {', '.join(named)[:MAX_SHOWN]}")
+    poses: dict[str, object] = {}
+    for name, row in zip(named, rows, strict=True):
+        numbers = np.array([row[column] for column in places], np.float64)
+        poses[name] = quaternion_pose(numbers[:4], numbers[4:])
+    return poses
+
+
 def _poses_of_text(text: str) -> Mapping[str, object]:
     rows = [[cell for cell in row if cell] for row in _rows(text)]
     if not rows:
         raise ValueError("it is empty")
+    named_columns = [cell.lower() for cell in rows[0]]
+    if set(QUATERNION_COLUMNS) <= set(named_columns):
+        return _poses_of_table(named_columns, rows[1:])
     if [len(row) for row in rows] in ([4] * 4, [4] * 3):
         return {"0": [number for row in rows for number in row]}
     named = [row[0].removesuffix(":") if len(row) in (8, 13, 17) else str(k) for k, row in enumerate(rows)]

@@ -3,6 +3,7 @@ line that names a file. Numbers may be strings (DAIR-V2X, and YAML's 1e-05), and
 worse is a ValueError."""
 
 import json
+import re
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -18,7 +19,7 @@ from toolkit.datasets.cloud_files import check_extent, describe_rounding, read_r
 from toolkit.datasets.origins import Middles, find_far_middle, translation
 from toolkit.datasets.point_times import is_time, parse_point_times
 from toolkit.frame import DisplayedRecording, Frame, Frames, OtherObjects, RecordingView, SensorCloud
-from toolkit.geometry import MAX_COORDINATE_M, check_pose, invert, transform
+from toolkit.geometry import MAX_COORDINATE_M, check_pose, invert, pose, transform
 from toolkit.objects import LABELS, Detections, Objects, label_index
 from toolkit.point_files import pcd_bytes
 from toolkit.runtime.files import parse_json, read_bytes, read_own_table, replace_infinite, write_bytes, write_text
@@ -27,6 +28,7 @@ from toolkit.sites.site import Site
 Unchecked = Any  # a value of a file
 Problems = dict[str, int]  # number of labels and points left out, by kind
 
+_WHOLE_NUMBER = re.compile(r"(?<![0-9])(?<![0-9]\.)([0-9]{1,300})")
 NOT_RIGID = 0.05  # that a rotation may be off, largest entry of R Rᵀ - 1, before it is none
 _DAMAGE = (ValueError, TypeError, KeyError, IndexError, AttributeError, OverflowError, ArithmeticError, RecursionError)
 
@@ -194,7 +196,11 @@ OTHER_KINDS = "labels of other kinds than ours"
 STRAY = "names, times or tokens of labels have no cloud"
 UNLABELLED = "frames without labels among labelled ones, whose objects are unknown"
 DOUBLED = "doubled labels"
+DOUBLED_CLOUDS = "clouds that are there under another ending too, left out"
 FULL_TURNS = "yaws beyond a full turn"
+TILTED = "boxes tilted by more than 20 degrees, of which only the heading is kept"
+MIN_LEVEL = np.cos(np.deg2rad(8.0))  # cosine of a road's slope, which tilts a vehicle's frame
+MIN_UPRIGHT = np.cos(np.deg2rad(20.0))  # cosine of the tilt of a road user's box
 
 _NAMES = read_own_table(__file__, "classes.toml")
 CATEGORIES = {name: label_index(label) for label, names in _NAMES.items() for name in names}
@@ -251,6 +257,13 @@ def labelled(
     return Labelled(found, own_names, known, OtherObjects(boxes[others], other_names, known_others))
 
 
+def level_frame(map_SE3_frame: Pose) -> Pose:
+    """Return the pose of a frame of boxes, turned level if it is a sensor's rather than a vehicle's: tilted far."""
+    if map_SE3_frame[2, 2] >= MIN_LEVEL:
+        return map_SE3_frame
+    return pose(*map_SE3_frame[:3, 3], yaw=float(heading(map_SE3_frame, 0.0)))
+
+
 def move_boxes(target_SE3_source: Pose, boxes: Shaped[np.ndarray, "n 7"]) -> np.ndarray:
     """Boxes of the source frame in the target frame, whose z is up as well."""
     with np.errstate(all="ignore"):
@@ -280,6 +293,13 @@ def count_full_turns(yaws: Shaped[np.ndarray, " n"], problems: Problems) -> None
     add_problem(problems, FULL_TURNS, int((np.abs(yaws) > FULL_TURN).sum()))
 
 
+def find_headings(turned: Float64[np.ndarray, "n 3 3"], problems: Problems) -> Float64[np.ndarray, " n"]:
+    """Headings (rad) of boxes' rotations, from above; boxes that no road tilts so far are counted in `problems`."""
+    with np.errstate(invalid="ignore"):
+        add_problem(problems, TILTED, int((turned[:, 2, 2] < MIN_UPRIGHT).sum()))
+    return np.asarray(np.arctan2(turned[:, 1, 0], turned[:, 0, 0]))
+
+
 def track_number(name: object) -> int:
     """Track id as a number: an integer, also as text, stays itself, any other id becomes a number of its text."""
     text = str(name).strip()
@@ -306,10 +326,34 @@ UNTIMED = "clouds whose points have times of an unknown unit, which were left ou
 
 
 def list_files(folder: Path, pattern: str = "*", *, recursive: bool = False) -> list[Path]:
-    """Files and folders in a folder by name, without hidden ones and those that macOS adds to archives (`._NAME`)."""
+    """Files and folders in a folder in `natural_order`, without hidden ones and those that macOS adds to archives
+    (`._NAME`)."""
     if not recursive:
-        return sorted(file for file in folder.glob(pattern) if not _is_hidden((file.name,)))
-    return sorted(file for file in folder.rglob(pattern) if not _is_hidden(file.relative_to(folder).parts))
+        files = [file for file in folder.glob(pattern) if not _is_hidden((file.name,))]
+    else:
+        files = [file for file in folder.rglob(pattern) if not _is_hidden(file.relative_to(folder).parts)]
+    return sorted(files, key=_path_order)
+
+
+def natural_order(name: str) -> tuple[str | int, ...]:
+    """Sort key of a name: numbers in it count as numbers, so that frame 2 comes before frame 10.
+
+    Digits after a decimal point stay text, as they are compared from their left.
+
+    >>> sorted(["10", "9", "1"], key=natural_order)
+    ['1', '9', '10']
+    >>> sorted(["7.5", "7.25", "007"], key=natural_order)
+    ['007', '7.25', '7.5']
+    """
+    pieces = _WHOLE_NUMBER.split(name)
+    numbered = (int(piece) if place % 2 else piece for place, piece in enumerate(pieces))
+    return (*numbered, name)
+
+
+def _path_order(file: Path) -> tuple[tuple[str | int, ...], ...]:
+    """Sort key of a path by its parts, the ending of a file's name after the rest of it."""
+    folders = tuple(natural_order(part) for part in file.parts[:-1])
+    return (*folders, natural_order(file.stem), (file.suffix,))
 
 
 def _is_hidden(parts: tuple[str, ...]) -> bool:

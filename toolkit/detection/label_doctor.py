@@ -161,6 +161,7 @@ _UNIT = "check their unit, metres are read"
 _ALIKE = "name clouds and labels alike, times in the same unit"  # remedies of what no sound recording has
 _REMEDIES = {records.STRAY: _ALIKE, records.NOT_FINITE: "restore them, or remove them"}
 _REMEDIES |= {records.NO_SIZE: _UNIT, records.TOO_LARGE: _UNIT, AWAY: "check their unit, and the frame they are in"}
+_REMEDIES |= {records.TILTED: "check the order of quaternions, w first or last, and of angles"}
 _REMEDIES |= {records.EMPTY: "check their sensor, or leave these frames out", records.FAR_POINTS: _UNIT}
 FREER = 0.1  # gain in mean fit that explanations which choose a sensor for each box need
 TURNED_GAIN = 0.15  # gain in mean fit that explanations which turn each box freely need

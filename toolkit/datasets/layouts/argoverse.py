@@ -62,12 +62,12 @@ def sweep_times(log: str | Path) -> list[int]:
     return times
 
 
-def read_labels(log: str | Path, time: int) -> Labels:
-    """The cuboids labelled at one sweep's time."""
+def read_labels(log: str | Path, time: int, problems: records.Problems | None = None) -> Labels:
+    """The cuboids labelled at one sweep's time. problems: counts boxes that no road tilts so far."""
     table = read_table(Path(log, "annotations.feather"))
     table = {name: column[_stamps(table) == time] for name, column in table.items()}
     poses = _poses(table)
-    yaw = np.arctan2(poses[:, 1, 0], poses[:, 0, 0])
+    yaw = records.find_headings(poses[:, :3, :3], {} if problems is None else problems)
     size = [table[name] for name in ("length_m", "width_m", "height_m")]
     categories, tracks = (tuple(map(str, table[name])) for name in ("category", "track_uuid"))
     boxes = np.column_stack([poses[:, :3, 3], *size, yaw])
@@ -133,7 +133,7 @@ def _sample(log: Path, name: str) -> Frame:
     annotations, found = log / "annotations.feather", records.no_labels()
     if lexists(annotations):
         with named_damage(annotations, "table of labels"):
-            labels = read_labels(log, time)
+            labels = read_labels(log, time, problems)
             named = labels.boxes, labels.categories, labels.tracks
             found = records.labelled(*named, problems, labels.interior_points)
     city, map_SE3_ego = log / "city_SE3_egovehicle.feather", np.eye(4)
@@ -213,7 +213,7 @@ def _labels(sample: Frame, stamp: int) -> dict[str, np.ndarray]:
     ids, names = sample.objects.ids.astype(str), [_NAMES[LABELS[label]] for label in sample.objects.labels]
     labels = {"timestamp_ns": np.full(len(boxes), stamp, np.int64), "track_uuid": ids.astype(object)}
     labels |= {"category": np.array(names, object), **sizes, **turns}
-    counts = np.zeros(len(boxes), np.int64) if sample.counts is None else sample.counts
+    counts = count_points(sample.points(), boxes) if sample.counts is None else sample.counts
     return labels | {"num_interior_pts": counts}
 
 

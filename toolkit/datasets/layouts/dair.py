@@ -26,7 +26,7 @@ import numpy as np
 
 from toolkit.arrays import Pose
 from toolkit.datasets import records
-from toolkit.datasets.clock_times import parse_time
+from toolkit.datasets.clock_times import parse_microseconds
 from toolkit.datasets.origins import Middles, near_frames
 from toolkit.datasets.records import as_number, entry, named_damage
 from toolkit.frame import Everywhere, Frame, ImageWedge, Region
@@ -100,9 +100,9 @@ def _read_stamps(side: Path) -> dict[str, float]:
     with named_damage(index, "list of clouds"):
         for row in records.as_list(records.load_json(index)):
             name = Path(str(row.get("pointcloud_path") or row.get("frame_id") or "")).stem
-            stamp = parse_time(row.get("pointcloud_timestamp"), "pointcloud_timestamp")
-            if stamp is not None:
-                stamps[name] = stamp
+            ticks = records.finite_time(row.get("pointcloud_timestamp"), "pointcloud_timestamp")
+            if ticks is not None:
+                stamps[name] = parse_microseconds(ticks)
     return stamps
 
 

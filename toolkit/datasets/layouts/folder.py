@@ -5,7 +5,8 @@ World frame: the poses', world_SE3_sensor; without a pose file the clouds are ta
 - Clouds are any of .pcd .bin .ply .npy .npz .feather .xyz .csv (`toolkit.datasets.cloud_files`).
 - Sensors' files of one time are one frame if all names are times (`toolkit.datasets.clock_times`), else files of one
   name. If names are no times, no two sensors share one and all have equally many files, the k-th files of each are one
-  frame, in the order of their names. A frame that lacks a sensor, or goes by order, is counted in its problems.
+  frame, in the order of their names, 2 before 10. A frame that lacks a sensor, or goes by order, is counted in its
+  problems.
 - A pose goes by the name of the sensor, or of SENSOR/NAME or NAME if it moves.
 - labels.json is `toolkit.datasets.records`, by the names of the frames' first clouds, or other clouds.
 - A name that is a number of seconds, milli-, micro- or nanoseconds since 1970 gives the time. Otherwise labels.json
@@ -31,7 +32,6 @@ from toolkit.runtime.files import write_text
 
 POSES = ("poses.json", "poses.txt", "poses.csv")
 LABELS_FILE = "labels.json"
-DOUBLED_CLOUDS = "clouds that are there under another ending too, left out"
 OTHER_NAME = "labels by the name of a second cloud of a labelled frame"
 RECORDED = ("*.hdf5", "*.h5", "*.bag", "*.mcap", "*.db3")  # recordings in single files
 _CONVERT = "convert them to .pcd, .ply, .npy or .csv"
@@ -77,7 +77,7 @@ def folder(path: Path, *, poses: Path | None = None, inverted: bool = False) -> 
     load = _Loader(names, len(clouds), by_order, placed, labels, entries, times, middles)
     known = [_stem(file) for files in names.values() for file in files.values()]
     of_folder = entries if path.is_dir() else ()
-    return records.Listing(tuple(names), load, labelled=of_folder, known=known, noted={DOUBLED_CLOUDS: doubled})
+    return records.Listing(tuple(names), load, labelled=of_folder, known=known, noted={records.DOUBLED_CLOUDS: doubled})
 
 
 @dataclass(frozen=True)
@@ -152,7 +152,7 @@ def _drop_doubled(files: list[Path]) -> list[Path]:
     by_stem: dict[str, Path] = {}
     for file in sorted(files, key=lambda file: records.ENDINGS.index(file.suffix.lower())):
         by_stem.setdefault(_stem(file), file)
-    return sorted(by_stem.values())
+    return [by_stem[stem] for stem in sorted(by_stem, key=records.natural_order)]
 
 
 def _stem(file: Path) -> str:
@@ -167,14 +167,19 @@ def _match(clouds: Mapping[str, list[Path]]) -> tuple[dict[str, dict[str, Path]]
         for file in files:
             by_stem.setdefault(_stem(file), {})[sensor] = file
     if len(clouds) < 2:
-        return dict(sorted(by_stem.items())), False
+        return _sort_frames(by_stem), False
     if all(find_epoch(stem) is not None for stem in by_stem):
         return _match_times(clouds), False
     apart = all(len(files) == 1 for files in by_stem.values())
     if apart and len({len(files) for files in clouds.values()}) == 1:
         first = next(iter(clouds.values()))
         return {_stem(file): {s: files[k] for s, files in clouds.items()} for k, file in enumerate(first)}, True
-    return dict(sorted(by_stem.items())), False
+    return _sort_frames(by_stem), False
+
+
+def _sort_frames(by_stem: Mapping[str, dict[str, Path]]) -> dict[str, dict[str, Path]]:
+    """Files of each frame in the order of the frames' names."""
+    return {stem: by_stem[stem] for stem in sorted(by_stem, key=records.natural_order)}
 
 
 def _match_times(clouds: Mapping[str, list[Path]]) -> dict[str, dict[str, Path]]:

@@ -58,6 +58,8 @@ def _sample(folder: Path, middles: Middles, is_labelled: bool, name: str) -> Fra
     if not lexists(labels):
         records.add_problem(problems, records.UNLABELLED, int(is_labelled))
         return Frame.of_clouds(name, (cloud,), *records.no_labels(), problems=problems)
+    if not lexists(calib):
+        raise FileNotFoundError(f"no calibration {calib}: the boxes of {labels.name} are in a camera's frame, add it")
     with records.named_damage(calib, "calibration"):
         camera_SE3_lidar, projection, map_SE3_lidar = _parse_calibration(read_bytes(calib).decode("utf-8-sig"))
     with records.named_damage(labels, "list of labels"):

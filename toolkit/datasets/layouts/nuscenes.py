@@ -23,7 +23,7 @@ import numpy as np
 from toolkit.arrays import Float64, Pose
 from toolkit.boxes import count_points
 from toolkit.datasets import records
-from toolkit.datasets.clock_times import LATEST_S, find_epoch
+from toolkit.datasets.clock_times import parse_microseconds
 from toolkit.datasets.cloud_files import quaternion_pose
 from toolkit.datasets.origins import near_frames
 from toolkit.datasets.records import as_number, entry, named_damage, numbers
@@ -33,7 +33,6 @@ from toolkit.objects import LABELS
 from toolkit.runtime.files import resolve_below, write_bytes, write_text
 
 _NAMES = "vehicle.car", "vehicle.bicycle", "human.pedestrian.adult", "vehicle.truck"  # of `LABELS`
-NOT_MICROSECONDS = LATEST_S * 1e6  # since 1970: what is larger has a smaller unit
 SCENE = "scene"  # token of the one scene that is written, of its log and its map
 MAP_FILE = "maps/none.png"
 SWEEPS_BETWEEN = "sweeps between two samples, which is_key_frame does not say, left out"
@@ -133,13 +132,14 @@ def _sample(
         files = [resolve_below(folder.parent, str(entry(row, "filename"))) for row in data]
         names = [_sensor(tables, row, "channel") for row in data]
         stamps = [_parse_time(entry(row, "timestamp")) if is_clock else None for row in data]
-    map_SE3_ego = placed[0]
+    map_SE3_ego = records.level_frame(placed[0])
     poses = [invert(map_SE3_ego) @ ego @ pose for ego, pose in zip(placed, mounted, strict=True)]
     clouds = []
     for file, name, pose, stamp in zip(files, names, poses, stamps, strict=True):
         clouds.append(records.read_cloud(file, name, pose, problems, stamp_s=stamp))
     with named_damage(folder / "sample_annotation.json", "table"):
         boxes = np.array([_box(row) for row in labels], np.float64).reshape(-1, 7)
+        boxes[:, 6] = records.find_headings(np.array([_turn(row) for row in labels]).reshape(-1, 3, 3), problems)
         counts = np.array([int(as_number(row.get("num_lidar_pts", -1))) for row in labels], np.int64)
         instances = [str(entry(row, "instance_token")) for row in labels]
     with named_damage(folder / "instance.json", "table"):
@@ -151,9 +151,7 @@ def _sample(
 
 def _parse_time(value: records.Unchecked) -> float:
     """Time (s) of a row in microseconds, or in another unit since 1970 that its size tells."""
-    ticks = as_number(value, "timestamp")
-    stated = find_epoch(f"{ticks:.0f}") if ticks >= NOT_MICROSECONDS else None
-    return ticks * 1e-6 if stated is None else stated
+    return parse_microseconds(as_number(value, "timestamp"))
 
 
 def _placed(folder: Path, tables: dict[str, _Row], name: str, row: _Row) -> Pose:
@@ -168,10 +166,17 @@ def _placed(folder: Path, tables: dict[str, _Row], name: str, row: _Row) -> Pose
 
 
 def _box(row: _Row) -> np.ndarray:
+    """Box of a label without its yaw."""
     width, length, height = numbers(entry(row, "size"), 3, "size")
+    return np.array([*numbers(entry(row, "translation"), 3, "translation"), length, width, height, 0.0])
+
+
+def _turn(row: _Row) -> Float64[np.ndarray, "3 3"]:
+    """Rotation of a label's box, NaN if its numbers are not finite."""
     turned = numbers(entry(row, "rotation"), 4, "rotation")
-    yaw = records.heading(quaternion_pose(turned, np.zeros(3)), 0.0) if np.isfinite(turned).all() else np.nan
-    return np.array([*numbers(entry(row, "translation"), 3, "translation"), length, width, height, yaw])
+    if not np.isfinite(turned).all():
+        return np.full((3, 3), np.nan)
+    return quaternion_pose(turned, np.zeros(3))[:3, :3]
 
 
 def _kind(tables: dict[str, _Row], row: _Row, instance: str) -> str:

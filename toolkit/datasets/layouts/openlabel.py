@@ -30,7 +30,7 @@ from toolkit.datasets.clock_times import find_epoch, parse_time
 from toolkit.datasets.origins import Middles
 from toolkit.datasets.records import Problems, Unchecked, add_problem, as_number, entry, named_damage, numbers
 from toolkit.frame import Frame
-from toolkit.geometry import invert, pose
+from toolkit.geometry import invert, pose, transform
 from toolkit.objects import LABELS, Detections, Objects
 from toolkit.runtime.files import write_text
 
@@ -90,10 +90,12 @@ def openlabel(path: Path) -> records.Listing:
 
 
 def _frames(content: Unchecked) -> dict[str, Unchecked]:
-    """Frames by key; a file of objects without frames, whose cuboids hold always, is one frame."""
+    """Frames by key in the order of their numbers; a file of objects without frames, whose cuboids hold always, is one
+    frame."""
     if "frames" not in content and content.get("objects"):
         return {"0": {}}
-    return dict(entry({"openlabel": content}, "openlabel", "frames"))
+    frames = dict(entry({"openlabel": content}, "openlabel", "frames"))
+    return {key: frames[key] for key in sorted(frames, key=records.natural_order)}
 
 
 def _streams(content: Unchecked, frame: Unchecked) -> dict[str, Unchecked]:
@@ -244,11 +246,11 @@ def _parse_systems(content: Unchecked, frame: Unchecked) -> _Systems:
             parents[name] = parent, np.eye(4)
             unplaced.add(name)
     known = {*systems, *(parent for parent, _ in parents.values())}
-    for title, transform in ((frame.get("frame_properties") or {}).get("transforms") or {}).items():
-        source, target = str(entry(transform, "src")), str(entry(transform, "dst"))
+    for title, link in ((frame.get("frame_properties") or {}).get("transforms") or {}).items():
+        source, target = str(entry(link, "src")), str(entry(link, "dst"))
         known |= {source, target}
         try:
-            dst_SE3_src = parse_transform(_find_transform(transform), f"transform {title}")
+            dst_SE3_src = parse_transform(_find_transform(link), f"transform {title}")
         except ValueError as error:
             unreadable[source] = str(error)
             continue
@@ -381,6 +383,7 @@ class _Rows:
     ) -> "_Rows":
         """Parse the cuboids that the frame has or that hold in it."""
         boxes, kinds, ids, counts = list[np.ndarray](), list[str](), list[str](), list[int]()
+        turns: list[np.ndarray] = []
         names: list[str] = []  # of each box's coordinate system
         poses: dict[str, Pose | None] = {}
         described = content.get("objects") or {}
@@ -397,19 +400,22 @@ class _Rows:
                 if poses[name] is None:
                     add_problem(problems, UNKNOWN_FRAME, 1)
                     continue
-                box, angles = _parse_box(entry(cuboid, "val"))
-                if len(angles):
-                    records.count_full_turns(angles, problems)
+                box, turned, angles = _parse_box(entry(cuboid, "val"))
+                records.count_full_turns(angles, problems)
                 boxes.append(box)
+                turns.append(turned)
                 names.append(name)
                 kinds.append(str(data.get("type") or entry({"objects": described}, "objects", track, "type")))
                 ids.append(track)
                 counts.append(_count(cuboid))
         table = np.array(boxes, np.float64).reshape(-1, 7)
+        turned_boxes = np.array(turns, np.float64).reshape(-1, 3, 3)
         for name, in_root in poses.items():
             rows = np.flatnonzero(np.array(names, str) == name)
             if in_root is not None and len(rows):
-                table[rows] = records.move_boxes(in_root, table[rows])
+                table[rows, :3] = transform(in_root, table[rows, :3])
+                turned_boxes[rows] = in_root[:3, :3] @ turned_boxes[rows]
+        table[:, 6] = records.find_headings(turned_boxes, problems)
         return _Rows(table, kinds, ids, counts, names.count(""))
 
 
@@ -443,8 +449,10 @@ def _count(cuboid: Unchecked) -> int:
     return -1
 
 
-def _parse_box(value: Unchecked) -> tuple[Float64[np.ndarray, "7"], Float64[np.ndarray, " n"]]:
-    """Box of a cuboid's numbers, and its Euler angles (rad) if it has any."""
+def _parse_box(
+    value: Unchecked,
+) -> tuple[Float64[np.ndarray, "7"], Float64[np.ndarray, "3 3"], Float64[np.ndarray, " n"]]:
+    """Box of a cuboid's numbers without its yaw, its rotation, and its Euler angles (rad) if it has any."""
     angles = np.zeros(0)
     if np.size(np.array(value, dtype=object)) == 9:
         x, y, z, roll, pitch, yaw, *sizes = numbers(value, 9, "cuboid val")
@@ -453,7 +461,7 @@ def _parse_box(value: Unchecked) -> tuple[Float64[np.ndarray, "7"], Float64[np.n
     else:
         x, y, z, qx, qy, qz, qw, *sizes = numbers(value, 10, "cuboid val")
         turned = turn_by_quaternion(np.array([qx, qy, qz, qw]))
-    return np.array([x, y, z, *sizes, np.arctan2(turned[1, 0], turned[0, 0])]), angles
+    return np.array([x, y, z, *sizes, 0.0]), turned, angles
 
 
 def write_openlabel(samples: Iterable[Frame], folder: Path) -> None:

@@ -50,7 +50,8 @@ def opv2v(path: Path, *, left_handed: bool = True) -> records.Listing:
             known.append(place)
     if not names:
         raise FileNotFoundError(f"{path} is no folder of OPV2V: it has no AGENT/*.yaml beside clouds of their names")
-    agents = {name: sorted(files, key=_agent) for name, files in sorted(names.items())}
+    in_order = sorted(names.items(), key=lambda frame: records.natural_order(frame[0]))
+    agents = {name: sorted(files, key=_agent) for name, files in in_order}
     mirror = MIRROR if left_handed else np.eye(4)
     of_scenario: dict[Path, set[str]] = {}
     for file in (file for files in agents.values() for file in files):

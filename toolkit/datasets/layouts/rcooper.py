@@ -28,6 +28,7 @@ from toolkit.datasets.records import (
     add_problem,
     frame_time,
     list_files,
+    natural_order,
     read_cloud,
 )
 from toolkit.frame import Frame, SensorCloud
@@ -79,11 +80,11 @@ def _clouds(folder: Path) -> list[Path]:
     return sorted((file for file in list_files(folder) if file.suffix.lower() in ENDINGS), key=_time)
 
 
-def _time(file: Path) -> tuple[float, str]:
+def _time(file: Path) -> tuple[float, tuple[str | int, ...]]:
     try:
-        return float(file.stem), file.stem
+        return float(file.stem), natural_order(file.stem)
     except ValueError:
-        return float("inf"), file.stem
+        return float("inf"), natural_order(file.stem)
 
 
 def _sample(

@@ -3,8 +3,8 @@
 World frame: the lidar's, as recorded; z up, which way is forward differs between recordings.
 
 - A label is {"obj_id", "obj_type", "psr": {"position", "rotation", "scale"}}: position is the centre of the box, scale
-  x y z its length, width and height, rotation x y z in radians, of which z is the yaw; x and y are hardly ever not 0
-  and are dropped.
+  x y z its length, width and height, rotation x y z in radians about the turned axes, in this order; only the heading
+  of a box is kept.
 - obj_id is a string, and the same through a scene.
 - A cloud's name may be its time, seconds or smaller units since 1970.
 - Frames nobody has labelled yet have no file: their objects are unknown, not none."""
@@ -17,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
+from toolkit.arrays import Float64
 from toolkit.datasets import records
 from toolkit.datasets.clock_times import find_epoch
 from toolkit.datasets.origins import Middles, near_frames, warn_of_origin
@@ -29,14 +30,18 @@ _NAMES = records.COMMON_NAMES | {"cyclist": "Bicycle"}
 
 def sustech(path: Path) -> Listing:
     """Frames of a scene's folder. Raises FileNotFoundError if it is not a scene."""
-    clouds = (file for file in records.list_files(path / "lidar") if file.suffix.lower() in ENDINGS)
-    files = {file.stem: file for file in clouds}
+    clouds = [file for file in records.list_files(path / "lidar") if file.suffix.lower() in ENDINGS]
+    files: dict[str, Path] = {}
+    for file in sorted(clouds, key=lambda file: ENDINGS.index(file.suffix.lower())):
+        files.setdefault(file.stem, file)
+    files = {name: files[name] for name in sorted(files, key=records.natural_order)}
     if not files:
         raise FileNotFoundError(f"{path} is no SUSTechPOINTS scene: it has no lidar/*.pcd")
     labelled = [file.stem for file in records.list_files(path / "label", "*.json")]
     middles = Middles({"lidar": next(iter(files.values()))})
     load = partial(_sample, path, files, middles, bool(labelled))
-    return Listing(tuple(files), load, labelled=labelled)
+    noted = {records.DOUBLED_CLOUDS: len(clouds) - len(files)}
+    return Listing(tuple(files), load, labelled=labelled, noted=noted)
 
 
 def _sample(folder: Path, files: dict[str, Path], middles: Middles, is_labelled: bool, name: str) -> Frame:
@@ -47,11 +52,25 @@ def _sample(folder: Path, files: dict[str, Path], middles: Middles, is_labelled:
     with records.named_damage(path, "list of labels"):
         labels = records.as_list(records.load_json(path)) if lexists(path) else []
         poses = [entry(each, "psr") for each in labels]
-        boxes = [[*xyz(psr, "position"), *xyz(psr, "scale"), xyz(psr, "rotation")[2]] for psr in poses]
+        turns = np.array([xyz(psr, "rotation") for psr in poses]).reshape(-1, 3)
+        places = [[*xyz(psr, "position"), *xyz(psr, "scale")] for psr in poses]
         names = [str(entry(each, "obj_type")) for each in labels]
         ids = [each.get("obj_id", k) for k, each in enumerate(labels)]
-    found = records.labelled(np.array(boxes).reshape(-1, 7), names, ids, problems)
+    records.count_full_turns(turns[:, 2], problems)
+    boxes = np.column_stack([np.array(places).reshape(-1, 6), records.find_headings(_rotate(turns), problems)])
+    found = records.labelled(boxes, names, ids, problems)
     return Frame.of_clouds(name, (cloud,), *found, time=records.frame_time([cloud]), problems=problems)
+
+
+def _rotate(turns: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n 3 3"]:
+    """Rotations by angles (rad) about x, then the turned y, then the turned z; NaN for angles that are not finite."""
+    from scipy.spatial.transform import Rotation
+
+    finite = np.isfinite(turns).all(axis=1)
+    rotations = np.full((len(turns), 3, 3), np.nan)
+    if finite.any():
+        rotations[finite] = Rotation.from_euler("XYZ", turns[finite]).as_matrix()
+    return rotations
 
 
 def write_sustech(samples: Iterable[Frame], folder: Path) -> None:
