@@ -68,7 +68,7 @@ def load_poles(path: str | Path, site: Site, catalogue: SensorCatalogue | None =
     for place in [place for place, *_, geometry in features if geometry.get("type") == "GeometryCollection"][:1]:
         warnings.warn(f"{place} is a GeometryCollection, not used: export its points", stacklevel=2)
     drawn = sum(_is_drawn(properties, geometry) for _, _, properties, geometry in features)
-    if drawn and poles:
+    if drawn and poles and not list_unknown(areas, areas=True):
         shapes = f"{drawn} features are lines or areas, so they are no poles"
         warnings.warn(f"{where}: {shapes}: export their middles (or mark areas with keep_out)", stacklevel=2)
     placeless = _list_placeless(collection)
