@@ -34,6 +34,7 @@ from toolkit.sites.site import Mount, Site
 MOST_POLES = 5000
 SURROUNDINGS = 300.0  # m from the detection area within which a pole may stand
 SAME_PLACE = 0.1  # m between two poles that are one
+MIN_AREA_M2 = 0.01  # of a keep-out area
 ABOVE_GROUND = 20.0  # m from the ground beyond which a foot must be an altitude above the sea
 Json = dict[str, Any]
 _TABLES = read_own_table(__file__, "poles.toml")
@@ -289,6 +290,8 @@ def _keep_out(collection: Json, site: Site, where: str, *, every: bool = False) 
         is_near.append(bool(area.intersects(around)))
         if not is_near[-1] and _is_exchanged(drawn, collection, site, around):
             raise ValueError(f"{place} has longitude and latitude exchanged: longitude comes first, export it again")
+        if area.area < MIN_AREA_M2:
+            raise ValueError(f"{place} has no area, as its corners are in one line: draw the area again")
         yield area
     if is_near and not any(is_near):
         far = f"none of its {len(is_near)} keep-out areas is within {SURROUNDINGS:g} m of site {site.name!r}"
@@ -328,6 +331,4 @@ def _list_keep_out(collection: Json, where: str, *, every: bool) -> Iterator[tup
         if not drawn.is_valid:
             why = shapely.is_valid_reason(drawn)
             raise ValueError(f"{place} must be a simple polygon ({why}): draw the area again")
-        if not drawn.area:
-            raise ValueError(f"{place} has no area, as its corners are in one line: draw the area again")
         yield place, drawn

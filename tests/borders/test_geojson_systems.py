@@ -81,7 +81,8 @@ def test_areas_elsewhere_do_not_bar_nothing_in_silence(tmp_path: Path):
     with pytest.warns(UserWarning, match="none of its 1 keep-out areas is within 300 m of site 'berlin'"):
         load_keep_out(write(tmp_path, area(9000, 0)), SITE)
     flat = area(0, 0)
-    flat["geometry"]["coordinates"][0][2:4] = flat["geometry"]["coordinates"][0][:2]
+    line = inverse_project(np.array([[0, 0], [5, 0], [9, 0], [0, 0]]), CENTRE).tolist()
+    flat["geometry"]["coordinates"] = [line]
     with pytest.raises(ValueError, match="has no area"):
         load_keep_out(write(tmp_path, flat), SITE)
 
