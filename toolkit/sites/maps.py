@@ -22,7 +22,16 @@ import shapely
 from toolkit.arrays import Float, Float64, Pose, Rng
 from toolkit.geometry import STEEPEST, pose
 from toolkit.runtime.files import name_errors
-from toolkit.sites import furniture as f, network as nets, opendrive, osm, osm_rules, plain_map, surroundings
+from toolkit.sites import (
+    furniture as f,
+    lane_shapes,
+    network as nets,
+    opendrive,
+    osm,
+    osm_rules,
+    plain_map,
+    surroundings,
+)
 from toolkit.sites.georeference import doubt_place, doubt_scale, projection
 from toolkit.sites.netconvert_warnings import describe_warnings
 from toolkit.sites.site import Furnishing, Mount, Relief, Site, Solid
@@ -323,6 +332,7 @@ def import_opendrive(piece: MapPiece) -> Site:
     geo_reference = opendrive.find_projection(root, path.name)
     window = opendrive.in_map(piece.around(REACH), pose(x, y, yaw=heading))
     network, warned = _make_network(plain, piece)
+    network = lane_shapes.align_lanes(network, plain)
     nearest = _nearest_road(network, shapely.Point(x, y))
     level, elsewhere, is_near = _elsewhere(network, window)
     if not is_near:
