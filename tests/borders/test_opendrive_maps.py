@@ -169,6 +169,7 @@ def test_a_missing_grid_of_shifts_leaves_metres(imported):
     [
         ("+lat_0=4.9e+1 +lon_0=8", "names no projection"),
         ("EPSG:4326", "is in degrees"),
+        ("EPSG:4978", "is a Geocentric CRS"),
         ("+proj=nosuch +units=m", "is no projection that PROJ knows"),
         ("EPSG:9999999", "is no projection that PROJ knows"),
     ],
@@ -177,6 +178,42 @@ def test_a_reference_that_leads_nowhere_is_noted(imported, reference, reason):
     site, notes = imported(street(), f"<geoReference>{reference}</geoReference>")
     assert site.geo_reference is None
     assert any(reason in note and "does not say where on earth" in note for note in notes)
+
+
+FEET_UTM = "+proj=lcc +lat_0=36.5 +lon_0=-120.5 +lat_1=38.43 +lat_2=37.07 +x_0=2000000 +y_0=500000"
+FEET_UTM += " +datum=NAD83 +units=us-ft +no_defs"
+
+
+@pytest.mark.parametrize("reference", [FEET_UTM, "EPSG:2048", "EPSG:2154"])
+def test_degrees_next_to_the_origin_are_told_their_place(imported, reference):
+    """Also on a map with an offset, whose coordinates are as small as degrees; in feet, or with axes west and south."""
+    header = f'<geoReference>{reference}</geoReference><offset x="{{}}" y="{{}}" z="0" hdg="0"/>'
+    header = header.format(*((-60000, -3700000) if "2048" in reference else (1830000, 640000)))
+    site, _ = imported(street(start=(-150.0, 300.0)), header, centre=(0.0, 300.0))
+    longitude, latitude = longitude_latitude(site, np.zeros((1, 2)))[0]
+    place = r"these are degrees, in the file it is --centre -?0(\.0\d)? (300|299\.9\d)"
+    with pytest.raises(ValueError, match=place):
+        imported(street(start=(-150.0, 300.0)), header, centre=(longitude, latitude))
+
+
+@pytest.mark.parametrize("reference", ["+init=epsg:25833", "proj=utm zone=33 ellps=GRS80", "ESRI:102092"])
+def test_a_projection_under_any_name_of_proj_needs_no_word(imported, reference):
+    header = f'<geoReference>{reference}</geoReference><offset x="390000" y="5820000" z="0" hdg="0"/>'
+    site, notes = imported(street(inside=limited((0, 'max="50" unit="km/h"'))), header)
+    assert site.geo_reference == reference
+    assert not [note for note in notes if "stretches" not in note and "names no datum" not in note]
+
+
+def test_odd_headers_are_noted(imported):
+    two = "<geoReference>EPSG:25832</geoReference><geoReference>EPSG:25833</geoReference>"
+    site, notes = imported(street(), two + '<offset x="692000" y="5336000" z="0" hdg="90"/>')
+    assert site.geo_reference == "EPSG:25832"
+    assert any("2 geoReferences that differ" in note for note in notes)
+    assert any("hdg = 90 rad, more than a full turn" in note for note in notes)
+    site, _ = imported(
+        "<geoReference>EPSG:25832</geoReference>" + street(start=(691850, 5336000)), centre=(692e3, 5336e3)
+    )
+    assert site.geo_reference == "EPSG:25832"
 
 
 def test_names_of_files_are_free(imported):

@@ -17,11 +17,11 @@ from toolkit.sites.opendrive import MapRoad, read_road
 from toolkit.sites.plain_map import Carriageway, PlainMap
 
 MAX_DEVIATION_M = 0.1  # of a lane from its middle line in the map that is left as it is
-MAX_LENGTH_GAP_M, MAX_LENGTH_GAP_SHARE = 5.0, 0.2  # between a lane and its place on the road, as on a ring
+MAX_PLACE_GAP_M, MAX_PLACE_GAP_SHARE = 5.0, 0.2  # between a lane and its place on the road, as on a ring
 SHAPE_TOLERANCE_M = 0.01
 MIN_DRIVEN_WIDTH_M = 1.8  # of a lane that anybody drives on
 SAMPLES_EVERY_M = 1.0
-_NARROW_USERS = {"authority", "emergency"}  # to whom netconvert leaves narrow lanes
+_NARROW_USERS = {"authority", "emergency"}  # all that netconvert lets use narrow lanes
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +85,7 @@ def _align_edge(edge: ElementTree.Element, road: Carriageway, line: _Line, sign:
     for element, shape, number in zip(elements, shapes, range(len(lanes))[::-1], strict=True):
         first, last = line.find_places(shape[[0, -1], :2])
         drawn = shapely.LineString(shape[:, :2])
-        if abs(abs(last - first) - drawn.length) > MAX_LENGTH_GAP_M + MAX_LENGTH_GAP_SHARE * drawn.length:
+        if abs(abs(last - first) - drawn.length) > MAX_PLACE_GAP_M + MAX_PLACE_GAP_SHARE * drawn.length:
             continue
         s = np.linspace(first, last, int(abs(last - first) / SAMPLES_EVERY_M) + 2)
         within = np.clip(s, section.start, section.end) - section.start
