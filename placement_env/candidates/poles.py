@@ -5,8 +5,9 @@ all optional: name, height or max_height and min_height (m above the foot), pric
 price_factor (of the price of one ordinary pole), existing (true: it stands already and costs nothing), capacity_kbit
 (of the link, per frame), origin (surveyed, mapped or drawn; surveyed when left out). Polygons and multipolygons with
 `keep_out: true` or `kind: "keep_out"` are keep-out areas, and in a file of keep-out areas all are. Other geometries are
-ignored; other properties too, with a warning that names them and what they may mean. Sensors and parking bays of files
-that coview wrote (`layer`) are no poles, and the price of its mounts is that of ordinary poles.
+ignored, with a warning that counts them; other properties too, with a warning that names them and what they may mean.
+Sensors and parking bays of files that coview wrote (`layer`) are no poles, and its mounts cost as much as ordinary
+poles. An area whose longitude and latitude are exchanged is refused; a file whose areas are all far off is noted.
 
 Coordinates are longitude and latitude (RFC 7946, WGS84); altitude is ignored, as poles stand on the ground of the site.
 A collection with the member `coview_site`, such as a saved site, is in the site's metres, z that of the foot."""
@@ -33,6 +34,7 @@ from toolkit.sites.site import Mount, Site
 MOST_POLES = 5000
 SURROUNDINGS = 300.0  # m from the detection area within which a pole may stand
 SAME_PLACE = 0.1  # m between two poles that are one
+MIN_AREA_M2 = 0.01  # of a keep-out area
 ABOVE_GROUND = 20.0  # m from the ground beyond which a foot must be an altitude above the sea
 Json = dict[str, Any]
 _TABLES = read_own_table(__file__, "poles.toml")
@@ -66,6 +68,10 @@ def load_poles(path: str | Path, site: Site, catalogue: SensorCatalogue | None =
             warnings.warn(f"{where}: properties that are not understood, so not used: {unknown}", stacklevel=2)
     for place in [place for place, *_, geometry in features if geometry.get("type") == "GeometryCollection"][:1]:
         warnings.warn(f"{place} is a GeometryCollection, not used: export its points", stacklevel=2)
+    drawn = sum(_is_drawn(properties, geometry) for _, _, properties, geometry in features)
+    if drawn and poles and not list_unknown(areas, areas=True):
+        shapes = f"{drawn} features are lines or areas, so they are no poles"
+        warnings.warn(f"{where}: {shapes}: export their middles (or mark areas with keep_out)", stacklevel=2)
     placeless = _list_placeless(collection)
     if placeless and poles:
         said = f"{len(placeless)} features have no place (geometry null), so they are no poles"
@@ -102,9 +108,15 @@ def load_poles(path: str | Path, site: Site, catalogue: SensorCatalogue | None =
 
 def load_keep_out(path: str | Path, site: Site) -> tuple[shapely.Geometry, ...]:
     """Load all areas in `path`, in the site's metres. Raises ValueError in one line for none and for a damaged one."""
-    areas = tuple(_keep_out(_read(Path(path)), site, str(path), every=True))
+    collection = _read(Path(path))
+    areas = tuple(_keep_out(collection, site, str(path), every=True))
     if not areas:
         raise ValueError(f"{path}: holds no area: give a GeoJSON with Polygon or MultiPolygon features")
+    kinds = [str(geometry.get("type")) for *_, geometry in _features(collection, str(path))]
+    others = sum("Polygon" not in kind and "Point" not in kind for kind in kinds)  # points may be its poles
+    others += len(_list_placeless(collection))
+    if others:
+        warnings.warn(f"{path}: {others} features are no areas (Polygon, MultiPolygon), not used", stacklevel=2)
     return areas
 
 
@@ -262,7 +274,45 @@ def _check(mounts: Sequence[Mount], site: Site, where: str) -> None:
         raise ValueError(f"{where}: poles {pair} stand at the same place: remove one of them")
 
 
+def _is_drawn(properties: Json, geometry: Json) -> bool:
+    """True for a line or an area that does not say what it is, as those of sites and keep-out areas do."""
+    if {"layer", "kind"} & properties.keys() or properties.get("keep_out"):
+        return False
+    return any(word in str(geometry.get("type")) for word in ("LineString", "Polygon"))
+
+
 def _keep_out(collection: Json, site: Site, where: str, *, every: bool = False) -> Iterator[shapely.Geometry]:
+    """Yield keep-out areas in the site's metres. every: those that are not marked too."""
+    around = shapely.box(*site.area).buffer(SURROUNDINGS)
+    is_near = []
+    for place, drawn in _list_keep_out(collection, where, every=every):
+        area = shapely.transform(drawn, lambda corners: _in_site(corners, collection, site, where))
+        is_near.append(bool(area.intersects(around)))
+        if not is_near[-1] and _is_exchanged(drawn, collection, site, around):
+            raise ValueError(f"{place} has longitude and latitude exchanged: longitude comes first, export it again")
+        if area.area < MIN_AREA_M2:
+            raise ValueError(f"{place} has no area, as its corners are in one line: draw the area again")
+        yield area
+    if is_near and not any(is_near):
+        far = f"none of its {len(is_near)} keep-out areas is within {SURROUNDINGS:g} m of site {site.name!r}"
+        warnings.warn(f"{where}: {far}: check that they belong to it", stacklevel=3)
+
+
+def _is_exchanged(drawn: shapely.Geometry, collection: Json, site: Site, around: shapely.Geometry) -> bool:
+    """True if an area would lie `around` the site with longitude and latitude exchanged."""
+    if "coview_site" in collection:
+        return False
+    swapped = shapely.get_coordinates(drawn)[:, ::-1]
+    if (np.abs(swapped) > [180.0, 90.0]).any():
+        return False
+    try:
+        return bool(shapely.MultiPoint(site_metres(site, swapped)).intersects(around))
+    except ValueError:  # beyond the site's map
+        return False
+
+
+def _list_keep_out(collection: Json, where: str, *, every: bool) -> Iterator[tuple[str, shapely.Geometry]]:
+    """Yield places in the file and keep-out areas as they are drawn there."""
     for place, _, properties, geometry in _features(collection, where):
         if not isinstance(marked := properties.get("keep_out", False), bool):
             raise ValueError(f"{place}.properties.keep_out must be true or false, got {marked!r:.60}")
@@ -281,4 +331,4 @@ def _keep_out(collection: Json, site: Site, where: str, *, every: bool = False) 
         if not drawn.is_valid:
             why = shapely.is_valid_reason(drawn)
             raise ValueError(f"{place} must be a simple polygon ({why}): draw the area again")
-        yield shapely.transform(drawn, lambda corners: _in_site(corners, collection, site, where))
+        yield place, drawn

@@ -64,3 +64,34 @@ def test_a_feature_without_a_place_is_left_out_and_counted(tmp_path: Path):
     with pytest.warns(UserWarning, match="2 features have no place"):
         mounts = load_poles(write(tmp_path, nowhere, pole(5.0, 10.0), nowhere), SITE)
     assert len(mounts) == 1
+
+
+def area(x: float, y: float, kind: str = "Polygon", *, swap: bool = False):
+    """A square of 5 m as a feature; of another kind, its outline."""
+    corners = np.add([[0, 0], [5, 0], [5, 5], [0, 5], [0, 0]], [x, y])
+    ring = inverse_project(corners, CENTRE)[:, :: -1 if swap else 1].tolist()
+    geometry = {"type": kind, "coordinates": [ring] if kind == "Polygon" else ring}
+    return {"type": "Feature", "properties": {}, "geometry": geometry}
+
+
+def test_areas_elsewhere_do_not_bar_nothing_in_silence(tmp_path: Path):
+    """RFC 7946 3.1.1: longitude comes first; an exchanged area bars nothing, so it is refused (geopandas#1882)."""
+    with pytest.raises(ValueError, match=r"features\[1\].geometry has longitude and latitude exchanged"):
+        load_keep_out(write(tmp_path, area(0, 0), area(9, 0, swap=True)), SITE)
+    with pytest.warns(UserWarning, match="none of its 1 keep-out areas is within 300 m of site 'berlin'"):
+        load_keep_out(write(tmp_path, area(9000, 0)), SITE)
+    flat = area(0, 0)
+    line = inverse_project(np.array([[0, 0], [5, 0], [9, 0], [0, 0]]), CENTRE).tolist()
+    flat["geometry"]["coordinates"] = [line]
+    with pytest.raises(ValueError, match="has no area"):
+        load_keep_out(write(tmp_path, flat), SITE)
+
+
+def test_what_is_no_area_or_no_pole_is_counted(tmp_path: Path):
+    nowhere = {"type": "Feature", "properties": {}, "geometry": None}
+    with pytest.warns(UserWarning, match="2 features are no areas"):
+        barred = load_keep_out(write(tmp_path, area(0, 0), area(9, 0, "LineString"), pole(1, 1), nowhere), SITE)
+    assert [round(shape.area, 1) for shape in barred] == [25.0]
+    with pytest.warns(UserWarning, match="2 features are lines or areas, so they are no poles"):
+        mounts = load_poles(write(tmp_path, pole(1, 1), area(0, 9), area(0, 20, "LineString")), SITE)
+    assert len(mounts) == 1

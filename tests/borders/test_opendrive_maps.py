@@ -9,12 +9,15 @@ import pyproj
 import pytest
 import shapely
 
+from toolkit.bodies.fleet import catalogue
+from toolkit.objects import HEAVY, VEHICLE
 from toolkit.sites import network as nets
 from toolkit.sites.georeference import bearing_deg, longitude_latitude, site_geojson
 from toolkit.sites.lane_rules import USERS
 from toolkit.sites.maps import MapPiece, import_opendrive
 from toolkit.sites.network import MOTOR
 from toolkit.sites.site import Site
+from toolkit.traffic.snapshots import simulate
 
 UTM32 = "<geoReference>+proj=utm +zone=32 +datum=WGS84 +units=m +no_defs</geoReference>"
 _CENTRE = '<center><lane id="0" type="none"/></center>'
@@ -166,6 +169,7 @@ def test_a_missing_grid_of_shifts_leaves_metres(imported):
     [
         ("+lat_0=4.9e+1 +lon_0=8", "names no projection"),
         ("EPSG:4326", "is in degrees"),
+        ("EPSG:4978", "is a Geocentric CRS"),
         ("+proj=nosuch +units=m", "is no projection that PROJ knows"),
         ("EPSG:9999999", "is no projection that PROJ knows"),
     ],
@@ -174,6 +178,42 @@ def test_a_reference_that_leads_nowhere_is_noted(imported, reference, reason):
     site, notes = imported(street(), f"<geoReference>{reference}</geoReference>")
     assert site.geo_reference is None
     assert any(reason in note and "does not say where on earth" in note for note in notes)
+
+
+FEET_UTM = "+proj=lcc +lat_0=36.5 +lon_0=-120.5 +lat_1=38.43 +lat_2=37.07 +x_0=2000000 +y_0=500000"
+FEET_UTM += " +datum=NAD83 +units=us-ft +no_defs"
+
+
+@pytest.mark.parametrize("reference", [FEET_UTM, "EPSG:2048", "EPSG:2154"])
+def test_degrees_next_to_the_origin_are_told_their_place(imported, reference):
+    """Also on a map with an offset, whose coordinates are as small as degrees; in feet, or with axes west and south."""
+    header = f'<geoReference>{reference}</geoReference><offset x="{{}}" y="{{}}" z="0" hdg="0"/>'
+    header = header.format(*((-60000, -3700000) if "2048" in reference else (1830000, 640000)))
+    site, _ = imported(street(start=(-150.0, 300.0)), header, centre=(0.0, 300.0))
+    longitude, latitude = longitude_latitude(site, np.zeros((1, 2)))[0]
+    place = r"these are degrees, in the file it is --centre -?0(\.0\d)? (300|299\.9\d)"
+    with pytest.raises(ValueError, match=place):
+        imported(street(start=(-150.0, 300.0)), header, centre=(longitude, latitude))
+
+
+@pytest.mark.parametrize("reference", ["+init=epsg:25833", "proj=utm zone=33 ellps=GRS80", "ESRI:102092"])
+def test_a_projection_under_any_name_of_proj_needs_no_word(imported, reference):
+    header = f'<geoReference>{reference}</geoReference><offset x="390000" y="5820000" z="0" hdg="0"/>'
+    site, notes = imported(street(inside=limited((0, 'max="50" unit="km/h"'))), header)
+    assert site.geo_reference == reference
+    assert not [note for note in notes if "stretches" not in note and "names no datum" not in note]
+
+
+def test_odd_headers_are_noted(imported):
+    two = "<geoReference>EPSG:25832</geoReference><geoReference>EPSG:25833</geoReference>"
+    site, notes = imported(street(), two + '<offset x="692000" y="5336000" z="0" hdg="90"/>')
+    assert site.geo_reference == "EPSG:25832"
+    assert any("2 geoReferences that differ" in note for note in notes)
+    assert any("hdg = 90 rad, more than a full turn" in note for note in notes)
+    site, _ = imported(
+        "<geoReference>EPSG:25832</geoReference>" + street(start=(691850, 5336000)), centre=(692e3, 5336e3)
+    )
+    assert site.geo_reference == "EPSG:25832"
 
 
 def test_names_of_files_are_free(imported):
@@ -719,3 +759,63 @@ def test_remedies_name_what_was_found(imported):
         ValueError, match="no road within the area about 0 140: move --centre onto a road, as --centre 0 "
     ):
         imported(street(), centre=(0.0, 140.0), size=(20.0, 20.0))
+
+
+# Lanes whose width or offset changes: 1.8, 11.4 and 11.6
+
+OPENING = ((0, 0.0, 0.0, 0.0, 0.0), (120, 0.0, 3.5 / 60, 0.0, 0.0), (180, 3.5, 0.0, 0.0, 0.0))
+
+
+def shaped(number: int, rows, kind: str = "driving") -> str:
+    """A <lane> whose widths begin at sOffset; a row gives sOffset and the coefficients."""
+    widths = "".join(f'<width sOffset="{s}" a="{a}" b="{b}" c="{c}" d="{d}"/>' for s, a, b, c, d in rows)
+    return f'<lane id="{number}" type="{kind}" level="false">{widths}</lane>'
+
+
+def list_lines(site):
+    """Middle lines of the lanes for cars."""
+    lanes = (element for _, element in nets.list_lanes(site.network) if "passenger" in nets.list_users(element))
+    return [nets.parse_shape(element) for element in lanes]
+
+
+@pytest.mark.parametrize(("sign", "rule"), [(-1, "RHT"), (1, "LHT"), (1, "RHT")])
+def test_a_lane_that_opens_moves_those_outside_it(imported, sign, rule):
+    """Lane 1 opens from 0 to 3.5 m between s = 120 and 180; lane 2 goes through outside it (eclipse-sumo/sumo#5823)."""
+    sides = [shaped(sign, OPENING) + lane(2 * sign), lane(-sign)]
+    site, _ = imported(street(sections=section(*sides[::sign]), attributes=f'rule="{rule}"', inside=rising(0.01)))
+    beside = [line for line in list_lines(site) if line[:, 1].mean() * sign > 0]
+    assert len(beside) >= 3
+    for line in beside:
+        x, y = line[np.hypot(*line.T) < 149.0].T
+        inner = np.clip((x + 150 - 120) * 3.5 / 60, 0.0, 3.5)
+        off = np.minimum(np.abs(sign * y - inner - 1.75), np.abs(sign * y - inner / 2))
+        assert off.max() < 0.1
+    for snapshot in simulate(site, catalogue(), frames=4, seed=1):
+        boxes = snapshot.objects.boxes[np.isin(snapshot.objects.labels, [VEHICLE, HEAVY])]
+        outside = boxes[(boxes[:, 1] * sign > 0) & (boxes[:, 0] < -32)]  # where only the outer lane is there
+        assert not len(outside) or np.abs(outside[:, 1] * sign - 1.75).max() < 1.0
+
+
+def find_offset(x):
+    return 7 * np.polyval([-2, 3, 0, 0], np.clip((x + 50) / 100, 0, 1))
+
+
+def test_an_offset_of_lanes_is_a_cubic_on_the_road_too(imported):
+    """All lanes move 7 m to the left between s = 100 and 200, along 3 u² − 2 u³."""
+    offset = f'<laneOffset s="0" a="0" b="0" c="0" d="0"/><laneOffset s="100" a="0" b="0" c="{21e-4}" d="{-14e-6}"/>'
+    offset += '<laneOffset s="200" a="7" b="0" c="0" d="0"/>'
+    site, _ = imported(street(sections=offset + section(lane(1), lane(-1))))
+    for line in list_lines(site):
+        x, y = line.T
+        assert np.abs(np.abs(y - find_offset(x)) - 1.75).max() < 0.05
+    road = nets.unite(site.lanes)
+    for x in (-30.0, -20.0, 20.0, 30.0):
+        _, low, _, high = road.intersection(shapely.LineString([(x, -30), (x, 30)])).bounds
+        assert (low, high) == pytest.approx((find_offset(x) - 3.5, find_offset(x) + 3.5), abs=0.08)
+
+
+def test_a_lane_too_narrow_to_drive_on_is_closed(imported):
+    site, _ = imported(street(sections=section(lane(1), shaped(-1, OPENING) + lane(-2))))
+    users = [nets.list_users(element) for _, element in nets.list_lanes(site.network)]
+    assert set() in users
+    assert not any("authority" in allowed for allowed in users)

@@ -3,6 +3,7 @@
 Keys and values as the OpenStreetMap wiki defines them (Key:access, Key:maxspeed, Key:oneway, Key:barrier,
 Relation:restriction, Key:driving_side)."""
 
+import re
 import warnings
 from pathlib import Path
 from xml.etree import ElementTree
@@ -405,3 +406,78 @@ def test_a_map_across_the_antimeridian_is_whole(tmp_path: Path):
     assert not any("leap" in note for note in notes)
     lengths = [np.hypot(*np.diff(nets.parse_shape(lane), axis=0).T).sum() for _, lane in nets.list_lanes(site.network)]
     assert 60 < max(lengths) < 150
+
+
+def write_streets(path: Path, *ways, centre=CENTRE):
+    """Write a map of ways: points (m) and tags. Equal points are one node."""
+    points = list(dict.fromkeys(tuple(point) for line, _ in ways for point in line))
+    degrees = inverse_project(np.array(points, np.float64), centre)
+    text = "".join(f'<node id="{i + 1}" lon="{x:.9f}" lat="{y:.9f}"/>' for i, (x, y) in enumerate(degrees))
+    for i, (line, tags) in enumerate(ways, start=1):
+        inside = "".join(f'<nd ref="{points.index(tuple(point)) + 1}"/>' for point in line)
+        inside += "".join(f'<tag k="{key}" v="{value}"/>' for key, value in tags.items())
+        text += f'<way id="{i}">{inside}</way>'
+    path.write_text(f'<osm version="0.6">{text}</osm>', "utf-8")
+    return path
+
+
+EAST = [(-200, 0), (0, 0), (200, 0)]
+NORTH = [(0, -200), (0, -50), (0, 50), (0, 200)]  # no node in common with EAST
+
+
+def test_a_road_of_another_layer_is_no_junction(tmp_path: Path):
+    """Key:layer: without a bridge or tunnel it is another storey too; at one layer, roads need a common node."""
+    main = (EAST, {"highway": "secondary"})
+    for tags, lanes in (({"layer": "-1"}, 2), ({"layer": "1"}, 2), ({"layer": "0"}, 4)):
+        path = write_streets(tmp_path / "layers.osm", main, (NORTH, {"highway": "residential", **tags}))
+        site, notes = read_site(path)
+        assert len(edges_of(site)) == lanes
+        text = "tunnels or bridges over a road" if lanes == 2 else "cross without a junction in the map, .*: 1"
+        assert any(re.search(text, note) for note in notes)
+    site, notes = read_site(write_streets(tmp_path / "alone.osm", (NORTH, {"highway": "residential", "layer": "1"})))
+    assert len(edges_of(site)) == 2
+
+
+def test_a_road_that_is_in_the_map_twice_is_one(tmp_path: Path):
+    path = write_streets(
+        tmp_path / "twice.osm", (EAST, {"highway": "secondary"}), (EAST[::-1], {"highway": "tertiary"})
+    )
+    site, notes = read_site(path)
+    assert len(edges_of(site)) == 2
+    assert any("1 roads that are in the map twice were left out" in note for note in notes)
+
+
+def test_lanes_of_each_direction_count_before_their_sum(tmp_path: Path):
+    """Key:lanes: a middle lane for turning is no lane of one direction (valhalla/valhalla#6297)."""
+    for tags, note in (
+        ({"lanes": "3", "lanes:forward": "1", "lanes:backward": "1", "lanes:both_ways": "1"}, osm_rules.MIDDLE),
+        ({"lanes": "5", "lanes:forward": "1", "lanes:backward": "1"}, osm_rules.SUM),
+    ):
+        site, notes = read_site(write_streets(tmp_path / "lanes.osm", (EAST, {"highway": "secondary", **tags})))
+        assert [len(lanes) for lanes in edges_of(site).values()] == [1, 1]
+        assert any(note in text for text in notes)
+    assert osm_rules.SUM not in read_rules({"highway": "primary", "lanes": "2", "lanes:forward": "1"}).notes
+
+
+def test_arcs_of_a_roundabout_run_one_way(tmp_path: Path):
+    """Tag:junction=roundabout: also of several ways, each in the direction of traffic."""
+    ring = [(15, 0), (0, -15), (-15, 0), (0, 15), (15, 0)]  # clockwise
+    tags = {"highway": "secondary", "junction": "roundabout"}
+    arms = [([(-200, 0), (-15, 0)], {"highway": "secondary"}), ([(15, 0), (200, 0)], {"highway": "secondary"})]
+    for turned, warned in ((ring, True), (ring[::-1], False)):
+        path = write_streets(tmp_path / "arcs.osm", *arms, (turned[:3], tags), (turned[2:], tags))
+        _, notes = read_site(path)
+        assert any("roundabouts that run against traffic that keeps right: 1" in note for note in notes) == warned
+
+
+def test_limits_of_size_in_other_words():
+    """Key:maxweightrating, Key:maxheight:physical, and limits of trucks only."""
+    assert not allowed(maxweightrating="3.5") & {"truck", "bus"}
+    assert not allowed(maxheight__physical="3.0") & {"truck", "bus"}
+    assert allowed(maxweight__hgv="3.5") & {"truck", "bus"} == {"bus"}
+    assert allowed(maxheight="11'9\"") >= {"truck"}  # 3.58 m
+    assert osm_rules.UNREAD in read_rules({"highway": "residential", "access": "designated"}).notes  # osrm-backend#866
+
+
+def test_the_antimeridian_is_no_border():
+    assert find_driving_side(179.9999, -16.8) == (True, False)

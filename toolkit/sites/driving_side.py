@@ -24,7 +24,14 @@ def find_driving_side(longitude: float, latitude: float) -> DrivingSide:
     """Side of the road that traffic keeps to at a place (degrees)."""
     spot = shapely.Point((longitude + 180.0) % 360.0 - 180.0, latitude)
     region = _left_hand()
-    return DrivingSide(bool(region.intersects(spot)), bool(region.boundary.distance(spot) < NEAR_BORDER_DEG))
+    return DrivingSide(bool(region.intersects(spot)), bool(_borders().distance(spot) < NEAR_BORDER_DEG))
+
+
+@cache
+def _borders() -> shapely.Geometry:
+    """Outlines of the countries, without the meridian of 180 degrees, at which they are cut."""
+    meridians = shapely.union_all([shapely.box(x - 1e-6, -90.0, x + 1e-6, 90.0) for x in (-180.0, 180.0)])
+    return _left_hand().boundary.difference(meridians)
 
 
 @cache

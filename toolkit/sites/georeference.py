@@ -111,6 +111,16 @@ def _meridian(latitude: float | Float64[np.ndarray, "*n"]) -> float | Float64[np
     )
 
 
+def project_to_map(reference: str, lon_lat: tuple[float, float]) -> tuple[float, float]:
+    """Convert longitude and latitude to metres to the east and north on the map that a reference names.
+
+    Raises ValueError if it names none, ImportError without pyproj."""
+    centre, degrees = _find_centre(reference), np.array([lon_lat], np.float64)
+    metres = _open_map(reference).to_metres(degrees) if centre is None else project(degrees, centre)
+    x, y = metres[0].tolist()
+    return x, y
+
+
 def doubt_place(geo_reference: str | None) -> str | None:
     """Return what is uncertain about a map's place on earth, as a note; None for nothing, and without pyproj.
 
@@ -208,7 +218,9 @@ def _open_map(geo_reference: str) -> _EarthMap:
 
     shown = geo_reference[:90]
     try:
-        system = CRS.from_user_input(geo_reference)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", FutureWarning)  # of +init=
+            system = CRS.from_user_input(geo_reference)
     except ProjError:
         raise ValueError(f"names no projection that PROJ knows, got {shown!r}") from None
     if system.is_compound:  # heights are not converted

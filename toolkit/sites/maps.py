@@ -22,7 +22,16 @@ import shapely
 from toolkit.arrays import Float, Float64, Pose, Rng
 from toolkit.geometry import STEEPEST, pose
 from toolkit.runtime.files import name_errors
-from toolkit.sites import furniture as f, network as nets, opendrive, osm, osm_rules, plain_map, surroundings
+from toolkit.sites import (
+    furniture as f,
+    lane_shapes,
+    network as nets,
+    opendrive,
+    osm,
+    osm_rules,
+    plain_map,
+    surroundings,
+)
 from toolkit.sites.georeference import doubt_place, doubt_scale, projection
 from toolkit.sites.netconvert_warnings import describe_warnings
 from toolkit.sites.site import Furnishing, Mount, Relief, Site, Solid
@@ -323,10 +332,11 @@ def import_opendrive(piece: MapPiece) -> Site:
     geo_reference = opendrive.find_projection(root, path.name)
     window = opendrive.in_map(piece.around(REACH), pose(x, y, yaw=heading))
     network, warned = _make_network(plain, piece)
+    network = lane_shapes.align_lanes(network, plain)
     nearest = _nearest_road(network, shapely.Point(x, y))
     level, elsewhere, is_near = _elsewhere(network, window)
     if not is_near:
-        raise piece.no_road(nearest)
+        raise piece.no_road(nearest, nearby=_describe_degrees(root, (x, y)))
     network = _cut_network(network, elsewhere, piece, lefthand=plain.lefthand)
     map_SE3_site = pose(x, y, level, yaw=heading)
     network = _in_site_frame(network, map_SE3_site)
@@ -360,12 +370,24 @@ def import_opendrive(piece: MapPiece) -> Site:
     parking = free_bays(there.bays, reach, solids, tracks)
     if others:
         notes.append(f"{others} roads more than {SAME_LEVEL:g} m above or below the site were left out")
-    notes += [*plain_map.describe_problems(plain, roads), *_describe_warnings(warned, network)]
+    notes += [
+        *opendrive.describe_turn(root),
+        *plain_map.describe_problems(plain, roads),
+        *_describe_warnings(warned, network),
+    ]
     placed = placement @ map_SE3_site
     make = partial(Site, path.stem, piece.area, map_SE3_site=placed, geo_reference=geo_reference)
     site = make(lanes=lanes, footways=footways, parking=parking, network=network, relief=relief)
     lamps = np.array(there.lamps).reshape(-1, 2)
     return _finish(site, piece, solids, lamps=lamps, notes=notes)
+
+
+def _describe_degrees(root: ElementTree.Element, centre: tuple[float, float]) -> str:
+    """Hint for a centre that is a place on an OpenDRIVE map if it is read as degrees; empty if it is none."""
+    inside = opendrive.locate_degrees(root, centre)
+    if inside is None:
+        return ""
+    return f"if these are degrees, in the file it is --centre {inside[0]:.10g} {inside[1]:.10g}"
 
 
 def import_osm(piece: MapPiece, *, lefthand: bool | None = None) -> Site:

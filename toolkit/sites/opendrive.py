@@ -21,12 +21,14 @@ from toolkit.arrays import Float, Float64, Pose
 from toolkit.geometry import LEVEL, Slope, invert, plane_rotation, pose, transform
 from toolkit.sites import furniture as f
 from toolkit.sites.cubics import Cubics, cubics, number
+from toolkit.sites.georeference import project_to_map
 from toolkit.sites.lane_sections import read_sections
 from toolkit.sites.network import list_polygons, unite
 from toolkit.sites.site import Solid
 from toolkit.sites.surroundings import Bay
 
 LONGEST = 1e5  # m, of one piece of a road
+MAX_TURN_RAD = 2 * np.pi
 _STEP = 0.25  # m between the points at which a spiral is summed up
 _ADDITIONAL = ("userData", "include", "dataQuality")  # what any element may hold
 MIN_TILT_RAD = 1e-4  # less tilt across the road is ignored: 1 mm over 10 m
@@ -344,13 +346,18 @@ def read_opendrive(path: Path, centre: tuple[float, float]) -> ElementTree.Eleme
         element.tag = element.tag.rpartition("}")[2]
     if root.tag != "OpenDRIVE":
         raise ValueError(f"not an OpenDRIVE map (it begins with <{root.tag}>): give an .xodr file")
-    pieces = root.findall("road/planView/geometry")
-    if not pieces:
+    rows = _list_pieces(root)
+    if not len(rows):
         raise ValueError("the map has no road: export it again")
-    rows = np.array([[number(piece, key) for key in ("x", "y", "hdg", "length")] for piece in pieces])
     if not _reaches(rows, np.array(centre)):
         raise ValueError(_describe_outside(root, centre, rows))
     return root
+
+
+def _list_pieces(root: ElementTree.Element) -> Float64[np.ndarray, "n 4"]:
+    """x, y, heading and length of all pieces of roads."""
+    pieces = root.findall("road/planView/geometry")
+    return np.array([[number(piece, key) for key in ("x", "y", "hdg", "length")] for piece in pieces]).reshape(-1, 4)
 
 
 def _reaches(rows: Float64[np.ndarray, "n 4"], place: Float64[np.ndarray, "2"]) -> bool:
@@ -366,7 +373,7 @@ def _describe_outside(root: ElementTree.Element, centre: tuple[float, float], ro
     outside = f"centre {centre[0]:.10g} {centre[1]:.10g} lies outside the map, whose roads start at {spans}"
     for kind, metres in (("coordinates of its projection", centre), ("degrees", _project(root, centre))):
         if metres is not None:
-            inside = transform(invert(find_placement(root)), np.array([[*metres, 0.0]]))[0, :2].round(2)
+            inside = transform(invert(find_placement(root)), np.array([[*metres, 0.0]]))[0, :2].round(2) + 0.0
             if _reaches(rows, inside):
                 return f"{outside}: these are {kind}, in the file it is --centre {inside[0]:.10g} {inside[1]:.10g}"
     along = np.column_stack([np.cos(rows[:, 2]), np.sin(rows[:, 2])])
@@ -381,15 +388,19 @@ def _project(root: ElementTree.Element, place: tuple[float, float]) -> tuple[flo
     if not reference or not (abs(place[0]) <= 180 and abs(place[1]) <= 90):
         return None
     try:
-        from pyproj import Transformer
-        from pyproj.exceptions import ProjError
-    except ImportError:
-        return None
-    try:
-        x, y = Transformer.from_crs("EPSG:4326", reference, always_xy=True).transform(*place)
-    except ProjError:
+        x, y = project_to_map(reference, place)
+    except (ImportError, ValueError):
         return None
     return (x, y) if np.isfinite([x, y]).all() else None
+
+
+def locate_degrees(root: ElementTree.Element, place: tuple[float, float]) -> tuple[float, float] | None:
+    """Place in the file (m) of longitude and latitude; None if they lead nowhere on the map."""
+    metres = _project(root, place)
+    if metres is None:
+        return None
+    x, y = (transform(invert(find_placement(root)), np.array([[*metres, 0.0]]))[0, :2].round(2) + 0.0).tolist()
+    return (x, y) if _reaches(_list_pieces(root), np.array([x, y])) else None
 
 
 def find_placement(root: ElementTree.Element) -> Pose:
@@ -403,9 +414,15 @@ def find_placement(root: ElementTree.Element) -> Pose:
     return pose(x, y, z, yaw=heading)
 
 
+def _list_references(root: ElementTree.Element) -> list[str]:
+    """Different texts of <geoReference>, in the header or, against the standard, next to it."""
+    elements = [*root.findall("header/geoReference"), *root.findall("geoReference")]
+    texts = ((element.text or "").strip() for element in elements)
+    return list(dict.fromkeys(filter(None, texts)))
+
+
 def _read_reference(root: ElementTree.Element) -> str:
-    texts = [(element.text or "").strip() for element in root.findall("header/geoReference")]
-    return next(filter(None, texts), "")
+    return next(iter(_list_references(root)), "")
 
 
 def find_projection(root: ElementTree.Element, name: str) -> str | None:
@@ -414,32 +431,46 @@ def find_projection(root: ElementTree.Element, name: str) -> str | None:
     reference = _read_reference(root)
     if not reference:
         return None
-    if not re.search(NAMES_PROJECTION, reference, re.IGNORECASE):
-        fault = f"its geoReference names no projection ({reference[:90]!r})"
-    else:
-        fault = _find_fault(reference)
+    count = len(_list_references(root))
+    if count > 1:
+        warnings.warn(f"{name}: it has {count} geoReferences that differ, and the first one counts", stacklevel=3)
+    fault = _find_fault(reference)
     if fault:
         warnings.warn(f"{name}: {fault}, so the site does not say where on earth it is", stacklevel=3)
     return None if fault else reference
 
 
+def describe_turn(root: ElementTree.Element) -> list[str]:
+    """Note of a header whose offset turns by more than a full turn, as it does if it is in degrees."""
+    offset = root.find("header/offset")
+    turn = 0.0 if offset is None else number(offset, "hdg", 0.0)
+    if abs(turn) <= MAX_TURN_RAD:
+        return []
+    return [f"its header turns the map by hdg = {turn:g} rad, more than a full turn: check that these are no degrees"]
+
+
 def _find_fault(reference: str) -> str:
     """Reason why PROJ cannot lead from a projection to the earth; empty if it can, or is not here to ask."""
+    unnamed = f"its geoReference names no projection ({reference[:90]!r})"
+    is_named = re.search(NAMES_PROJECTION, reference, re.IGNORECASE) is not None
     try:
         from pyproj import CRS, Transformer
         from pyproj.exceptions import ProjError
     except ImportError:
-        return ""
+        return "" if is_named else unnamed
     try:
-        projection = CRS.from_user_input(reference)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", FutureWarning)  # of +init=
+            projection = CRS.from_user_input(reference)
         if not projection.is_projected:
-            return f"its geoReference is in degrees ({reference[:90]!r}), not a map in metres"
+            kind = "in degrees" if projection.is_geographic else f"a {projection.type_name}"
+            return f"its geoReference is {kind} ({reference[:90]!r}), not a map in metres" if is_named else unnamed
         Transformer.from_crs(projection, "EPSG:4326", always_xy=True)
     except ProjError:
         grids = re.search(r"\+nadgrids=(\S+)", reference)
         if grids:
             return f"its geoReference needs the grid {grids[1][:60]!r}: install it for PROJ and import again"
-        return f"its geoReference is no projection that PROJ knows ({reference[:90]!r})"
+        return f"its geoReference is no projection that PROJ knows ({reference[:90]!r})" if is_named else unnamed
     return ""
 
 

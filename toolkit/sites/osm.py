@@ -20,7 +20,7 @@ import gzip
 import re
 import zlib
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
@@ -391,6 +391,7 @@ _NO_ROADS = {  # values of highway beside paths that are no road to drive on, so
     *("bus_stop", "via_ferrata", "demolished", "historic"),
 }
 _UNUSED_SERVICE = ("driveway", "parking_aisle", "drive-through")
+MIN_RING_M2 = 10.0  # of the ground within a roundabout, or between its arc and the chord
 GATE_GAP_M = 0.75  # of road left out on either side of a barrier
 _BARRED = "barriers on roads that cars cannot pass, and no vehicle here"
 _SIGNS = "stop and give-way signs, not used, as the classes of the roads say who goes first"
@@ -407,9 +408,15 @@ def roads(extract: Extract, window: shapely.Geometry, *, lefthand: bool = False)
     reached = [way for way in extract.ways if "highway" in way.tags and _reaches(way, window)]
     near = [way for way in reached if _is_road(way.tags)]
     street = [way for way in near if not _below(way.tags)]
-    ground = [way for way in street if not _above(way.tags)]
-    kept = [way for way in street if not _above(way.tags) or not any(_crosses(way, other) for other in ground)]
+    ground = [way for way in street if not _is_off_ground(way.tags)]
+    kept = [way for way in street if not _is_off_ground(way.tags) or not any(_crosses(way, other) for other in ground)]
     notes = [f"{len(near) - len(kept)} tunnels or bridges over a road were left out"] if len(near) > len(kept) else []
+    single = _drop_doubled(kept)
+    notes += (
+        [f"{len(kept) - len(single)} roads that are in the map twice were left out"] if len(kept) > len(single) else []
+    )
+    kept = single
+    notes += _describe_crossings(kept)
     readings = [read_rules(way.tags) for way in kept]
     barred = _list_barred(kept, extract.node_tags)
     unused = [note for reading in readings for note in reading.notes]
@@ -423,6 +430,30 @@ def roads(extract: Extract, window: shapely.Geometry, *, lefthand: bool = False)
             pieces += _cut(part, window, reading, lefthand=lefthand)
     rules = number_pieces(cast("RoadRules", piece.rules) for piece in pieces)
     return [replace(piece, rules=rule) for piece, rule in zip(pieces, rules, strict=True)], notes
+
+
+def _drop_doubled(ways: Iterable[Way]) -> list[Way]:
+    """Roads without those that run along others from their first node to their last."""
+    taken: set[frozenset[str]] = set()
+    single: list[Way] = []
+    for way in ways:
+        steps = {frozenset(step) for step in pairwise(way.nodes)}
+        if not steps <= taken:
+            single.append(way)
+        taken |= steps
+    return single
+
+
+def _describe_crossings(ways: Sequence[Way]) -> list[str]:
+    """Note of roads that cross without a node in common, where traffic does not give way."""
+    if not ways:
+        return []
+    lines = [shapely.LineString(way.line) for way in ways]
+    pairs = shapely.STRtree(lines).query(lines, predicate="crosses").T.tolist()
+    crossing = [(a, b) for a, b in pairs if a < b and _crosses(ways[a], ways[b])]
+    if not crossing:
+        return []
+    return [f"roads that cross without a junction in the map, and drive through each other: {len(crossing)}"]
 
 
 def _list_barred(ways: Iterable[Way], node_tags: Mapping[str, Tags]) -> set[str]:
@@ -520,9 +551,13 @@ def _describe_unused(ways: Iterable[Way]) -> list[str]:
 
 def _describe_rings(ways: Iterable[Way], *, lefthand: bool) -> list[str]:
     """Note of roundabouts that run against the side that traffic keeps to."""
-    rings = [way for way in ways if way.is_closed and way.tags.get("junction") in ("roundabout", "circular")]
-    turns = [shapely.LinearRing(way.line).is_ccw != (way.tags.get("oneway") in ("-1", "reverse")) for way in rings]
-    against = sum(turn == lefthand for turn in turns)
+    arcs = [way for way in ways if way.tags.get("junction") in ("roundabout", "circular")]
+    driven = [way.line[::-1] if way.tags.get("oneway") in ("-1", "reverse") else way.line for way in arcs]
+    whole = shapely.line_merge(shapely.MultiLineString(driven), directed=True)  # rings may be made of several ways
+    corners = (shapely.get_coordinates(part) for part in shapely.get_parts(whole))
+    rings = [shapely.LinearRing(points) for points in corners if len(points) > 2]
+    bent = [ring for ring in rings if shapely.Polygon(ring).area > MIN_RING_M2]
+    against = sum(ring.is_ccw == lefthand for ring in bent)
     said = f"roundabouts that run against traffic that keeps {_name_side(lefthand)}: {against}"
     return [f"{said}; give {'--righthand' if lefthand else '--lefthand'} if it is wrong"] if against else []
 
@@ -622,6 +657,12 @@ def _below(tags: Tags) -> bool:
 
 def _above(tags: Tags) -> bool:
     return tags.get("bridge", "no") != "no"
+
+
+def _is_off_ground(tags: Tags) -> bool:
+    """True for a bridge, and for a road of another layer than the ground's."""
+    layer = re.fullmatch(r"\s*([+-]?\d{1,3})\s*", tags.get("layer", "0"))
+    return _above(tags) or (layer is not None and int(layer[1]) != 0)
 
 
 def _crosses(bridge: Way, road: Way) -> bool:

@@ -29,6 +29,7 @@ ROADS |= {f"{kind}_link": ROADS[kind] for kind in ("motorway", "trunk", "primary
 MPH_M_S, KNOT_M_S, KMH_M_S = 0.44704, 1852 / 3600, 1 / 3.6
 UNITS_M_S = dict.fromkeys(("", "km/h", "kmh", "kph", "kmph", "km/hr"), KMH_M_S)
 UNITS_M_S |= {"mph": MPH_M_S, "mi/h": MPH_M_S, "knots": KNOT_M_S, "knot": KNOT_M_S, "kn": KNOT_M_S}
+INCH_M = 0.0254
 MIN_SPEED_M_S, MAX_SPEED_M_S = 0.5, 100.0
 
 _MOTOR = frozenset(nets.MOTOR.split())
@@ -78,6 +79,7 @@ UNREAD_SPEED = "roads with a speed limit that is not understood, driven as is us
 VARIABLE = "roads with a speed limit that signs set (maxspeed=signals, variable), driven as is usual for their class"
 SPEEDS = "roads with speed limits for some lanes or vehicles (maxspeed:hgv, maxspeed:lanes), not used"
 LANES = "roads with a number of lanes that is not understood"
+SUM = "roads with more or fewer lanes than lanes:forward and lanes:backward have, which count"
 MIDDLE = "roads with a middle lane for both directions (lanes:both_ways), not used"
 SINGLE = "roads with one lane for both directions (lanes=1), drawn with one each way"
 WIDTHS_UNUSED = "roads with a width of their own (width, width:lanes), drawn with usual lanes"
@@ -86,6 +88,8 @@ SIZES = "roads with limits of weight or size, closed to trucks and buses"
 CYCLE_ROAD = "roads for bicycles first (bicycle_road, cyclestreet), open to motor traffic as their access says"
 CLOSED = "roads closed to cars, as the map says"
 _SIZE_LIMITS = {"maxweight": 7.5, "maxheight": 3.5, "maxlength": 10.0, "maxwidth": 2.5, "maxaxleload": 4.0}  # t and m
+_SIZE_LIMITS |= {"maxweightrating": 7.5, "maxheight:physical": 3.5, "maxwidth:physical": 2.5}
+_TRUCK_LIMITS = {f"{key}:hgv": limit for key, limit in _SIZE_LIMITS.items()}
 
 
 @dataclass(frozen=True)
@@ -187,12 +191,14 @@ def is_barred(tags: Tags) -> bool:
 
 
 def number_lanes(tags: Tags) -> dict[str, str]:
-    """Numbers of lanes that are whole, from 1 to 8."""
-    found = {}
+    """Numbers of lanes that are whole, from 1 to 8. If both directions have theirs, all lanes are their sum."""
+    found: dict[str, str] = {}
     for key in ("lanes", "lanes:forward", "lanes:backward"):
         value = tags.get(key, "").strip()
         if re.fullmatch("[1-8]", value):
             found[key] = value
+    if "lanes:forward" in found and "lanes:backward" in found:
+        found["lanes"] = str(int(found["lanes:forward"]) + int(found["lanes:backward"]))
     return found
 
 
@@ -258,6 +264,9 @@ def _read_users(tags: Tags, side: str, notes: list[str]) -> Users:
     if any(_is_tight(tags, key, limit) for key, limit in _SIZE_LIMITS.items()):
         allowed -= _LONG
         notes.append(SIZES)
+    elif any(_is_tight(tags, key, limit) for key, limit in _TRUCK_LIMITS.items()):
+        allowed -= {"truck"}
+        notes.append(SIZES)
     if kind == "cycleway" and allowed == {"bicycle"}:
         return frozenset(allowed)
     return frozenset(allowed | {_ALWAYS})
@@ -269,6 +278,8 @@ def _is_open(tags: Tags, user: str, keys: Collection[str], side: str, *, usual: 
         for name in (key, f"{key}:{side}"):
             if name in tags:
                 answer = _read_access(tags[name], user, notes)
+                if key == "access" and tags[name] == "designated":  # it does not tell who
+                    notes.append(UNREAD)
                 is_general = key in _WHEELS.split()  # nobody cycles on a motorway because of access=yes
                 opened = opened if answer is None or (is_general and answer and not usual) else answer
     return opened
@@ -292,11 +303,12 @@ def _read_access(value: str, user: str, notes: list[str]) -> bool | None:
 
 
 def _is_tight(tags: Tags, key: str, limit: float) -> bool:
-    match = re.match(r"(\d+(?:[.,]\d+)?)\s*(t|m|kg|lbs|st|')?", tags.get(key, ""))
+    match = re.match(r"(\d+(?:[.,]\d+)?)\s*(t|m|kg|lbs|st|'|ft)?\s*(\d+)?", tags.get(key, ""))
     if match is None:
         return False
-    scale = {"kg": 0.001, "lbs": 0.000454, "st": 0.907, "'": 0.3048}.get(match[2] or "", 1.0)
-    return float(match[1].replace(",", ".")) * scale < limit + 1e-9
+    scale = {"kg": 0.001, "lbs": 0.000454, "st": 0.907, "'": 0.3048, "ft": 0.3048}.get(match[2] or "", 1.0)
+    inches = float(match[3]) if match[3] and match[2] in ("'", "ft") else 0.0
+    return float(match[1].replace(",", ".")) * scale + inches * INCH_M < limit + 1e-9
 
 
 def _read_oneway(tags: Tags, notes: list[str]) -> str:
@@ -389,6 +401,9 @@ def _list_unused(tags: Tags) -> list[str]:
         notes.append(SPEEDS)
     if {"lanes", "lanes:forward", "lanes:backward"} & tags.keys() - number_lanes(tags).keys():
         notes.append(LANES)
+    counted = number_lanes(tags).get("lanes")
+    if tags.get("lanes") in map(str, range(1, 9)) and tags["lanes"] != counted and "lanes:both_ways" not in tags:
+        notes.append(SUM)
     if tags.get("lanes") == "1" and _read_oneway(tags, []) == "no":
         notes.append(SINGLE)
     if any(key in tags for key in ("width", "est_width", "width:carriageway", "width:lanes")):

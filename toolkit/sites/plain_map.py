@@ -46,16 +46,18 @@ class PlainMap:
         text: OpenDRIVE 1.4.
         types: rows of SUMO's types, one for every use of a lane.
         lefthand: True if traffic keeps left.
-        problems: what could not be handed on, by id of the road or junction."""
+        problems: what could not be handed on, by id of the road or junction.
+        carriageways: roads that netconvert is handed."""
 
     text: str
     types: Sequence[Mapping[str, object]]
     lefthand: bool
     problems: dict[str, Counter[str]]
+    carriageways: "Sequence[Carriageway]" = ()
 
 
 @dataclass(frozen=True, eq=False)
-class _Carriageway:
+class Carriageway:
     """Lanes of a road that netconvert is handed as one road.
 
     Attributes:
@@ -83,12 +85,12 @@ class _Writer:
     """Roads of a map by id, and what is found while they are written."""
 
     root: ElementTree.Element
-    roads: dict[str, list[_Carriageway]] = field(default_factory=dict)
+    roads: dict[str, list[Carriageway]] = field(default_factory=dict)
     sign: int = 1  # of lanes: -1 in a map whose traffic keeps left, which netconvert mirrors
     uses: dict[tuple[str, lane_rules.LaneUse], str] = field(default_factory=dict)
     problems: dict[str, Counter[str]] = field(default_factory=lambda: defaultdict(Counter))
 
-    def find_lane(self, road: str, contact: str, number_: int) -> tuple[_Carriageway, int] | None:
+    def find_lane(self, road: str, contact: str, number_: int) -> tuple[Carriageway, int] | None:
         """Carriageway of a lane at an end of a road, and the lane's id there."""
         for carriageway in self.roads.get(road, ()):
             if number_ in carriageway.ends[contact]:
@@ -129,7 +131,7 @@ def write_plain(root: ElementTree.Element) -> PlainMap:
         for (_, use), kind in writer.uses.items()
     ]
     text = format_xml("OpenDRIVE", ['<header revMajor="1" revMinor="4"/>', *elements])
-    return PlainMap(text, types, writer.sign < 0, dict(writer.problems))
+    return PlainMap(text, types, writer.sign < 0, dict(writer.problems), carriageways)
 
 
 def describe_problems(plain: PlainMap, roads: Sequence[MapRoad]) -> list[str]:
@@ -221,7 +223,7 @@ def _read_roads(writer: _Writer) -> None:
         safe = name if _SAFE_NAME.fullmatch(name) else f"coview{i}"
         keeps_other_side = (rule == "LHT") != (writer.sign < 0)
         offset = cubics(road.findall("lanes/laneOffset"))
-        whole = _Carriageway(road, safe, length, sections, offset, _number_ends(sections), junction)
+        whole = Carriageway(road, safe, length, sections, offset, _number_ends(sections), junction)
         writer.roads[name] = _part_directions(whole, keeps_other_side=keeps_other_side)
 
 
@@ -234,7 +236,7 @@ def _number_lanes(section: LaneSection) -> dict[int, int]:
     return {lane.number: lane.number for lane in section.lanes}
 
 
-def _part_directions(road: _Carriageway, *, keeps_other_side: bool) -> list[_Carriageway]:
+def _part_directions(road: Carriageway, *, keeps_other_side: bool) -> list[Carriageway]:
     """Carriageways of a road, first of the lanes that run against the usual direction of their side."""
     lanes = [lane for section in road.sections for lane in section.lanes]
     against = {lane for lane in lanes if _runs_against(lane) != keeps_other_side and _has_direction(lane)}
@@ -272,7 +274,7 @@ def _strip_outer(lanes: Sequence[SectionLane], against: set[SectionLane]) -> lis
     return inside
 
 
-def _contraflow(road: _Carriageway, against: set[SectionLane], sign: int) -> _Carriageway:
+def _contraflow(road: Carriageway, against: set[SectionLane], sign: int) -> Carriageway:
     """Lanes of one side that run against it, as lanes of the other side of a line along their outer border."""
     starts: list[float] = []
     rows: list[list[float]] = []
@@ -307,7 +309,7 @@ def _contraflow(road: _Carriageway, against: set[SectionLane], sign: int) -> _Ca
         ends[contact] = {old: new for old, new in maps[place].items() if old in driven}
     name = f"{road.name}.{'left' if sign > 0 else 'right'}"
     offset = Cubics(np.array(starts), np.array(rows).reshape(-1, 4))
-    return _Carriageway(road.element, name, road.length, sections, offset, ends, road.junction, frozenset(closed))
+    return Carriageway(road.element, name, road.length, sections, offset, ends, road.junction, frozenset(closed))
 
 
 def _renumber(numbers: Sequence[int], known: Mapping[int, int] | None) -> tuple[int, ...]:
@@ -335,7 +337,7 @@ def _road_length(road: ElementTree.Element) -> float:
     return max(ends, default=0.0)
 
 
-def _write_road(writer: _Writer, road: _Carriageway, left_out: set[str], defaults: Mapping[str, float]) -> str:
+def _write_road(writer: _Writer, road: Carriageway, left_out: set[str], defaults: Mapping[str, float]) -> str:
     problems = writer.problems[road.element.get("id", "")]
     is_first = writer.roads[road.element.get("id", "")][0] is road
     links = dict(_find_links(writer, road, left_out, problems if is_first else Counter()))
@@ -364,7 +366,7 @@ class _Link:
 
 
 def _find_links(
-    writer: _Writer, road: _Carriageway, left_out: set[str], problems: Counter[str]
+    writer: _Writer, road: Carriageway, left_out: set[str], problems: Counter[str]
 ) -> Iterator[tuple[str, _Link]]:
     for where, usual in (("predecessor", "end"), ("successor", "start")):
         for link in road.element.findall(f"link/{where}"):
@@ -383,10 +385,10 @@ def _find_links(
                 problems["roads are linked to what is not in the file"] += 1
 
 
-def _find_partner(writer: _Writer, road: _Carriageway, where: str, name: str, contact: str) -> _Carriageway:
+def _find_partner(writer: _Writer, road: Carriageway, where: str, name: str, contact: str) -> Carriageway:
     """Carriageway of the road `name` to which most lanes at an end of `road` are linked."""
     section = road.sections[0 if where == "predecessor" else -1]
-    partners: Counter[_Carriageway] = Counter()
+    partners: Counter[Carriageway] = Counter()
     for lane in section.lanes:
         for number_ in lane.before if where == "predecessor" else lane.after:
             place = writer.find_lane(name, contact, number_)
@@ -431,7 +433,7 @@ def _write_cubics(tag: str, key: str, function: Cubics) -> str:
 
 def _write_sections(
     writer: _Writer,
-    road: _Carriageway,
+    road: Carriageway,
     links: Mapping[str, _Link],
     defaults: Mapping[str, float],
     problems: Counter[str],
@@ -467,7 +469,7 @@ def _write_lane(
 
 def _find_kind(
     writer: _Writer,
-    road: _Carriageway,
+    road: Carriageway,
     section: LaneSection,
     lane: SectionLane,
     defaults: Mapping[str, float],
@@ -553,7 +555,7 @@ def _write_junction(writer: _Writer, name: str, junction: ElementTree.Element, *
         pairs = _read_pairs(connection, writer, (incoming, meets), (other, contact))
         if len(pairs) < len(connection.findall("laneLink")):
             writer.problems[f"junction {name}"]["connections of junctions lead to lanes that are not in the file"] += 1
-        ways: dict[tuple[_Carriageway, _Carriageway, str], list[tuple[int, int]]] = defaultdict(list)
+        ways: dict[tuple[Carriageway, Carriageway, str], list[tuple[int, int]]] = defaultdict(list)
         for (road, a), (to, b) in pairs:
             if is_direct and (a * writer.sign < 0) != (meets == "end"):
                 ways[to, road, meets].append((b, a))
@@ -563,14 +565,14 @@ def _write_junction(writer: _Writer, name: str, junction: ElementTree.Element, *
     return format_element("junction", {"id": _junction_name(name), "name": ""}, "".join(connections))
 
 
-def _find_contact(road: _Carriageway, junction: str) -> str:
+def _find_contact(road: Carriageway, junction: str) -> str:
     """End of a road at which it meets a junction."""
     starts = road.element.findall("link/predecessor")
     meets = any(link.get("elementType") == "junction" and link.get("elementId") == junction for link in starts)
     return "start" if meets else "end"
 
 
-_Place = tuple[_Carriageway, int]
+_Place = tuple[Carriageway, int]
 
 
 def _read_pairs(
@@ -595,7 +597,7 @@ def _read_pairs(
 
 
 def _write_connection(
-    number_: int, way: tuple[_Carriageway, _Carriageway, str], lanes: Sequence[tuple[int, int]], sign: int
+    number_: int, way: tuple[Carriageway, Carriageway, str], lanes: Sequence[tuple[int, int]], sign: int
 ) -> str:
     incoming, other, contact = way
     row = {"id": number_, "incomingRoad": incoming.name, "connectingRoad": other.name, "contactPoint": contact}

@@ -1,0 +1,131 @@
+"""Middle lines of lanes whose width or offset changes along an OpenDRIVE road, put into the network of netconvert.
+
+netconvert draws every lane of a section as wide as it is at its widest, and joins the places where a lane offset begins
+by straight lines. Where a lane opens next to the middle, the lanes outside it would run along the kerb."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from xml.etree import ElementTree
+
+import numpy as np
+import shapely
+
+from toolkit.arrays import Float, Float64
+from toolkit.sites.cubics import Cubics
+from toolkit.sites.lane_sections import LaneSection, SectionLane
+from toolkit.sites.opendrive import MapRoad, read_road
+from toolkit.sites.plain_map import Carriageway, PlainMap
+
+MAX_DEVIATION_M = 0.1  # of a lane from its middle line in the map that is left as it is
+MAX_PLACE_GAP_M, MAX_PLACE_GAP_SHARE = 5.0, 0.2  # between a lane and its place on the road, as on a ring
+SHAPE_TOLERANCE_M = 0.01
+MIN_DRIVEN_WIDTH_M = 1.8  # of a lane that anybody drives on
+SAMPLES_EVERY_M = 1.0
+_NARROW_USERS = {"authority", "emergency"}  # all that netconvert lets use narrow lanes
+
+
+@dataclass(frozen=True, eq=False)
+class _Line:
+    """Reference line of a road, sampled: places along it (m), and as a line."""
+
+    road: MapRoad
+    places: Float64[np.ndarray, " k"]
+    line: shapely.LineString
+
+    @classmethod
+    def from_road(cls, road: MapRoad) -> "_Line":
+        """Sample the reference line of a road."""
+        places = np.linspace(0.0, road.length, int(road.length / SAMPLES_EVERY_M) + 2)
+        return cls(road, places, shapely.LineString(road.at(places)[:, :2]))
+
+    def find_places(self, points: Float[np.ndarray, "n 2"]) -> Float64[np.ndarray, " n"]:
+        """Places along the line (m) nearest to points."""
+        along = np.concatenate([[0.0], np.cumsum(_measure_steps(shapely.get_coordinates(self.line)))])
+        return np.interp(shapely.line_locate_point(self.line, shapely.points(points)), along, self.places)
+
+
+def align_lanes(network: str, plain: PlainMap) -> str:
+    """Give the lanes of a whole map's network, in its coordinates, the middle lines that the map describes.
+
+    Only roads whose lanes change their width or offset are touched."""
+    varying = {road.name: road for road in plain.carriageways if _varies(road)}
+    if not varying:
+        return network
+    root = ElementTree.fromstring(network)
+    lines: dict[str, _Line] = {}
+    for edge in root.iter("edge"):
+        name = edge.get("id", "").removeprefix("-").partition("#")[0]
+        if edge.get("function") is None and name in varying:
+            if name not in lines:
+                lines[name] = _Line.from_road(read_road(varying[name].element))
+            is_forward = edge.get("id", "").startswith("-")
+            sign = 1 if is_forward == plain.lefthand else -1
+            _align_edge(edge, varying[name], lines[name], sign)
+    return ElementTree.tostring(root, encoding="unicode") + "\n"
+
+
+def _varies(road: Carriageway) -> bool:
+    widths = (lane.width for section in road.sections for lane in section.lanes)
+    return any(_is_bent(function) for function in (road.offset, *widths))
+
+
+def _is_bent(function: Cubics) -> bool:
+    return bool(np.abs(function.rows[:, 1:]).max(initial=0.0) > 1e-9) or len(np.unique(function.rows[:, :1])) > 1
+
+
+def _align_edge(edge: ElementTree.Element, road: Carriageway, line: _Line, sign: int) -> None:
+    """Move the lanes of one edge. sign: of the ids of its lanes in the map."""
+    elements = edge.findall("lane")
+    shapes = [_parse_points(element) for element in elements]
+    ends = line.find_places(np.array([shapes[0][0, :2], shapes[0][-1, :2]]))
+    section = _find_section(road.sections, float(ends.mean()))
+    lanes = [] if section is None else section.side(sign)
+    if section is None or len(lanes) != len(elements) or any(len(shape) < 2 for shape in shapes):
+        return
+    for element, shape, number in zip(elements, shapes, range(len(lanes))[::-1], strict=True):
+        first, last = line.find_places(shape[[0, -1], :2])
+        drawn = shapely.LineString(shape[:, :2])
+        if abs(abs(last - first) - drawn.length) > MAX_PLACE_GAP_M + MAX_PLACE_GAP_SHARE * drawn.length:
+            continue
+        s = np.linspace(first, last, int(abs(last - first) / SAMPLES_EVERY_M) + 2)
+        within = np.clip(s, section.start, section.end) - section.start
+        inner = road.offset.at(s) + sign * sum(_width(lane, within) for lane in lanes[:number])
+        width = _width(lanes[number], within)
+        middle = line.road.beside(s, inner + sign * width / 2)
+        if set(element.get("allow", "").split()) == _NARROW_USERS and width.min() < MIN_DRIVEN_WIDTH_M:
+            element.attrib.pop("allow")
+            element.set("disallow", "all")
+        exact = shapely.LineString(middle)
+        if shapely.hausdorff_distance(drawn, exact) > MAX_DEVIATION_M:
+            simple = shapely.get_coordinates(exact.simplify(SHAPE_TOLERANCE_M))
+            element.set("shape", _format_points(simple, shape))
+            element.set("customShape", "1")
+
+
+def _measure_steps(points: Float[np.ndarray, "k 2"]) -> Float64[np.ndarray, " _"]:
+    """Length of each step from point to point."""
+    steps: Float64[np.ndarray, " _"] = np.hypot(*np.diff(points, axis=0).T)
+    return steps
+
+
+def _width(lane: SectionLane, s: Float[np.ndarray, " k"]) -> Float64[np.ndarray, " k"]:
+    return np.maximum(lane.width.at(s), 0.0)
+
+
+def _find_section(sections: Iterable[LaneSection], s: float) -> LaneSection | None:
+    return next((section for section in sections if section.start <= s < section.end), None)
+
+
+def _parse_points(element: ElementTree.Element) -> Float64[np.ndarray, "k _"]:
+    return np.array([point.split(",") for point in element.get("shape", "").split()], np.float64)
+
+
+def _format_points(middle: Float[np.ndarray, "k 2"], shape: Float[np.ndarray, "n _"]) -> str:
+    """Points of a line, as high as those of the shape that it replaces."""
+    if shape.shape[1] == 3:
+        drawn = shapely.LineString(shape[:, :2])
+        shares = shapely.line_locate_point(drawn, shapely.points(middle), normalized=True)
+        along = np.concatenate([[0.0], np.cumsum(_measure_steps(shape[:, :2]))])
+        heights = np.interp(shares, along / max(along[-1], 1e-9), shape[:, 2])
+        middle = np.column_stack([middle, heights])
+    return " ".join(",".join(f"{value:.3f}" for value in point) for point in middle)
