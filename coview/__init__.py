@@ -53,6 +53,7 @@ else:
         ),
     }
     _HOMES = {name: face for face, names in _FACES.items() for name in names}
+    __all__ = ["live", "make", "search", *sorted(_HOMES)]
 
     def __getattr__(name: str) -> object:
         from importlib import import_module
@@ -74,7 +75,7 @@ else:
         return getattr(import_module(_HOMES[name]), name)
 
     def __dir__() -> list[str]:
-        return ["__version__", "live", "make", "search", *sorted(_HOMES)]
+        return ["__version__", *__all__]
 
 
 def search(

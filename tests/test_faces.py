@@ -42,6 +42,12 @@ def test_examples_and_readme_import_from_the_faces(path):
     assert not deeper, f"offer what it needs in the face, in place of importing {deeper}"
 
 
+def test_a_star_imports_all_names_of_coview():
+    names: dict[str, object] = {}
+    exec("from coview import *", names)
+    assert {"load_site", "search", "make", "plan"} <= names.keys()
+
+
 def test_a_bare_machine_can_import_the_faces():
     """None of the heavy packages loads before something of them is used."""
     heavy = ["open3d", "torch", "libsumo", "matplotlib", "stable_baselines3", "ortools"]

@@ -13,8 +13,9 @@ Coordinates are longitude and latitude (RFC 7946, WGS84); altitude is ignored, a
 A collection with the member `coview_site`, such as a saved site, is in the site's metres, z that of the foot."""
 
 import re
+import unicodedata
 import warnings
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Sequence
 from difflib import get_close_matches
 from itertools import compress
@@ -46,10 +47,10 @@ def load_poles(path: str | Path, site: Site, catalogue: SensorCatalogue | None =
     """Load the poles in `path` where sensors may hang at `site`.
 
     catalogue: whose currency their prices are in, and which prices an ordinary pole.
-    Unnamed ones are called pole and their number in the file; a "/" in a name becomes "-". Poles in a keep-out area of
-    the file or on the carriageway are left out, with a warning. Raises ValueError in one line if the file is damaged,
-    has no pole, the same one twice, one far from the site, or a price that is none; ImportError if the site's map
-    projection needs pyproj."""
+    Unnamed ones are called pole and their number in the file. Poles in a keep-out area of the file or on the
+    carriageway are left out, with a warning. Raises ValueError in one line if the file is damaged, has no pole, the
+    same one twice, names that look alike, one far from the site, or a price that is none; ImportError if the site's
+    map projection needs pyproj."""
     collection, where = _read(Path(path)), str(path)
     features = list(_features(collection, where))
     poles: list[tuple[str, str, Json, list[float]]] = []  # place in the file, name, properties, coordinates
@@ -179,9 +180,17 @@ def _features(collection: Json, where: str) -> Iterator[tuple[str, str, Json, Js
             raise ValueError(f"{place}.properties must be an object {{...}}, got {str(properties)[:60]}")
         if properties.get("layer") not in ("sensor", "parking"):
             properties = {key: value for key, value in properties.items() if value is not None}
-            name = properties.get("name", feature.get("id"))
-            name = str(name).replace("/", "-") if name not in (None, "") else f"pole{i:02}"
-            yield place, name, properties, feature["geometry"]
+            yield place, _pole_name(properties, feature, place) or f"pole{i:02}", properties, feature["geometry"]
+
+
+def _pole_name(properties: Json, feature: Json, place: str) -> str:
+    """Name or id of a feature as the file writes it, empty for none or blanks."""
+    name = properties.get("name", feature.get("id", ""))
+    if name is None:
+        return ""
+    if not isinstance(name, str | int | float) or isinstance(name, bool):
+        raise ValueError(f"{place}.properties.name must be a text or a number, got {str(name)[:60]}: write the name")
+    return str(name) if str(name).strip() else ""
 
 
 def _is_number(value: object) -> bool:
@@ -266,6 +275,14 @@ def _check(mounts: Sequence[Mount], site: Site, where: str) -> None:
     (name, times), *_ = Counter(names).most_common(1)
     if times > 1:
         raise ValueError(f"{where}: {times} poles are named {name!r}: rename all but one")
+    alike = defaultdict(list)
+    for name in names:
+        alike[_file_name(name)].append(name)
+    for same in alike.values():
+        if len(same) > 1:
+            pair = " and ".join(map(ascii, same[:2]))
+            reason = "differ only in spaces, in how accents are encoded, or in / and -"
+            raise ValueError(f"{where}: names of poles must be told apart, but {pair} {reason}: rename one")
     spots = shapely.points(feet[:, :2])
     pairs = shapely.STRtree(spots).query(spots, "dwithin", SAME_PLACE).T
     pairs = pairs[pairs[:, 0] < pairs[:, 1]]
@@ -279,6 +296,11 @@ def _is_drawn(properties: Json, geometry: Json) -> bool:
     if {"layer", "kind"} & properties.keys() or properties.get("keep_out"):
         return False
     return any(word in str(geometry.get("type")) for word in ("LineString", "Polygon"))
+
+
+def _file_name(name: str) -> str:
+    """Name in the form in which sensors take it over, letters composed as in Unicode's form NFC."""
+    return " ".join(unicodedata.normalize("NFC", name).replace("/", "-").split())
 
 
 def _keep_out(collection: Json, site: Site, where: str, *, every: bool = False) -> Iterator[shapely.Geometry]:

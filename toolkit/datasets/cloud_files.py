@@ -167,13 +167,16 @@ def load_poses(paths: Sequence[str | Path], files: Sequence[str | Path], *, inve
 
 
 def match_poses(paths: Sequence[str | Path], poses: Mapping[str, Pose]) -> list[Pose]:
-    """Pose of each cloud, matched by file name, or by position if no pose has a name."""
+    """Pose of each cloud, matched by file name with or without its ending or folder, or by position if no pose has a
+    name."""
     stems = [Path(path).stem.removesuffix(".pcd") for path in paths]
-    if all(stem in poses for stem in stems) and len(set(stems)) == len(stems):
-        return [poses[stem] for stem in stems]
-    if len(poses) == len(paths) and all(name.isdigit() for name in poses):
+    for names in (stems, [Path(path).name for path in paths], [Path(path).as_posix() for path in paths]):
+        if poses.keys() >= set(names) and len(set(names)) == len(names):
+            return [poses[name] for name in names]
+    if len(poses) == len(paths) and list(poses) == [str(k) for k in range(len(poses))]:
         return list(poses.values())
-    raise ValueError(f"cannot tell which pose is whose: files {', '.join(stems)}, poses {', '.join(poses)}")
+    whose = f"files {', '.join(stems)}, poses {', '.join(poses)}"
+    raise ValueError(f"cannot tell which pose is whose: {whose}; name each pose as its file, such as {stems[0]!r}")
 
 
 def parse_pose(numbers: object, name: str = "pose") -> Pose:

@@ -141,5 +141,21 @@ def replace_letters(text: str, letters: frozenset[str]) -> str:
 
 
 def number_names(names: Sequence[str], unset: frozenset[str], noun: str) -> dict[str, str]:
-    """Numbered names, such as "pole 3", for those that hold letters that cannot be set; counted from 1."""
-    return {name: f"{noun} {k}" for k, name in enumerate(names, start=1) if unset & set(name)}
+    """Numbered names, such as "pole 3", for those that hold letters that cannot be set; counted from 1. A number that
+    another name uses is passed over."""
+    numbers: dict[str, str] = {}
+    taken = set(names)
+    for k, name in enumerate(names, start=1):
+        if not unset & set(name):
+            continue
+        while f"{noun} {k}" in taken:
+            k += len(names)
+        numbers[name] = f"{noun} {k}"
+        taken.add(numbers[name])
+    return numbers
+
+
+def spell_name(name: str, unset: frozenset[str]) -> str:
+    """Name with the letters that cannot be set as code points, such as "U+1F6A6 Ampel"."""
+    spelled = "".join(f" U+{ord(letter):04X} " if letter in unset else letter for letter in name)
+    return " ".join(spelled.split())

@@ -22,7 +22,7 @@ from typing import Any, ClassVar
 from placement_env.report import content
 from placement_env.report.pages.scene import Scene
 from toolkit.display import describe_count
-from toolkit.plots.fonts import UNSET, choose_fonts, name_letters, number_names, own_font, replace_letters
+from toolkit.plots.fonts import UNSET, choose_fonts, name_letters, number_names, own_font, replace_letters, spell_name
 from toolkit.sites.site import Site
 from toolkit.viewing.scene import render_page
 
@@ -336,18 +336,13 @@ def settle_names(plan: content.Plan, site: Site) -> tuple[content.Plan, Site, st
 
     mounts = tuple(replace(mount, name=number_all(mount.name)) for mount in site.mounts)
     mounted = tuple(replace(sensor, name=number_all(sensor.name)) for sensor in site.sensors)
-    listed = "; ".join(f"{number} is {name_letters_in_order(name)}" for name, number in numbers.items())
+    listed = "; ".join(f"{number} is {spell_name(name, unset)}" for name, number in numbers.items())
     note = f"Names with letters that no font here can set are numbered: {listed}."
     letters = "".join(sorted(unset))
     said = ", ".join(f"{name!r} is {number}" for name, number in numbers.items())
     remedy = "install a font that has them, such as Noto Sans"
     warnings.warn(f"no font here can set the letters {letters}, so in the report {said}: {remedy}", stacklevel=3)
     return _replace_texts(plan, number_all), replace(site, mounts=mounts, sensors=mounted), note
-
-
-def name_letters_in_order(name: str) -> str:
-    """A name by the code points of its letters."""
-    return " ".join(f"U+{ord(letter):04X}" for letter in name)
 
 
 def drop_unset(document: Document) -> Document:

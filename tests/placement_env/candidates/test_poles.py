@@ -73,12 +73,12 @@ def test_poles_in_degrees_stand_where_they_do(site, tmp_path):
     feet = np.array([mount.position for mount in mounts])
     assert np.abs(feet[:, :2] - places).max() < 2e-3
     assert np.allclose(feet[:, 2], site.ground(feet[:, :2]))
-    assert [m.name for m in mounts] == ["L-1", "pole01", "17"]
+    assert [m.name for m in mounts] == ["L/1", "pole01", "17"]
     assert [(m.min_height, m.max_height, m.price, m.capacity) for m in mounts] == [
         *((3.0, 9.0, 0.5, 800.0), (3.0, 8.0, 1.0, 2000.0), (4.0, 5.0, 1.0, 2000.0))
     ]
     assert [m.max_sensors for m in mounts] == [2, 1, 1]
-    assert {c.name for c in pool(site, mounts=mounts).mounts} == {"L-1", "pole01", "17"}
+    assert {c.name for c in pool(site, mounts=mounts).mounts} == {"L/1", "pole01", "17"}
 
 
 def test_mounts_of_a_site_come_back_saved_or_exported(tmp_path, site):
