@@ -48,7 +48,7 @@ def align_lanes(network: str, plain: PlainMap, window: shapely.Geometry) -> str:
     """Give the lanes of a whole map's network, in its coordinates, the middle lines that the map describes.
 
     Only roads that reach `window` and whose lanes change their width or offset are touched."""
-    varying = {road.name: road for road in plain.carriageways if _comes_near(road, window) and _varies(road)}
+    varying = {road.name: road for road in plain.carriageways if _varies(road) and _comes_near(road, window)}
     if not varying:
         return network
     root = ElementTree.fromstring(network)
@@ -81,7 +81,8 @@ def _varies(road: Carriageway) -> bool:
 
 
 def _is_bent(function: Cubics) -> bool:
-    return bool(np.abs(function.rows[:, 1:]).max(initial=0.0) > 1e-9) or len(np.unique(function.rows[:, :1])) > 1
+    rows = function.rows
+    return bool(rows[:, 1:].any()) or bool((rows[1:, 0] != rows[:-1, 0]).any())
 
 
 def _align_edge(edge: ElementTree.Element, road: Carriageway, line: _Line, sign: int) -> bool:

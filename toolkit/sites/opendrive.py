@@ -29,6 +29,7 @@ from toolkit.sites.surroundings import Bay
 
 LONGEST = 1e5  # m, of one piece of a road
 MAX_TURN_RAD = 2 * np.pi
+MAX_CURVE_GAP_M = 50.0  # by which a curve may be longer than its geometry says
 _STEP = 0.25  # m between the points at which a spiral is summed up
 _ADDITIONAL = ("userData", "include", "dataQuality")  # what any element may hold
 MIN_TILT_RAD = 1e-4  # less tilt across the road is ignored: 1 mm over 10 m
@@ -152,6 +153,15 @@ class MapRoad:
         """Places `t` m to the left of the line at `s`."""
         return step_aside(self.at(s), t)
 
+    def may_reach(self, window: shapely.Geometry) -> bool:
+        """True if a piece of the reference line begins so near a window that it may reach it."""
+        xmin, ymin, xmax, ymax = window.bounds
+        for piece in self.pieces:
+            reach = piece.length + MAX_CURVE_GAP_M
+            if xmin - reach <= piece.x <= xmax + reach and ymin - reach <= piece.y <= ymax + reach:
+                return True
+        return False
+
     def stations(self, window: shapely.Geometry, every: float) -> tuple[np.ndarray, Float64[np.ndarray, "k 2"]]:
         """s and place of stations within `window`, `every` m apart or less."""
         s = np.linspace(0.0, self.length, int(self.length / every) + 2)
@@ -244,8 +254,7 @@ def roads_near(
     found, others = [], 0
     around = window.buffer(30.0)
     for road in map(read_road, root.iter("road")):
-        s, _ = road.stations(around, 5.0)
-        if not len(s):
+        if not road.may_reach(around) or not len(road.stations(around, 5.0)[0]):
             continue
         s = np.linspace(0.0, road.length, int(road.length / 5.0) + 2)
         line = shapely.LineString(np.column_stack([road.at(s)[:, :2], road.elevation.at(s)]))
