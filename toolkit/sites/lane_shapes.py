@@ -11,7 +11,7 @@ import numpy as np
 import shapely
 
 from toolkit.arrays import Float, Float64
-from toolkit.sites.cubics import Cubics
+from toolkit.sites.cubics import Cubics, number
 from toolkit.sites.lane_sections import LaneSection, SectionLane
 from toolkit.sites.opendrive import MapRoad, read_road
 from toolkit.sites.plain_map import Carriageway, PlainMap
@@ -44,15 +44,16 @@ class _Line:
         return np.interp(shapely.line_locate_point(self.line, shapely.points(points)), along, self.places)
 
 
-def align_lanes(network: str, plain: PlainMap) -> str:
+def align_lanes(network: str, plain: PlainMap, window: shapely.Geometry) -> str:
     """Give the lanes of a whole map's network, in its coordinates, the middle lines that the map describes.
 
-    Only roads whose lanes change their width or offset are touched."""
-    varying = {road.name: road for road in plain.carriageways if _varies(road)}
+    Only roads that reach `window` and whose lanes change their width or offset are touched."""
+    varying = {road.name: road for road in plain.carriageways if _varies(road) and _comes_near(road, window)}
     if not varying:
         return network
     root = ElementTree.fromstring(network)
     lines: dict[str, _Line] = {}
+    is_changed = False
     for edge in root.iter("edge"):
         name = edge.get("id", "").removeprefix("-").partition("#")[0]
         if edge.get("function") is None and name in varying:
@@ -60,8 +61,18 @@ def align_lanes(network: str, plain: PlainMap) -> str:
                 lines[name] = _Line.from_road(read_road(varying[name].element))
             is_forward = edge.get("id", "").startswith("-")
             sign = 1 if is_forward == plain.lefthand else -1
-            _align_edge(edge, varying[name], lines[name], sign)
-    return ElementTree.tostring(root, encoding="unicode") + "\n"
+            is_changed |= _align_edge(edge, varying[name], lines[name], sign)
+    return ElementTree.tostring(root, encoding="unicode") + "\n" if is_changed else network
+
+
+def _comes_near(road: Carriageway, window: shapely.Geometry) -> bool:
+    """True if a piece of the road may reach a window."""
+    xmin, ymin, xmax, ymax = window.bounds
+    for piece in road.element.findall("planView/geometry"):
+        x, y, reach = (number(piece, key) for key in ("x", "y", "length"))
+        if xmin - reach <= x <= xmax + reach and ymin - reach <= y <= ymax + reach:
+            return True
+    return False
 
 
 def _varies(road: Carriageway) -> bool:
@@ -70,36 +81,41 @@ def _varies(road: Carriageway) -> bool:
 
 
 def _is_bent(function: Cubics) -> bool:
-    return bool(np.abs(function.rows[:, 1:]).max(initial=0.0) > 1e-9) or len(np.unique(function.rows[:, :1])) > 1
+    rows = function.rows
+    return bool(rows[:, 1:].any()) or bool((rows[1:, 0] != rows[:-1, 0]).any())
 
 
-def _align_edge(edge: ElementTree.Element, road: Carriageway, line: _Line, sign: int) -> None:
-    """Move the lanes of one edge. sign: of the ids of its lanes in the map."""
+def _align_edge(edge: ElementTree.Element, road: Carriageway, line: _Line, sign: int) -> bool:
+    """Move the lanes of one edge; return True if any was changed. sign: of the ids of its lanes in the map."""
     elements = edge.findall("lane")
     shapes = [_parse_points(element) for element in elements]
     ends = line.find_places(np.array([shapes[0][0, :2], shapes[0][-1, :2]]))
     section = _find_section(road.sections, float(ends.mean()))
     lanes = [] if section is None else section.side(sign)
     if section is None or len(lanes) != len(elements) or any(len(shape) < 2 for shape in shapes):
-        return
-    for element, shape, number in zip(elements, shapes, range(len(lanes))[::-1], strict=True):
+        return False
+    is_changed = False
+    for element, shape, count in zip(elements, shapes, range(len(lanes))[::-1], strict=True):
         first, last = line.find_places(shape[[0, -1], :2])
         drawn = shapely.LineString(shape[:, :2])
         if abs(abs(last - first) - drawn.length) > MAX_PLACE_GAP_M + MAX_PLACE_GAP_SHARE * drawn.length:
             continue
         s = np.linspace(first, last, int(abs(last - first) / SAMPLES_EVERY_M) + 2)
         within = np.clip(s, section.start, section.end) - section.start
-        inner = road.offset.at(s) + sign * sum(_width(lane, within) for lane in lanes[:number])
-        width = _width(lanes[number], within)
+        inner = road.offset.at(s) + sign * sum(_width(lane, within) for lane in lanes[:count])
+        width = _width(lanes[count], within)
         middle = line.road.beside(s, inner + sign * width / 2)
         if set(element.get("allow", "").split()) == _NARROW_USERS and width.min() < MIN_DRIVEN_WIDTH_M:
             element.attrib.pop("allow")
             element.set("disallow", "all")
+            is_changed = True
         exact = shapely.LineString(middle)
         if shapely.hausdorff_distance(drawn, exact) > MAX_DEVIATION_M:
             simple = shapely.get_coordinates(exact.simplify(SHAPE_TOLERANCE_M))
             element.set("shape", _format_points(simple, shape))
             element.set("customShape", "1")
+            is_changed = True
+    return is_changed
 
 
 def _measure_steps(points: Float[np.ndarray, "k 2"]) -> Float64[np.ndarray, " _"]:

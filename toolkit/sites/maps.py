@@ -332,11 +332,11 @@ def import_opendrive(piece: MapPiece) -> Site:
     geo_reference = opendrive.find_projection(root, path.name)
     window = opendrive.in_map(piece.around(REACH), pose(x, y, yaw=heading))
     network, warned = _make_network(plain, piece)
-    network = lane_shapes.align_lanes(network, plain)
-    nearest = _nearest_road(network, shapely.Point(x, y))
+    network = lane_shapes.align_lanes(network, plain, window)
+    nearest = partial(_nearest_road, network, shapely.Point(x, y))
     level, elsewhere, is_near = _elsewhere(network, window)
     if not is_near:
-        raise piece.no_road(nearest, nearby=_describe_degrees(root, (x, y)))
+        raise piece.no_road(nearest(), nearby=_describe_degrees(root, (x, y)))
     network = _cut_network(network, elsewhere, piece, lefthand=plain.lefthand)
     map_SE3_site = pose(x, y, level, yaw=heading)
     network = _in_site_frame(network, map_SE3_site)
@@ -349,11 +349,11 @@ def import_opendrive(piece: MapPiece) -> Site:
     walked = [shape for kind, shape in shapes if kind in opendrive.FOOTWAY]
     if not paved:
         kinds = sorted({lane.kind for lane in found})
-        raise piece.no_carriageway(kinds) if kinds else piece.no_road(nearest)
+        raise piece.no_carriageway(kinds) if kinds else piece.no_road(nearest())
     reach, tracks = piece.around(SURROUNDINGS), find_tracks(network)
     lanes, footways = whole_road(paved, walked, tracks, reach, fillings=junction_corners(network))
     if not nets.unite(lanes).intersects(shapely.box(*piece.area)):
-        raise piece.no_road(nearest)
+        raise piece.no_road(nearest())
     for lane in found:
         if lane.kind == "parking" and lane.width >= 1.8:
             middle = opendrive.in_site(shapely.LineString(lane.middle), map_SE3_site)
@@ -454,7 +454,7 @@ def _make_osm_network(
         options += [*_OSM_OPTIONS, *driving, f"--plain-output-prefix={Path(folder, 'plain')}"]
         with name_errors(piece.path):
             network, warned = nets.convert_with_warnings(options)
-        if ElementTree.fromstring(network).find("edge") is None:
+        if "<edge " not in network:
             raise piece.no_road(nearby=osm.describe_roadless(extract, piece.around(REACH)))
         notes = describe_warnings(warned)
         network = _in_site_frame(network, map_SE3_site)
@@ -518,13 +518,15 @@ def _doubt_place(site: Site) -> list[str]:
 def _convert(options: Sequence[str], piece: MapPiece) -> tuple[str, list[str]]:
     with name_errors(piece.path):
         network, warned = nets.convert_with_warnings(options)
-    if ElementTree.fromstring(network).find("edge") is None:
+    if "<edge " not in network:
         raise piece.no_road()
     return network, warned
 
 
 def _describe_warnings(warned: Sequence[str], network: str) -> list[str]:
     """Notes of what netconvert warns of on roads and junctions of a network."""
+    if not warned:
+        return []
     root = ElementTree.fromstring(network)
     names = {element.get("id", "") for kind in ("edge", "junction") for element in root.iter(kind)}
     names |= {name.strip("-").partition("#")[0] for name in names}

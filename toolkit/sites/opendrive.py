@@ -29,6 +29,7 @@ from toolkit.sites.surroundings import Bay
 
 LONGEST = 1e5  # m, of one piece of a road
 MAX_TURN_RAD = 2 * np.pi
+MAX_CURVE_GAP_M = 50.0  # by which a curve may be longer than its geometry says
 _STEP = 0.25  # m between the points at which a spiral is summed up
 _ADDITIONAL = ("userData", "include", "dataQuality")  # what any element may hold
 MIN_TILT_RAD = 1e-4  # less tilt across the road is ignored: 1 mm over 10 m
@@ -150,8 +151,16 @@ class MapRoad:
 
     def beside(self, s: Float[np.ndarray, " k"], t: Float[np.ndarray, " k"]) -> Float64[np.ndarray, "k 2"]:
         """Places `t` m to the left of the line at `s`."""
-        x, y, heading = self.at(s).T
-        return np.column_stack([x - t * np.sin(heading), y + t * np.cos(heading)])
+        return step_aside(self.at(s), t)
+
+    def may_reach(self, window: shapely.Geometry) -> bool:
+        """True if a piece of the reference line begins so near a window that it may reach it."""
+        xmin, ymin, xmax, ymax = window.bounds
+        for piece in self.pieces:
+            reach = piece.length + MAX_CURVE_GAP_M
+            if xmin - reach <= piece.x <= xmax + reach and ymin - reach <= piece.y <= ymax + reach:
+                return True
+        return False
 
     def stations(self, window: shapely.Geometry, every: float) -> tuple[np.ndarray, Float64[np.ndarray, "k 2"]]:
         """s and place of stations within `window`, `every` m apart or less."""
@@ -159,6 +168,12 @@ class MapRoad:
         xy = self.at(s)[:, :2]
         inside = shapely.intersects_xy(window, xy)
         return s[inside], xy[inside]
+
+
+def step_aside(places: Float[np.ndarray, "k 3"], t: Float[np.ndarray, " k"]) -> Float64[np.ndarray, "k 2"]:
+    """Places `t` m to the left of x, y and direction."""
+    x, y, heading = places.T
+    return np.column_stack([x - t * np.sin(heading), y + t * np.cos(heading)])
 
 
 def _find_parameter(
@@ -239,8 +254,7 @@ def roads_near(
     found, others = [], 0
     around = window.buffer(30.0)
     for road in map(read_road, root.iter("road")):
-        s, _ = road.stations(around, 5.0)
-        if not len(s):
+        if not road.may_reach(around) or not len(road.stations(around, 5.0)[0]):
             continue
         s = np.linspace(0.0, road.length, int(road.length / 5.0) + 2)
         line = shapely.LineString(np.column_stack([road.at(s)[:, :2], road.elevation.at(s)]))
@@ -265,15 +279,16 @@ def lanes(road: MapRoad) -> Iterator[MapLane]:
     offset = cubics(road.element.findall("lanes/laneOffset"))
     for section in read_sections(road.element, road.length):
         s = np.linspace(section.start, section.end, int((section.end - section.start) / STATIONS_EVERY) + 2)
+        places, middles = road.at(s), offset.at(s)
         for sign in (1, -1):
-            inner = offset.at(s)
+            inner = middles
             for lane in section.side(sign):
                 width = np.clip(lane.width.at(s - section.start), 0.0, 50.0)
                 outer = inner + sign * width
                 if width.max() > THINNEST_LANE:
-                    corners = np.concatenate([road.beside(s, inner), road.beside(s, outer)[::-1]])
+                    corners = np.concatenate([step_aside(places, inner), step_aside(places, outer)[::-1]])
                     outline = shapely.make_valid(shapely.Polygon(corners))
-                    middle = road.beside(s, (inner + outer) / 2)
+                    middle = step_aside(places, (inner + outer) / 2)
                     yield MapLane(lane.kind, outline, middle, float(width.mean()))
                 inner = outer
 
@@ -333,7 +348,7 @@ def in_map(shape: shapely.Geometry, map_SE3_site: Pose) -> shapely.Geometry:
     return shapely.transform(shape, lambda xy: xy @ map_SE3_site[:2, :2].T + map_SE3_site[:2, 3])
 
 
-NAMES_PROJECTION = r"\+proj=(?!lat|lon)|EPSG:|PROJ(CS|CRS|ECTEDCRS)\b"  # in degrees there is no map in metres
+NAMES_PROJECTION = r"\bproj=(?!lat|lon)|EPSG:|^\w+:\w+$|PROJ(CS|CRS|ECTEDCRS)\b"  # no others are a map in metres
 
 
 def read_opendrive(path: Path, centre: tuple[float, float]) -> ElementTree.Element:
@@ -451,26 +466,26 @@ def describe_turn(root: ElementTree.Element) -> list[str]:
 
 def _find_fault(reference: str) -> str:
     """Reason why PROJ cannot lead from a projection to the earth; empty if it can, or is not here to ask."""
-    unnamed = f"its geoReference names no projection ({reference[:90]!r})"
-    is_named = re.search(NAMES_PROJECTION, reference, re.IGNORECASE) is not None
+    if not re.search(NAMES_PROJECTION, reference, re.IGNORECASE):
+        return f"its geoReference names no projection ({reference[:90]!r})"
     try:
         from pyproj import CRS, Transformer
         from pyproj.exceptions import ProjError
     except ImportError:
-        return "" if is_named else unnamed
+        return ""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", FutureWarning)  # of +init=
             projection = CRS.from_user_input(reference)
         if not projection.is_projected:
             kind = "in degrees" if projection.is_geographic else f"a {projection.type_name}"
-            return f"its geoReference is {kind} ({reference[:90]!r}), not a map in metres" if is_named else unnamed
+            return f"its geoReference is {kind} ({reference[:90]!r}), not a map in metres"
         Transformer.from_crs(projection, "EPSG:4326", always_xy=True)
     except ProjError:
         grids = re.search(r"\+nadgrids=(\S+)", reference)
         if grids:
             return f"its geoReference needs the grid {grids[1][:60]!r}: install it for PROJ and import again"
-        return f"its geoReference is no projection that PROJ knows ({reference[:90]!r})" if is_named else unnamed
+        return f"its geoReference is no projection that PROJ knows ({reference[:90]!r})"
     return ""
 
 
