@@ -144,7 +144,7 @@ def test_times_of_points_in_another_unit_are_left_out_and_counted():
         (["drive.pcap"], r"drive\.pcap: decode the packets with the sensor's driver"),
         (["a.txt"], r"a\.txt: call them \.xyz or \.csv"),
         (["x/a.e57"], r"a\.e57: convert them"),
-        (["a.jpg", "b.jpg", "notes"], r"it holds 2 \.jpg, 1 notes: give --layout, or another folder"),
+        (["a.txt.jpg", "b.jpg", "notes"], r"it holds 2 \.jpg, 1 notes: give --layout, or another folder"),
         (["one.hdf5", "two.hdf5"], r"give the recording in it, .*one\.hdf5 or another of its 2"),
         ([], "it holds no files: give --layout, or another folder"),
     ],
@@ -152,6 +152,6 @@ def test_times_of_points_in_another_unit_are_left_out_and_counted():
 def test_the_remedy_names_what_a_folder_holds(tmp_path, files, found):
     for name in files:
         (tmp_path / name).parent.mkdir(exist_ok=True)
-        (tmp_path / name).write_bytes(b"x")
+        (tmp_path / name).write_text("1.0 -2 3e0 7\n")
     with pytest.raises(FileNotFoundError, match=f"holds no clouds, .*{found}"):
         open_recording(tmp_path)

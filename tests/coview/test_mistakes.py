@@ -77,7 +77,7 @@ def test_an_argument_is_refused_before_an_old_answer(line, said, refused, record
     [
         ("survey CLOUDS/opv2v", "has layout opv2v or v2xset or v2xreal: say by --layout which it is"),
         ("survey CLOUDS/rosbag", "give the recording in it, "),
-        ("survey CLOUDS", "neither NAME.pcd nor SENSOR/NAME.pcd: give --layout, or another folder"),
+        ("survey CLOUDS", "1 .png: give --layout, or another folder"),
         ("stress CLOUDS/kitti", "recorded clouds of an unknown site: give a recording of coview simulate, or take"),
         ("stress REC --detector nowhere", "no weights named 'nowhere'"),
         ("detect CLOUDS/folder --detector tjunction --out b.json", "give that area (--area -40 -20 40 20)"),
@@ -117,7 +117,10 @@ def test_an_argument_is_refused_before_an_old_answer(line, said, refused, record
         ("site show tjunction --out t.txt", "a picture's name must end in .png or .svg, got t.txt"),
         ("site export tjunction --out t.png", "the name of the export must end in .json or .geojson, got t.png"),
         ("site random --seed 1 --out r.png", "the name of a site's file must end in .json or .geojson, got r.png"),
-        (f"site import --osm {MAP} --centre 49.5 8 --size 70 50 --out j.json", "give --centre LONGITUDE LATITUDE"),
+        (
+            f"site import --osm {MAP} --centre 49.5 8 --size 70 50 --out j.json",
+            "longitude comes first, give --centre 8 49.5",
+        ),
         (
             f"site import --osm {MAP} --centre 8 49.5 --size 70000 50 --out j.json",
             "at most 1000 m, got (70000.0, 50.0)",

@@ -41,6 +41,7 @@ SCANS = {  # files of points that are not read, and what to do with them
     (".e57", ".pts", ".ptx", ".obj", ".stl", ".drc"): _CONVERT,
     (".txt",): "call them .xyz or .csv",
 }
+MAX_START_BYTES = 4096  # of a text, which tell points from words
 ALONE = "lidar"  # name of the sensor of clouds that lie in the folder itself
 _ONE_WORD = re.compile(r"[\w.-]+/\d+")  # SENSOR/NAME in a line of poses.txt
 
@@ -133,13 +134,21 @@ def _find_remedy(path: Path) -> str:
         more = f" or another of its {len(recorded)}" if len(recorded) > 1 else ""
         return f"give the recording in it, {recorded[0]}{more}"
     files = sorted(file for file in (*path.glob("*"), *path.glob("*/*")) if file.is_file())
+    files = [file for file in files if file.name not in POSES]
     for endings, remedy in SCANS.items():
-        if scans := [file for file in files if file.suffix.lower() in endings]:
+        scans = [file for file in files if file.suffix.lower() in endings]
+        if scans and (scans[0].suffix.lower() != ".txt" or _holds_rows(scans[0])):
             count = f"{len(scans)} of " if len(scans) > 1 else ""
             return f"it holds {count}{scans[0].suffix}, such as {scans[0].relative_to(path)}: {remedy}"
     kinds = Counter(file.suffix.lower() or file.name for file in files)
     held = ", ".join(f"{count} {kind}" for kind, count in kinds.most_common(4)) or "no files"
     return f"it holds {held}: give --layout, or another folder"
+
+
+def _holds_rows(file: Path) -> bool:
+    """True for a text whose first lines have three numbers."""
+    start = file.read_bytes()[:MAX_START_BYTES].decode("utf-8", "replace")
+    return re.search(r"(?m)^\s*(?:[-+]?[\d.]+(?:e[-+]?\d+)?[\s,;]+){2}[-+]?[\d.]+", start, re.IGNORECASE) is not None
 
 
 def _files(path: Path) -> list[Path]:
