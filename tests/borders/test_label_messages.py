@@ -3,9 +3,11 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from toolkit.datasets.records import parse_objects, read_entries
+from toolkit.detection.label_doctor import _finding
 
 CAR = {"label": "vehicle", "x": 1, "y": 2, "z": 0.7, "length": 4.2, "width": 1.8, "height": 1.5, "yaw_deg": 90}
 NAMED = r"labels.json .*objects\[1\] of sample '0007': "
@@ -45,3 +47,10 @@ def test_another_file_is_refused_with_what_it_must_say(tmp_path: Path, content):
     path.write_text(json.dumps(content))
     with pytest.raises(ValueError, match="must say coview boxes, version 1: see docs"):
         read_entries(path)
+
+
+@pytest.mark.parametrize(("fit", "is_certain"), [(0.18, False), (0.7, True)])
+def test_the_doctor_says_when_its_best_cause_explains_little(fit, is_certain):
+    finding = _finding("mirrored", np.full(9, 0.02), np.full(9, fit), "negate y")
+    assert finding.remedy.startswith("negate y")
+    assert ("the cause may be another" not in finding.remedy) == is_certain

@@ -504,7 +504,7 @@ def parse_objects(path: str | Path, each: Unchecked, problems: Problems) -> Labe
     with named_damage(path, "file of boxes"):
         sample = f"sample {str(entry(each, 'name'))[:60]!r}"
         if "objects" not in each:
-            raise ValueError(f'{sample} has no entry objects: write "objects": [] if there is none')
+            raise ValueError(f'{sample} has no entry objects: write "objects": [] for an empty one')
         rows = as_list(each["objects"], f"objects of {sample}")
         parsed = []
         for k, row in enumerate(rows):
