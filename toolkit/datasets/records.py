@@ -524,7 +524,7 @@ def read_entries(path: str | Path) -> dict[str, Unchecked]:
     """Entries of a file by the names of their frames. Raises ValueError, which names the file."""
     with named_damage(path, "file of boxes"):
         content = load_json(path)
-        if entry(content, "coview") != "boxes" or entry(content, "version") != _VERSION:
+        if not isinstance(content, dict) or (content.get("coview"), content.get("version")) != ("boxes", _VERSION):
             raise ValueError(f"it must say coview boxes, version {_VERSION}: see docs/how-to/labels.md")
         if (frame := content.get("frame", "world")) != "world":
             raise ValueError(f"its boxes must be in the frame world, got {str(frame)[:40]!r}: move them by poses.json")
@@ -538,10 +538,23 @@ def read_entries(path: str | Path) -> dict[str, Unchecked]:
 def parse_objects(path: str | Path, each: Unchecked, problems: Problems) -> Labelled:
     """The labels of one entry."""
     with named_damage(path, "file of boxes"):
-        rows = as_list(entry(each, "objects"), "objects")
-        columns = (*_SIZES, "yaw_deg")
-        boxes = np.array([[as_number(entry(row, key), key) for key in columns] for row in rows]).reshape(-1, 7)
+        sample = f"sample {str(entry(each, 'name'))[:60]!r}"
+        if "objects" not in each:
+            raise ValueError(f'{sample} has no entry objects: write "objects": [] for an empty one')
+        rows = as_list(each["objects"], f"objects of {sample}")
+        parsed = []
+        for k, row in enumerate(rows):
+            try:
+                parsed.append(_parse_object(row))
+            except ValueError as error:
+                raise ValueError(f"objects[{k}] of {sample}: {error}") from None
+        boxes = np.array([box for box, _, _ in parsed]).reshape(-1, 7)
         boxes[:, 6] = np.deg2rad(boxes[:, 6])
-        names = [str(entry(row, "label")) for row in rows]
-        counts = [int(as_number(row.get("points", -1), "points")) for row in rows]
+        names, counts = [name for _, name, _ in parsed], [count for _, _, count in parsed]
         return labelled(boxes, names, [row.get("id", k) for k, row in enumerate(rows)], problems, counts)
+
+
+def _parse_object(row: Unchecked) -> tuple[list[float], str, int]:
+    """Box with its yaw in degrees, label and number of points of one object."""
+    box = [as_number(entry(row, key), key) for key in (*_SIZES, "yaw_deg")]
+    return box, str(entry(row, "label")), int(as_number(row.get("points", -1), "points"))

@@ -164,6 +164,7 @@ _REMEDIES |= {records.NO_SIZE: _UNIT, records.TOO_LARGE: _UNIT, AWAY: "check the
 _REMEDIES |= {records.TILTED: "check the order of quaternions, w first or last, and of angles"}
 _REMEDIES |= {records.EMPTY: "check their sensor, or leave these frames out", records.FAR_POINTS: _UNIT}
 FREER = 0.1  # gain in mean fit that explanations which choose a sensor for each box need
+MIN_CERTAIN_FIT_SHARE = 0.3  # mean fit below which the best explanation hardly explains the labels
 TURNED_GAIN = 0.15  # gain in mean fit that explanations which turn each box freely need
 
 
@@ -414,4 +415,6 @@ def _undo_each(mistake: LabelMistake, some: Sequence[Seen], choose: Callable[[Fr
 
 def _finding(name: str, before: np.ndarray, after: np.ndarray, remedy: str) -> Finding:
     share = f"{before.mean():.0%} as they are, {after.mean():.0%} with that undone"
+    if after.mean() < MIN_CERTAIN_FIT_SHARE:
+        remedy += "; few boxes fit even then, so the cause may be another, such as a shift: draw a frame by coview view"
     return Finding("error", "labels", name, f"mean fit of {len(before)} boxes to the points: {share}", remedy)

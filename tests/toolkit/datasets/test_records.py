@@ -173,7 +173,7 @@ def test_boxes_there_and_back(tmp_path):
 @pytest.mark.parametrize(
     ("content", "names"),
     [
-        *(("{}", "no entry coview"), ('{"coview": "boxes", "version": 2, "samples": []}', "version 1")),
+        *(("{}", "must say coview boxes"), ('{"coview": "boxes", "version": 2, "samples": []}', "version 1")),
         ('{"coview": "boxes", "version": 1, "samples": {}}', "samples must be a list"),
         ('{"coview": "boxes", "version": 1, "samples": [{}]}', "no entry name"),
     ],

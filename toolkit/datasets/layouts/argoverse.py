@@ -162,7 +162,8 @@ def write_argoverse(samples: Iterable[Frame], folder: Path) -> None:
     for k, sample in enumerate(near_frames(samples)):
         if len(sample.clouds) > len(LASERS):
             count = len(sample.clouds)
-            raise ValueError(f"an Argoverse log has two lidars, but {sample.name!r} has {count}: fuse some")
+            remedy = "leave out the others, or convert to folder or nuscenes, which hold any number"
+            raise ValueError(f"an Argoverse log has two lidars, but {sample.name!r} has {count}: {remedy}")
         stamps.append(round(records.clock_time(sample, k) * 1e9))
         if stamps[-1] in stamps[:-1]:
             raise ValueError(f"sweeps of an Argoverse log are named by their times, but two are of {sample.time:g} s")
