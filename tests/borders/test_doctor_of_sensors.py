@@ -192,6 +192,22 @@ def test_a_sensor_that_is_elsewhere(sound, tmp_path, turn):
     assert "sensor east: boxes hold points of other sensors, and none of this one" in findings_of(moved, tmp_path)
 
 
+@pytest.mark.parametrize("labelled", [True, False])
+@pytest.mark.parametrize(
+    "wrong", [np.eye(4), pose(0.0, 0.0, -3.0) @ POLES["east"], POLES["east"] @ pose(roll=np.pi)], ids=str
+)
+def test_a_sensor_whose_points_are_below_the_ground(sound, tmp_path, labelled, wrong):
+    """A pose that is missing, without its height, or upside down."""
+    moved = change(sound, "east", lambda k, cloud: replace(cloud, world_SE3_sensor=wrong))
+    if not labelled:
+        moved = [Frame.of_clouds(frame.name, frame.clouds, Objects.empty(), time=frame.time) for frame in moved]
+    found = findings_of(moved[::4], tmp_path)
+    if wrong[2, 2] > 0:
+        assert "sensor east: its points are below the ground that others see" in found
+    else:  # its ground is in the sky, where there is nothing to compare it with
+        assert not any("below the ground" in finding for finding in found)
+
+
 def test_the_scene_is_as_meant():
     points = transform(POLES["south"], cast(POLES["south"], cars(0.0)).astype(np.float64))
     assert points[:, 2].min() > -0.1

@@ -19,7 +19,7 @@ from toolkit.datasets.doctor import Finding, diagnose_file, suspect_times
 from toolkit.datasets.layouts.hdf5 import holds_clouds
 from toolkit.datasets.recordings import Part, guess_layout, open_recording
 from toolkit.detection.label_fits import LEAST_BOXES, SHIFTS_S, Seen, better, find_movers, fits, measure_fits
-from toolkit.detection.sensor_doctor import diagnose_sensors, diagnose_times
+from toolkit.detection.sensor_doctor import diagnose_sensors, diagnose_times, suspect_buried_points
 from toolkit.frame import AWAY, Frame
 from toolkit.geometry import invert
 from toolkit.sites.site import Site
@@ -190,9 +190,10 @@ def diagnose(path: str | Path, layout: str | None = None, *, site: Site | None =
             return Diagnosis(stored or diagnose_images(path, site, frames))
     samples = list(Part(open_recording(path, layout, site=site), frames))
     findings = [*find_impossible(samples), *diagnose_times(samples)]
-    if not any(len(sample.objects) for sample in samples):
-        return Diagnosis(findings, f"{len(samples)} frames without a label: there is nothing to be checked")
     seen = [Seen.of(sample) for sample in samples]
+    if not any(len(sample.objects) for sample in samples):
+        buried = suspect_buried_points(seen)
+        return Diagnosis([*findings, *buried], f"{len(samples)} frames without a label: there is nothing to be checked")
     mislabelled = diagnose_boxes(seen)
     sensors = [] if mislabelled else diagnose_sensors(seen)
     return Diagnosis([*findings, *mislabelled, *sensors])
