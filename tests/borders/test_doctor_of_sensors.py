@@ -2,6 +2,7 @@
 
 Rays are cast here by the slab method (T. L. Kay and J. T. Kajiya, 1986), not by the simulator."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -190,6 +191,33 @@ def test_a_sensor_that_is_elsewhere(sound, tmp_path, turn):
     wrong = pose(*POLES["east"][:3, 3]) @ turn @ invert(pose(*POLES["east"][:3, 3])) @ POLES["east"]
     moved = change(sound, "east", lambda k, cloud: replace(cloud, world_SE3_sensor=wrong))
     assert "sensor east: boxes hold points of other sensors, and none of this one" in findings_of(moved, tmp_path)
+
+
+@pytest.mark.parametrize("offset", [(2.0, 0.0), (0.0, -1.0), (0.5, 0.4)])
+def test_labels_at_one_offset_from_the_points(sound, tmp_path, offset):
+    """Counted from the vehicle's rear axle or another point of the map: named as an offset, with its size."""
+    aside = np.array([*offset, 0, 0, 0, 0, 0])
+    moved = [replace(frame, objects=replace(frame.objects, boxes=frame.objects.boxes + aside)) for frame in sound]
+    (found,) = findings_of(moved, tmp_path)
+    named = re.search(r"all labels are ([+-][0-9.]+) m in x and ([+-][0-9.]+) m in y", found)
+    assert named is not None, found
+    np.testing.assert_allclose([float(named[1]), float(named[2])], offset, atol=0.25)
+
+
+@pytest.mark.parametrize("labelled", [True, False])
+@pytest.mark.parametrize(
+    "wrong", [np.eye(4), pose(0.0, 0.0, -3.0) @ POLES["east"], POLES["east"] @ pose(roll=np.pi)], ids=str
+)
+def test_a_sensor_whose_points_are_below_the_ground(sound, tmp_path, labelled, wrong):
+    """A pose that is missing, without its height, or upside down."""
+    moved = change(sound, "east", lambda k, cloud: replace(cloud, world_SE3_sensor=wrong))
+    if not labelled:
+        moved = [Frame.of_clouds(frame.name, frame.clouds, Objects.empty(), time=frame.time) for frame in moved]
+    found = findings_of(moved[::4], tmp_path)
+    if wrong[2, 2] > 0:
+        assert "sensor east: its points are below the ground that others see" in found
+    else:  # its ground is in the sky, where there is nothing to compare it with
+        assert not any("below the ground" in finding for finding in found)
 
 
 def test_the_scene_is_as_meant():

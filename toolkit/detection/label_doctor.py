@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from toolkit.arrays import BoxRows, Float64, Pose
+from toolkit.arrays import BoxRows, Float64, Points, Pose
 from toolkit.boxes import count_points
 from toolkit.datasets import records
 from toolkit.datasets.dataset import UnknownSite
@@ -19,7 +19,7 @@ from toolkit.datasets.doctor import Finding, diagnose_file, suspect_times
 from toolkit.datasets.layouts.hdf5 import holds_clouds
 from toolkit.datasets.recordings import Part, guess_layout, open_recording
 from toolkit.detection.label_fits import LEAST_BOXES, SHIFTS_S, Seen, better, find_movers, fits, measure_fits
-from toolkit.detection.sensor_doctor import diagnose_sensors, diagnose_times
+from toolkit.detection.sensor_doctor import diagnose_sensors, diagnose_times, suspect_buried_points
 from toolkit.frame import AWAY, Frame
 from toolkit.geometry import invert
 from toolkit.sites.site import Site
@@ -163,6 +163,10 @@ _REMEDIES = {records.STRAY: _ALIKE, records.NOT_FINITE: "restore them, or remove
 _REMEDIES |= {records.NO_SIZE: _UNIT, records.TOO_LARGE: _UNIT, AWAY: "check their unit, and the frame they are in"}
 _REMEDIES |= {records.TILTED: "check the order of quaternions, w first or last, and of angles"}
 _REMEDIES |= {records.EMPTY: "check their sensor, or leave these frames out", records.FAR_POINTS: _UNIT}
+MIN_OFFSET_M = 0.3  # of labels from the points
+MAX_OFFSET_M = 5.0
+OFFSET_REACH_M = 2.0  # around a box in which its points may be
+OFFSET_ROUNDS = 4
 FREER = 0.1  # gain in mean fit that explanations which choose a sensor for each box need
 MIN_CERTAIN_FIT_SHARE = 0.3  # mean fit below which the best explanation hardly explains the labels
 TURNED_GAIN = 0.15  # gain in mean fit that explanations which turn each box freely need
@@ -191,9 +195,10 @@ def diagnose(path: str | Path, layout: str | None = None, *, site: Site | None =
             return Diagnosis(stored or diagnose_images(path, site, frames))
     samples = list(Part(open_recording(path, layout, site=site), frames))
     findings = [*find_impossible(samples), *diagnose_times(samples)]
-    if not any(len(sample.objects) for sample in samples):
-        return Diagnosis(findings, f"{len(samples)} frames without a label: there is nothing to be checked")
     seen = [Seen.of(sample) for sample in samples]
+    if not any(len(sample.objects) for sample in samples):
+        buried = suspect_buried_points(seen)
+        return Diagnosis([*findings, *buried], f"{len(samples)} frames without a label: there is nothing to be checked")
     mislabelled = diagnose_boxes(seen)
     sensors = [] if mislabelled else diagnose_sensors(seen)
     return Diagnosis([*findings, *mislabelled, *sensors])
@@ -238,6 +243,8 @@ def diagnose_boxes(some: Sequence[Seen]) -> list[Finding]:
     boxes, findings = [each.sample.objects.boxes for each in some], list[Finding]()
     current = fits(some, boxes)
     best = _find_best(some, current)
+    is_free = best is not None and best.mistake is LOST_DEGREES  # a choice for each box explains an offset too
+    best = _clearer(best, _find_offset(some, current), -FREER if is_free else ALIKE)
     if best is not None:
         findings.append(_finding(best.mistake.name, current, best.fits, best.mistake.remedy))
         boxes = best.boxes
@@ -393,6 +400,40 @@ def _means(attempts: Sequence[_Undone]) -> list[float]:
     """Mean fit under each explanation, over the same boxes."""
     known = np.any([attempt.fits > 0 for attempt in attempts], axis=0)
     return [float(attempt.fits[known].mean()) for attempt in attempts]
+
+
+def _find_offset(some: Sequence[Seen], current: Float64[np.ndarray, " n"]) -> _Undone | None:
+    """Find one horizontal offset of all labels from the points, None if undoing it does not fit better."""
+    boxes = [each.sample.objects.boxes for each in some]
+    offset = np.zeros(2)
+    for _ in range(OFFSET_ROUNDS):
+        moved = [rows - np.array([*offset, 0, 0, 0, 0, 0]) for rows in boxes]
+        away = [_measure_offsets(each.points, rows) for each, rows in zip(some, moved, strict=True)]
+        known = np.concatenate([np.zeros((0, 2)), *away])
+        if len(known) < LEAST_BOXES:
+            return None
+        offset = offset - np.median(known, axis=0)
+    moved = [rows - np.array([*offset, 0, 0, 0, 0, 0]) for rows in boxes]
+    if not MIN_OFFSET_M <= np.hypot(*offset) <= MAX_OFFSET_M:
+        return None
+    undone = fits(some, moved)
+    if not better(current, undone):
+        return None
+    words = f"all labels are {offset[0]:+.1f} m in x and {offset[1]:+.1f} m in y from where the points are"
+    remedy = "take that off, and check which point of the vehicle, of the lidar or of the map they are counted from"
+    return _Undone(LabelMistake(words, remedy), moved, undone)
+
+
+def _measure_offsets(points: Points, boxes: BoxRows) -> Float64[np.ndarray, "n 2"]:
+    """Places of the points around boxes from the boxes' centres, of those that have some."""
+    from scipy.spatial import cKDTree
+
+    if not len(points) or not len(boxes):
+        return np.zeros((0, 2))
+    tree = cKDTree(points[:, :2])
+    near = tree.query_ball_point(boxes[:, :2], np.hypot(boxes[:, 3], boxes[:, 4]) / 2 + OFFSET_REACH_M)
+    rows = [np.median(points[found, :2], axis=0) - box[:2] for found, box in zip(near, boxes, strict=True) if found]
+    return np.array(rows).reshape(-1, 2)
 
 
 def _turn_each(some: Sequence[Seen]) -> _Undone:

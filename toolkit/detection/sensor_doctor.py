@@ -3,6 +3,7 @@
 - Clouds of one frame should be of one instant. Their stamps show it, and so do moving objects: boxes moved along
   their tracks fit the points of a sensor that is late, and of no other.
 - Sensors of two rates cannot be paired: steps between stamps differ, clouds repeat, or frames lack a sensor.
+- Points far below the ground are of a sensor whose pose is wrong or missing.
 - A box is missed if a sensor sees the ground just in front of it, and no point on it. Every sensor misses a few. If
   one misses many that others see, its pose is wrong or its points were lost."""
 
@@ -33,6 +34,9 @@ MARGIN_M = 0.1  # that a point may be outside its box
 GROUND_BAND_M = 0.2
 MISSED_SHARE = 0.5
 USUAL_MISSED_SHARE = 0.2
+BURIED_M = 1.0  # below the ground that all sensors together show
+BURIED_SHARE = 0.3  # of a sensor's points, which no ramp or ditch explains
+USUAL_BURIED_SHARE = 0.05
 
 
 def diagnose_times(samples: Sequence[Frame]) -> list[Finding]:
@@ -43,7 +47,7 @@ def diagnose_times(samples: Sequence[Frame]) -> list[Finding]:
 def diagnose_sensors(seen: Sequence[Seen]) -> list[Finding]:
     """Return what the labels of consecutive frames, if they are right, show to be wrong with sensors."""
     late = [] if diagnose_times([each.sample for each in seen]) else [*suspect_late_sensors(seen)]
-    return [*late, *suspect_missed_boxes(seen)]
+    return [*late, *suspect_missed_boxes(seen), *suspect_buried_points(seen)]
 
 
 def _sensor_names(samples: Sequence[Frame]) -> list[str]:
@@ -176,6 +180,27 @@ def _restrict_sensor(seen: Seen, name: str) -> Seen:
     points = [cloud.in_world() for cloud in seen.sample.clouds if cloud.name == name]
     own = np.concatenate([np.zeros((0, 3)), *points])
     return Seen(seen.sample, seen.above_ground(own), seen.ground)
+
+
+def suspect_buried_points(seen: Sequence[Seen]) -> Iterator[Finding]:
+    """Find sensors whose points are below the ground on which those of other sensors are."""
+    shares: dict[str, float] = {}
+    for name in _sensor_names([each.sample for each in seen]):
+        heights = [np.zeros(0)]
+        for each in seen:
+            cloud = _find_cloud(each.sample, name)
+            if cloud is not None and each.ground is not None:
+                points = cloud.in_world()
+                heights.append(points[:, 2] - each.ground.height(points[:, :2]))
+        known = np.concatenate(heights)
+        if len(known):
+            shares[name] = float((known < -BURIED_M).mean())
+    usual = [name for name, share in shares.items() if share <= USUAL_BURIED_SHARE]
+    for name, share in shares.items():
+        if share >= BURIED_SHARE and usual:
+            evidence = f"{share:.0%} of its points are more than {BURIED_M:g} m below it, of {usual[0]}'s hardly any"
+            words = "its points are below the ground that others see"
+            yield Finding("error", f"sensor {name}", words, evidence, "check its pose: its height, and which way is up")
 
 
 class _Visibility(NamedTuple):
