@@ -190,7 +190,9 @@ def test_degrees_next_to_the_origin_are_told_their_place(imported, reference):
     header = f'<geoReference>{reference}</geoReference><offset x="{{}}" y="{{}}" z="0" hdg="0"/>'
     header = header.format(*((-60000, -3700000) if "2048" in reference else (1830000, 640000)))
     site, _ = imported(street(start=(-150.0, 300.0)), header, centre=(0.0, 300.0))
-    longitude, latitude = longitude_latitude(site, np.zeros((1, 2)))[0]
+    degrees = longitude_latitude(site, np.zeros((1, 2)))
+    assert degrees is not None
+    longitude, latitude = degrees[0].tolist()
     place = r"these are degrees, in the file it is --centre -?0(\.0\d)? (300|299\.9\d)"
     with pytest.raises(ValueError, match=place):
         imported(street(start=(-150.0, 300.0)), header, centre=(longitude, latitude))
@@ -649,6 +651,29 @@ def test_odd_things_at_the_side_refuse_no_file(imported):
 
 def joined(name: str, at: str) -> str:
     return f'<link><{at} elementType="junction" elementId="{name}"/></link>'
+
+
+def test_objects_beyond_their_road_are_left_out(imported):
+    """s is from 0 to the road's length (1.8, 13.1), also of repeats; an outline has an area (13.3)."""
+    wall = '<object id="1" type="barrier" s="280" t="9" height="1">'
+    wall += '<repeat s="280" length="1000" distance="0" tStart="9" tEnd="9"/></object>'
+    trees = '<object id="2" type="tree" s="270" t="15" height="7">'
+    trees += '<repeat s="270" length="300" distance="20" tStart="15" tEnd="15"/></object>'
+    bad = '<object id="3" type="building" s="330" t="-15" length="10" width="8" height="9"/>'
+    bad += '<object id="4" type="building" s="250" t="25" height="9"><outline><cornerLocal u="0" v="0"/>'
+    bad += '<cornerLocal u="9" v="9"/></outline></object>'
+    bad += '<object id="5" type="building" s="250" t="25" length="10" width="8" height="-3"/>'
+    sign = '<signal id="6" s="1e3" t="-6" type="274" dynamic="no" orientation="+"/>'
+    things = f"<objects>{wall}{trees}{bad}</objects><signals>{sign}</signals>"
+    site, notes = imported(street().replace("</lanes>", f"</lanes>{things}"), centre=(140.0, 0.0))
+    assert any(
+        "4 damaged objects or signals were left out: <object> needs an s of 0 to 300, got 330" in n for n in notes
+    )
+    kinds = {solid.kind: solid for solid in site.solids}
+    assert "building" not in kinds
+    assert kinds["trunk"].footprint.mean(axis=0) == pytest.approx([0.0, 15.0], abs=0.5)
+    ends = [solid.footprint[:, 0].max() for solid in site.solids if solid.kind in ("wall", "trunk")]
+    assert max(ends) <= 15.0 + 0.1
 
 
 @pytest.mark.parametrize("sign", [1, -1])
