@@ -844,3 +844,17 @@ def test_a_lane_too_narrow_to_drive_on_is_closed(imported):
     users = [nets.list_users(element) for _, element in nets.list_lanes(site.network)]
     assert set() in users
     assert not any("authority" in allowed for allowed in users)
+
+
+@pytest.mark.parametrize("rule", ["RHT", "LHT"])
+def test_pieces_of_a_road_do_not_overlap(imported, rule):
+    """A lane opens outside, while all lanes move aside (eclipse-sumo/sumo#6184: splits of narrow lanes)."""
+    offset = '<laneOffset s="0" a="0.5" b="0.01" c="0" d="0"/>'
+    opening = shaped(2, [(0, 0.0, 0.03, 0.0, 0.0)])
+    sections = section(lane(1) + opening, lane(-1)) + section(lane(1) + lane(2, width=3.0), lane(-1), s=100)
+    site, _ = imported(street(sections=offset + sections, attributes=f'rule="{rule}"'))
+    innermost = {edge.get("id", ""): nets.parse_shape(element) for edge, element in nets.list_lanes(site.network)}
+    for is_forward in (True, False):
+        pieces = [line for name, line in innermost.items() if name.startswith("-") == is_forward]
+        assert len(pieces) >= 2
+        assert sum(float(np.ptp(line[:, 0])) for line in pieces) < 301.0
