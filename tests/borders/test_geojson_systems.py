@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from placement_env.candidates.poles import load_keep_out, load_poles
+from toolkit.sites.files import load_site, save_site
 from toolkit.sites.georeference import inverse_project, projection
 from toolkit.sites.site import Site
 
@@ -95,3 +96,12 @@ def test_what_is_no_area_or_no_pole_is_counted(tmp_path: Path):
     with pytest.warns(UserWarning, match="2 features are lines or areas, so they are no poles"):
         mounts = load_poles(write(tmp_path, pole(1, 1), area(0, 9), area(0, 20, "LineString")), SITE)
     assert len(mounts) == 1
+
+
+def test_a_site_is_in_its_metres(tmp_path: Path):
+    """A `crs` in a site's file says that another tool took its metres for something else."""
+    save_site(SITE, tmp_path / "site.json")
+    content = json.loads((tmp_path / "site.json").read_text())
+    (tmp_path / "site.json").write_text(json.dumps({**content, "crs": UTM}))
+    with pytest.raises(ValueError, match=r"crs must be left out, .* got .*25833"):
+        load_site(tmp_path / "site.json")

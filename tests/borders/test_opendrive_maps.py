@@ -190,7 +190,9 @@ def test_degrees_next_to_the_origin_are_told_their_place(imported, reference):
     header = f'<geoReference>{reference}</geoReference><offset x="{{}}" y="{{}}" z="0" hdg="0"/>'
     header = header.format(*((-60000, -3700000) if "2048" in reference else (1830000, 640000)))
     site, _ = imported(street(start=(-150.0, 300.0)), header, centre=(0.0, 300.0))
-    longitude, latitude = longitude_latitude(site, np.zeros((1, 2)))[0]
+    degrees = longitude_latitude(site, np.zeros((1, 2)))
+    assert degrees is not None
+    longitude, latitude = degrees[0].tolist()
     place = r"these are degrees, in the file it is --centre -?0(\.0\d)? (300|299\.9\d)"
     with pytest.raises(ValueError, match=place):
         imported(street(start=(-150.0, 300.0)), header, centre=(longitude, latitude))
@@ -651,6 +653,29 @@ def joined(name: str, at: str) -> str:
     return f'<link><{at} elementType="junction" elementId="{name}"/></link>'
 
 
+def test_objects_beyond_their_road_are_left_out(imported):
+    """s is from 0 to the road's length (1.8, 13.1), also of repeats; an outline has an area (13.3)."""
+    wall = '<object id="1" type="barrier" s="280" t="9" height="1">'
+    wall += '<repeat s="280" length="1000" distance="0" tStart="9" tEnd="9"/></object>'
+    trees = '<object id="2" type="tree" s="270" t="15" height="7">'
+    trees += '<repeat s="270" length="300" distance="20" tStart="15" tEnd="15"/></object>'
+    bad = '<object id="3" type="building" s="330" t="-15" length="10" width="8" height="9"/>'
+    bad += '<object id="4" type="building" s="250" t="25" height="9"><outline><cornerLocal u="0" v="0"/>'
+    bad += '<cornerLocal u="9" v="9"/></outline></object>'
+    bad += '<object id="5" type="building" s="250" t="25" length="10" width="8" height="-3"/>'
+    sign = '<signal id="6" s="1e3" t="-6" type="274" dynamic="no" orientation="+"/>'
+    things = f"<objects>{wall}{trees}{bad}</objects><signals>{sign}</signals>"
+    site, notes = imported(street().replace("</lanes>", f"</lanes>{things}"), centre=(140.0, 0.0))
+    assert any(
+        "4 damaged objects or signals were left out: <object> needs an s of 0 to 300, got 330" in n for n in notes
+    )
+    kinds = {solid.kind: solid for solid in site.solids}
+    assert "building" not in kinds
+    assert kinds["trunk"].footprint.mean(axis=0) == pytest.approx([0.0, 15.0], abs=0.5)
+    ends = [solid.footprint[:, 0].max() for solid in site.solids if solid.kind in ("wall", "trunk")]
+    assert max(ends) <= 15.0 + 0.1
+
+
 @pytest.mark.parametrize("sign", [1, -1])
 def test_a_direct_junction_joins_its_roads(imported, sign):
     """1.7, 10.7: an exit of a two-lane carriageway, and the other direction through the same connection."""
@@ -819,3 +844,17 @@ def test_a_lane_too_narrow_to_drive_on_is_closed(imported):
     users = [nets.list_users(element) for _, element in nets.list_lanes(site.network)]
     assert set() in users
     assert not any("authority" in allowed for allowed in users)
+
+
+@pytest.mark.parametrize("rule", ["RHT", "LHT"])
+def test_pieces_of_a_road_do_not_overlap(imported, rule):
+    """A lane opens outside, while all lanes move aside (eclipse-sumo/sumo#6184: splits of narrow lanes)."""
+    offset = '<laneOffset s="0" a="0.5" b="0.01" c="0" d="0"/>'
+    opening = shaped(2, [(0, 0.0, 0.03, 0.0, 0.0)])
+    sections = section(lane(1) + opening, lane(-1)) + section(lane(1) + lane(2, width=3.0), lane(-1), s=100)
+    site, _ = imported(street(sections=offset + sections, attributes=f'rule="{rule}"'))
+    innermost = {edge.get("id", ""): nets.parse_shape(element) for edge, element in nets.list_lanes(site.network)}
+    for is_forward in (True, False):
+        pieces = [line for name, line in innermost.items() if name.startswith("-") == is_forward]
+        assert len(pieces) >= 2
+        assert sum(float(np.ptp(line[:, 0])) for line in pieces) < 301.0

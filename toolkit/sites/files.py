@@ -157,6 +157,9 @@ def parse(collection: JsonValue) -> Site:
     """Parse a site's FeatureCollection. Raises ValueError that names the field by its path in the document."""
     if not isinstance(collection, dict) or collection.get("type") != "FeatureCollection":
         raise ValueError("type must be 'FeatureCollection': a site is a GeoJSON FeatureCollection written by Site.save")
+    if collection.get("crs") is not None:
+        system = str(collection["crs"])[:90]
+        raise ValueError(f"crs must be left out, as a site is in metres of its frame (geo_reference), got {system}")
     root = _Node(collection)
     version = root.get("coview_site", int)
     if version > VERSION:

@@ -1,7 +1,9 @@
 """Middle lines of lanes whose width or offset changes along an OpenDRIVE road, put into the network of netconvert.
 
 netconvert draws every lane of a section as wide as it is at its widest, and joins the places where a lane offset begins
-by straight lines. Where a lane opens next to the middle, the lanes outside it would run along the kerb."""
+by straight lines. Where a lane opens next to the middle, the lanes outside it would run along the kerb. When it reads
+its network again, it would draw the joints of such roads anew, up to 60 m long, so that traffic drives a piece twice;
+they keep the outline they have (eclipse-sumo/sumo#6184)."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -62,6 +64,10 @@ def align_lanes(network: str, plain: PlainMap, window: shapely.Geometry) -> str:
             is_forward = edge.get("id", "").startswith("-")
             sign = 1 if is_forward == plain.lefthand else -1
             is_changed |= _align_edge(edge, varying[name], lines[name], sign)
+    for junction in root.iter("junction"):
+        name, _, count = junction.get("id", "").partition("#")
+        if name in varying and count:  # between two pieces of a road
+            junction.set("customShape", "1")
     return ElementTree.tostring(root, encoding="unicode") + "\n" if is_changed else network
 
 

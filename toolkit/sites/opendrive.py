@@ -496,6 +496,7 @@ SOLIDS = {name: (kind, float(height)) for name, kind, height in map(str.split, _
 FLAT = ("crosswalk", "roadMark", "roadSurface", "patch", "crack", "none", "signalReference")
 LAMPS = ("streetLamp", "streetlamp")
 UNSAID = ("-1", "")  # types without meaning, as in CARLA's maps
+MAX_BEYOND_M = 5.0  # beyond the ends of its road, where an object may be
 MOST = 2000  # repeats of one object
 HEAD_BELOW = 2.1  # m, lowest place for the lower edge of a sign or a signal head
 
@@ -518,16 +519,29 @@ def read_standing(roads: Sequence[MapRoad]) -> Standing:
     for road in roads:
         for element in road.element.findall("objects/object"):
             try:
+                _check_place(road, element)
                 _add_object(found, road, element)
             except ValueError as error:
                 found.damaged.append(str(error))
         for element in road.element.findall("signals/signal"):
             try:
+                _check_place(road, element)
                 found.groups.append(_signal(road, element))
                 found.understood["signal"] += 1
             except ValueError as error:
                 found.damaged.append(str(error))
     return found
+
+
+def _check_place(road: MapRoad, element: ElementTree.Element) -> None:
+    """Raise ValueError for an object or signal that is on no place of its road, or less than nothing high."""
+    repeats = element.findall("repeat")
+    for s in [number(place, "s", 0.0) for place in repeats or [element]]:
+        if not -MAX_BEYOND_M <= s <= road.length + MAX_BEYOND_M:
+            raise ValueError(f"<{element.tag}> needs an s of 0 to {road.length:g}, got {s:g}: export it again")
+    if number(element, "height", 0.0) < 0:
+        height = number(element, "height")
+        raise ValueError(f"<{element.tag}> needs a height from 0 up, got {height:g}: export it again")
 
 
 def _signal(road: MapRoad, element: ElementTree.Element) -> list[Solid]:
@@ -571,7 +585,10 @@ def _solids(road: MapRoad, element: ElementTree.Element, kind: str, usual: float
             yield f.tree(x, y, max(height, 2.0), min(max(crown, 0.3), 8.0), min(2.3, 0.4 * height))
         elif outlines:
             rings = [_ring(road, outline, (x, y, heading)) for outline in outlines]
-            yield [Solid(r, base, base + height, kind) for r in rings if shapely.Polygon(r).area > 1e-3]
+            walls = [Solid(r, base, base + height, kind) for r in rings if shapely.Polygon(r).area > 1e-3]
+            if not walls:
+                raise ValueError("<outline> needs three corners that are not in one line: export it again")
+            yield walls
         elif kind == "post" or radius > 0:
             yield [Solid(f.disc(x, y, min(radius or max(length, width) / 2 or 0.1, 20.0)), base, base + height, kind)]
         else:
@@ -591,6 +608,8 @@ def _places(road: MapRoad, element: ElementTree.Element) -> Iterator[tuple[float
         last = number(repeat, "tEnd", first)
         base = max(number(repeat, "zOffsetStart", 0.0), 0.0)
         for share in np.arange(count) * every / length if length > 0 else [0.0]:
+            if start + share * length > road.length + MAX_BEYOND_M:
+                break
             yield *_place(road, start + share * length, first + share * (last - first), turn), base
 
 
@@ -610,6 +629,7 @@ def _continuous(road: MapRoad, repeat: ElementTree.Element, kind: str, height: f
     first = number(repeat, "tStart", 0.0)
     s = np.linspace(start, start + length, int(length / 4.0) + 2)
     line = road.beside(s, np.linspace(first, number(repeat, "tEnd", first), len(s)))
+    line = line[s <= road.length + MAX_BEYOND_M]
     top = min(number(repeat, "heightStart", 0.0) or height, 200.0)
     wide = min(number(repeat, "widthStart", 0.0) or width, 20.0)
     pieces = (ends for ends in pairwise(line) if np.hypot(*(ends[1] - ends[0])) > 0.05)

@@ -401,8 +401,8 @@ def _list_unused(tags: Tags) -> list[str]:
         notes.append(SPEEDS)
     if {"lanes", "lanes:forward", "lanes:backward"} & tags.keys() - number_lanes(tags).keys():
         notes.append(LANES)
-    counted = number_lanes(tags).get("lanes")
-    if tags.get("lanes") in map(str, range(1, 9)) and tags["lanes"] != counted and "lanes:both_ways" not in tags:
+    counted, total = number_lanes(tags).get("lanes"), tags.get("lanes", "")
+    if re.fullmatch("[1-8]", total) and total != counted and "lanes:both_ways" not in tags:
         notes.append(SUM)
     if tags.get("lanes") == "1" and _read_oneway(tags, []) == "no":
         notes.append(SINGLE)
