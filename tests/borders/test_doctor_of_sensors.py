@@ -220,6 +220,11 @@ def test_a_sensor_whose_points_are_below_the_ground(sound, tmp_path, labelled, w
         assert not any("below the ground" in finding for finding in found)
 
 
+def test_one_cloud_under_two_names(sound, tmp_path):
+    twins = [frame.with_clouds([*frame.clouds, replace(frame.clouds[0], name="again")]) for frame in sound[:3]]
+    assert findings_of(twins, tmp_path) == ["sensor again: it has the same points as east"]
+
+
 def test_the_scene_is_as_meant():
     points = transform(POLES["south"], cast(POLES["south"], cars(0.0)).astype(np.float64))
     assert points[:, 2].min() > -0.1

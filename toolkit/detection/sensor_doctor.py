@@ -8,7 +8,7 @@
   one misses many that others see, its pose is wrong or its points were lost."""
 
 from collections.abc import Iterator, Sequence
-from itertools import pairwise
+from itertools import combinations, pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -41,7 +41,7 @@ USUAL_BURIED_SHARE = 0.05
 
 def diagnose_times(samples: Sequence[Frame]) -> list[Finding]:
     """Return what looks wrong with the times of consecutive frames' clouds, as they are stated."""
-    return [*suspect_stamps(samples), *suspect_rates(samples)]
+    return [*suspect_stamps(samples), *suspect_rates(samples), *suspect_twins(samples)]
 
 
 def diagnose_sensors(seen: Sequence[Seen]) -> list[Finding]:
@@ -99,6 +99,17 @@ def suspect_rates(samples: Sequence[Frame]) -> Iterator[Finding]:
         if share > MAX_MISSING_SHARE and complete:
             evidence = f"{share:.0%} of the frames from its first to its last cloud lack it, {complete[0]} has all"
             yield Finding("warning", f"sensor {name}", "it is slower than the frames", evidence, remedy)
+
+
+def suspect_twins(samples: Sequence[Frame]) -> Iterator[Finding]:
+    """Find two sensors that have the same points in every frame: one cloud under two names."""
+    for first, second in combinations(_sensor_names(samples), 2):
+        pairs = [(_find_cloud(sample, first), _find_cloud(sample, second)) for sample in samples]
+        clouds = [(one, other) for one, other in pairs if one and other and len(one.points) > 0]
+        if clouds and all(np.array_equal(one.points, other.points) for one, other in clouds):
+            evidence = f"all points in {len(clouds)} frames"
+            words = f"it has the same points as {second}"
+            yield Finding("warning", f"sensor {first}", words, evidence, "leave one out, its points count twice")
 
 
 def _share_repeated(clouds: Sequence[SensorCloud | None]) -> float:
