@@ -44,9 +44,11 @@ from toolkit.sites.osm_rules import (
     RoadRules,
     Tags,
     count_notes,
+    describe_barrier,
     is_barred,
     name_types,
     number_lanes,
+    number_one_way_lanes,
     number_pieces,
     read_rules,
     restrict_edges,
@@ -375,6 +377,7 @@ def _valid(shape: shapely.Geometry) -> list[shapely.Polygon]:
 
 _PATHS = ("footway", "path", "pedestrian", "steps", "corridor")
 _SIDES = ("both", "left", "right", "no")
+_OPPOSITE = {"left": "right", "right": "left"}
 _NO_ROADS = {  # values of highway beside paths that are no road to drive on, so that nothing need be said
     *(
         "construction",
@@ -421,6 +424,8 @@ def roads(extract: Extract, window: shapely.Geometry, *, lefthand: bool = False)
     barred = _list_barred(kept, extract.node_tags)
     unused = [note for reading in readings for note in reading.notes]
     unused += [_BARRED for way in kept for node in way.nodes if node in barred]
+    for node in _list_tagged(kept, extract.node_tags):
+        unused += describe_barrier(extract.node_tags[node])
     unused += [_DRIVEN_WALKS for way in reached if _is_driven_walk(way.tags)]
     unused += _list_unused_places(extract, window)
     notes += [*count_notes(unused), *_describe_unused(reached), *_describe_rings(kept, lefthand=lefthand)]
@@ -458,8 +463,12 @@ def _describe_crossings(ways: Sequence[Way]) -> list[str]:
 
 def _list_barred(ways: Iterable[Way], node_tags: Mapping[str, Tags]) -> set[str]:
     """Nodes of ways that no car can pass."""
-    nodes = {node for way in ways for node in way.nodes if node in node_tags}
-    return {node for node in nodes if is_barred(node_tags[node])}
+    return {node for node in _list_tagged(ways, node_tags) if is_barred(node_tags[node])}
+
+
+def _list_tagged(ways: Iterable[Way], node_tags: Mapping[str, Tags]) -> set[str]:
+    """Nodes of ways that have tags."""
+    return {node for way in ways for node in way.nodes if node in node_tags}
 
 
 def _list_unused_places(extract: Extract, window: shapely.Geometry) -> list[str]:
@@ -699,11 +708,17 @@ def _cut(way: Way, window: shapely.Geometry, reading: RoadReading, *, lefthand: 
 def _road_tags(tags: Tags, reading: RoadReading, *, lefthand: bool) -> dict[str, str]:
     kind, junction = tags["highway"], tags.get("junction", "").strip().lower()
     ring = junction in ("roundabout", "circular")
-    passed = {"oneway": "no" if reading.oneway == "no" else "yes", **number_lanes(tags)}
+    if reading.oneway == "no":
+        passed = {"oneway": "no", **number_lanes(tags)}
+    else:
+        passed = {"oneway": "yes", **number_one_way_lanes(tags, reading.oneway)}
     passed |= {"junction": junction} if ring else {}
     usual = ("left" if lefthand else "right") if ring else "both"
     walked = ROADS[kind][3] and tags.get("foot") not in ("no", "use_sidepath") and tags.get("motorroad") != "yes"
-    side = _sidewalk(tags) or (usual if walked else "no")
+    tagged = _sidewalk(tags)
+    if reading.oneway == "-1" and tagged in _OPPOSITE:  # its line is turned round
+        tagged = _OPPOSITE[tagged]
+    side = tagged or (usual if walked else "no")
     street = {"name": " ".join(tags["name"].split())[:60]} if tags.get("name", "").strip() else {}
     return {"highway": kind, **passed, "sidewalk": side, **street}
 
