@@ -555,3 +555,41 @@ def test_footways_are_on_their_side_of_the_way(tmp_path: Path, oneway, tagged):
     assert walked
     for lane in walked:
         assert (nets.parse_shape(lane)[0, 1] > driven) == (tagged == "left")
+
+
+@pytest.mark.parametrize(
+    ("tags", "sides"),
+    [
+        ({"sidewalk:both": "no"}, set()),
+        ({"sidewalk:left": "no", "sidewalk:right": "no"}, set()),
+        ({"sidewalk:left": "no"}, {"right"}),
+        ({"sidewalk:left": "no", "oneway": "-1"}, {"right"}),
+        ({"sidewalk:right": "none"}, {"left"}),
+        ({}, {"left", "right"}),
+    ],
+)
+def test_a_footway_that_the_map_denies_is_not_built(tmp_path: Path, tags, sides):
+    """Key:sidewalk, tagged for each side."""
+    path = tmp_path / "town.osm"
+    write_streets(path, (((-80, 0), (80, 0)), {"highway": "secondary", **tags}))
+    site, _ = read_site(path)
+    middle = np.mean([y for _, y in list_driven(site)])
+    walked = [lane for _, lane in nets.list_lanes(site.network) if nets.list_users(lane) == {"pedestrian"}]
+    assert {"left" if nets.parse_shape(lane)[0, 1] > middle else "right" for lane in walked} == sides
+
+
+@pytest.mark.parametrize("tags", [{"location": "underground"}, {"indoor": "yes"}])
+def test_a_road_under_ground_carries_no_cars_above(tmp_path: Path, tags):
+    """Key:location and Key:indoor: such as the road of a garage without a tunnel tag."""
+    garage = (((-80, 20), (80, 20)), {"highway": "service", **tags})
+    path = tmp_path / "town.osm"
+    write_streets(path, (((-80, 0), (80, 0)), {"highway": "secondary"}), garage)
+    site, notes = read_site(path)
+    assert max(y for _, y in list_driven(site)) < 5.0
+    assert any("1 tunnels" in note for note in notes)
+
+
+def test_a_road_drawn_along_one_of_its_lanes_is_said():
+    """Key:placement."""
+    tags = {"highway": "secondary", "oneway": "yes", "lanes": "2", "placement": "right_of:1"}
+    assert osm_rules.PLACEMENT in read_rules(tags).notes

@@ -661,6 +661,8 @@ def _format_restrictions(
 def _below(tags: Tags) -> bool:
     layer = re.fullmatch(r"\s*([+-]?\d{1,3})\s*", tags.get("layer", "0"))
     sunk = layer is not None and int(layer[1]) < 0 and "tunnel" in tags
+    if tags.get("location") in ("underground", "indoor") or tags.get("indoor", "no") not in ("no", "area"):
+        return True
     return sunk or tags.get("tunnel", "no") not in ("no", "building_passage")
 
 
@@ -715,7 +717,7 @@ def _road_tags(tags: Tags, reading: RoadReading, *, lefthand: bool) -> dict[str,
     passed |= {"junction": junction} if ring else {}
     usual = ("left" if lefthand else "right") if ring else "both"
     walked = ROADS[kind][3] and tags.get("foot") not in ("no", "use_sidepath") and tags.get("motorroad") != "yes"
-    tagged = _sidewalk(tags)
+    tagged = _sidewalk(tags, usual if walked else "no")
     if reading.oneway == "-1" and tagged in _OPPOSITE:  # its line is turned round
         tagged = _OPPOSITE[tagged]
     side = tagged or (usual if walked else "no")
@@ -723,13 +725,18 @@ def _road_tags(tags: Tags, reading: RoadReading, *, lefthand: bool) -> dict[str,
     return {"highway": kind, **passed, "sidewalk": side, **street}
 
 
-def _sidewalk(tags: Tags) -> str | None:
-    """Footways beside a road: both, left, right or no; None if unknown."""
+def _sidewalk(tags: Tags, usual: str) -> str | None:
+    """Footways along a road of a class that has the `usual` ones: both, left, right or no; None if unknown."""
     plain = tags.get("sidewalk", "")
     if plain in _SIDES or plain in ("none", "yes", "separate"):
         return {"none": "no", "yes": "both", "separate": "both"}.get(plain, plain)
     has = [side for side in ("both", "left", "right") if tags.get(f"sidewalk:{side}") in ("yes", "separate")]
-    return ("both" if "both" in has or len(has) == 2 else has[0]) if has else None
+    if has:
+        return "both" if "both" in has or len(has) == 2 else has[0]
+    lacks = {side for side in ("both", "left", "right") if tags.get(f"sidewalk:{side}") in ("no", "none")}
+    if "both" in lacks or {"left", "right"} <= lacks:
+        return "no"
+    return _OPPOSITE[lacks.pop()] if lacks and usual == "both" else None
 
 
 DEFAULT_HEIGHT, STOREY = 6.0, 3.0  # m

@@ -86,6 +86,7 @@ SUM = "roads with more or fewer lanes than lanes:forward and lanes:backward have
 MIDDLE = "roads with a middle lane for both directions (lanes:both_ways), not used"
 SINGLE = "roads with one lane for both directions (lanes=1), drawn with one each way"
 WIDTHS_UNUSED = "roads with a width of their own (width, width:lanes), drawn with usual lanes"
+PLACEMENT = "roads drawn along one of their lanes (placement), whose line is taken as their middle"
 SLOPES = "roads that rise (incline), level here"
 SIZES = "roads with limits of weight or size, closed to trucks and buses"
 CYCLE_ROAD = "roads for bicycles first (bicycle_road, cyclestreet), open to motor traffic as their access says"
@@ -470,6 +471,8 @@ def _list_unused(tags: Tags) -> list[str]:
         notes.append(SINGLE)
     if any(key in tags for key in ("width", "est_width", "width:carriageway", "width:lanes")):
         notes.append(WIDTHS_UNUSED)
+    if any(key.partition(":")[0] == "placement" for key in tags):
+        notes.append(PLACEMENT)
     if re.search(r"[1-9]|up|down", tags.get("incline", "")):
         notes.append(SLOPES)
     if "lanes:both_ways" in tags:
