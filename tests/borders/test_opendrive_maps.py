@@ -858,3 +858,27 @@ def test_pieces_of_a_road_do_not_overlap(imported, rule):
         pieces = [line for name, line in innermost.items() if name.startswith("-") == is_forward]
         assert len(pieces) >= 2
         assert sum(float(np.ptp(line[:, 0])) for line in pieces) < 301.0
+
+
+def test_ground_and_network_of_a_wide_lane_agree(imported):
+    """A width has no upper bound (11.6.1); 60 m are ground and lane alike."""
+    site, notes = imported(street(sections=section(lane(1), lane(-1, width=60.0))), size=(80.0, 160.0))
+    assert find_lane(site, -30.0)[0] >= {"passenger"}
+    ground = nets.unite(site.lanes)
+    assert ground.covers(shapely.Point(0.0, -59.0))
+    assert not ground.covers(shapely.Point(0.0, -61.0))
+    assert any("lanes wider than 50 m" in note for note in notes)
+
+
+def test_a_lane_of_negative_width_carries_no_cars(imported):
+    """A width is zero or more (11.6.1)."""
+    site, notes = imported(street(sections=section(lane(1), lane(-1) + lane(-2, width=-3.5))))
+    assert {round(float(line[:, 1].mean()), 2) for _, _, line in read_lanes(site)} == {1.75, -1.75}
+    assert any("1 lanes have a width below zero" in note for note in notes)
+
+
+def test_a_lane_section_beyond_the_end_is_said(imported):
+    """A section's s is on its road (11.4)."""
+    beyond = section(lane(1), lane(-1)) + section(lane(1) + lane(2), lane(-1), s=500.0)
+    _, notes = imported(street(sections=beyond))
+    assert any("1 lane sections begin beyond" in note for note in notes)

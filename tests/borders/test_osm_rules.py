@@ -481,3 +481,115 @@ def test_limits_of_size_in_other_words():
 
 def test_the_antimeridian_is_no_border():
     assert find_driving_side(179.9999, -16.8) == (True, False)
+
+
+def test_one_way_for_some_users_only():
+    """`oneway:USER` holds for that user alone (Key:oneway)."""
+    both = MOTOR | {"bicycle"}
+    assert [allowed(side, oneway__bus="yes") for side in (0, 1)] == [both, both - {"bus"}]
+    assert [allowed(side, oneway__psv="-1") for side in (0, 1)] == [both - {"bus", "taxi"}, both]
+    assert [allowed(side, oneway__bicycle="yes") for side in (0, 1)] == [both, both - {"bicycle"}]
+    assert allowed(1, oneway__psv="yes", oneway__bus="no") == both - {"taxi"}
+    against = read_rules({"highway": "residential", "oneway": "yes", "oneway:bus": "-1"})
+    assert against.rules.users[0] == frozenset(nets.MOTOR.split()) - {"bus"}
+    assert osm_rules.SOME_AGAINST in against.notes
+    assert osm_rules.DIRECTION in read_rules({"highway": "residential", "oneway:bus": "peak"}).notes
+    assert osm_rules.CONTRAFLOW in read_rules({"highway": "residential", "oneway:motor_vehicle": "yes"}).notes
+    assert not read_rules({"highway": "residential", "oneway": "yes", "oneway:bus": "yes"}).notes
+
+
+@pytest.mark.parametrize(
+    ("value", "note"), [("shared", True), ("designated", True), ("no", False), ("separate", False)]
+)
+def test_a_busway_of_another_value_is_said(value, note):
+    reading = read_rules({"highway": "secondary", "busway:right": value})
+    assert (osm_rules.OWN_LANES in reading.notes) == note
+
+
+def test_hours_of_barriers_are_said(tmp_path: Path):
+    """Key:barrier takes access as roads do, also for some hours (Conditional restrictions)."""
+    gate = {"barrier": "lift_gate", "motor_vehicle:conditional": "no @ (20:00-06:00)"}
+    _, notes = read_site(write_map(tmp_path, MAIN, side_street(), nodes={6: gate}))
+    assert any(f"{osm_rules.BARRIER_HOURS}: 1" in note for note in notes)
+    _, notes = read_site(write_map(tmp_path, MAIN, side_street(), nodes={6: {"barrier": "gate", "access": "key"}}))
+    assert any(osm_rules.BARRIER_UNREAD in note for note in notes)
+
+
+def test_older_keys_and_roads_for_emergencies():
+    """access:USER (Key:access, older), maxspeed:both (Forward & backward), service=emergency_access."""
+    assert allowed(access__motor_vehicle="no") == {"bicycle"}
+    assert allowed(access="no", access__bus="yes") == {"bus"}
+    assert allowed(access__hgv="no", hgv="yes") == MOTOR | {"bicycle"}
+    assert is_barred({"barrier": "gate", "access:motor_vehicle": "no"})
+    assert read_rules({"highway": "residential", "maxspeed:both": "20"}).rules.speeds[1] == pytest.approx(20 / 3.6)
+    assert allowed(highway="service", service="emergency_access") == set()
+    assert allowed(highway="service", service="emergency_access", bicycle="yes", vehicle="no") == {"bicycle"}
+
+
+def list_driven(site) -> list[tuple[int, float]]:
+    """Direction along x, and y (m), of the lanes for cars."""
+    lanes = [lane for some in edges_of(site).values() for lane in some if "bus" in nets.list_users(lane)]
+    return sorted((heading(lane)[0], round(float(nets.parse_shape(lane)[0, 1]), 1)) for lane in lanes)
+
+
+@pytest.mark.parametrize(("oneway", "direction"), [("yes", 1), ("-1", -1)])
+def test_lanes_against_a_one_way_street_carry_no_cars(tmp_path: Path, oneway, direction):
+    """lanes:backward runs against the line of the way (Key:lanes), so for oneway=-1 it is driven."""
+    driven, against = ("backward", "forward") if oneway == "-1" else ("forward", "backward")
+    tags = {"highway": "secondary", "oneway": oneway, f"lanes:{driven}": "2", f"lanes:{against}": "1"}
+    path = tmp_path / "town.osm"
+    write_streets(path, (((-80, 0), (80, 0)), {**tags, "lanes": "3"}))
+    site, notes = read_site(path)
+    assert [way for way, _ in list_driven(site)] == [direction] * 2
+    assert any(osm_rules.LANES_AGAINST in note for note in notes)
+
+
+@pytest.mark.parametrize(("oneway", "tagged"), [("yes", "left"), ("-1", "left"), ("yes", "right"), ("-1", "right")])
+def test_footways_are_on_their_side_of_the_way(tmp_path: Path, oneway, tagged):
+    """Left and right are as the way is drawn, also where it runs against its line (Key:sidewalk)."""
+    path = tmp_path / "town.osm"
+    write_streets(path, (((-80, 0), (80, 0)), {"highway": "secondary", "oneway": oneway, "sidewalk": tagged}))
+    site, _ = read_site(path)
+    (driven,) = {y for _, y in list_driven(site)}
+    walked = [lane for _, lane in nets.list_lanes(site.network) if nets.list_users(lane) == {"pedestrian"}]
+    assert walked
+    for lane in walked:
+        assert (nets.parse_shape(lane)[0, 1] > driven) == (tagged == "left")
+
+
+@pytest.mark.parametrize(
+    ("tags", "sides"),
+    [
+        ({"sidewalk:both": "no"}, set()),
+        ({"sidewalk:left": "no", "sidewalk:right": "no"}, set()),
+        ({"sidewalk:left": "no"}, {"right"}),
+        ({"sidewalk:left": "no", "oneway": "-1"}, {"right"}),
+        ({"sidewalk:right": "none"}, {"left"}),
+        ({}, {"left", "right"}),
+    ],
+)
+def test_a_footway_that_the_map_denies_is_not_built(tmp_path: Path, tags, sides):
+    """Key:sidewalk, tagged for each side."""
+    path = tmp_path / "town.osm"
+    write_streets(path, (((-80, 0), (80, 0)), {"highway": "secondary", **tags}))
+    site, _ = read_site(path)
+    middle = np.mean([y for _, y in list_driven(site)])
+    walked = [lane for _, lane in nets.list_lanes(site.network) if nets.list_users(lane) == {"pedestrian"}]
+    assert {"left" if nets.parse_shape(lane)[0, 1] > middle else "right" for lane in walked} == sides
+
+
+@pytest.mark.parametrize("tags", [{"location": "underground"}, {"indoor": "yes"}])
+def test_a_road_under_ground_carries_no_cars_above(tmp_path: Path, tags):
+    """Key:location and Key:indoor: such as the road of a garage without a tunnel tag."""
+    garage = (((-80, 20), (80, 20)), {"highway": "service", **tags})
+    path = tmp_path / "town.osm"
+    write_streets(path, (((-80, 0), (80, 0)), {"highway": "secondary"}), garage)
+    site, notes = read_site(path)
+    assert max(y for _, y in list_driven(site)) < 5.0
+    assert any("1 tunnels" in note for note in notes)
+
+
+def test_a_road_drawn_along_one_of_its_lanes_is_said():
+    """Key:placement."""
+    tags = {"highway": "secondary", "oneway": "yes", "lanes": "2", "placement": "right_of:1"}
+    assert osm_rules.PLACEMENT in read_rules(tags).notes

@@ -372,6 +372,7 @@ def import_opendrive(piece: MapPiece) -> Site:
         notes.append(f"{others} roads more than {SAME_LEVEL:g} m above or below the site were left out")
     notes += [
         *opendrive.describe_turn(root),
+        *opendrive.describe_widths(found),
         *plain_map.describe_problems(plain, roads),
         *_describe_warnings(warned, network),
     ]

@@ -29,6 +29,7 @@ from toolkit.sites.surroundings import Bay
 
 LONGEST = 1e5  # m, of one piece of a road
 MAX_TURN_RAD = 2 * np.pi
+MAX_USUAL_WIDTH_M, MAX_LANE_WIDTH_M = 50.0, 1000.0
 MAX_CURVE_GAP_M = 50.0  # by which a curve may be longer than its geometry says
 _STEP = 0.25  # m between the points at which a spiral is summed up
 _ADDITIONAL = ("userData", "include", "dataQuality")  # what any element may hold
@@ -283,7 +284,7 @@ def lanes(road: MapRoad) -> Iterator[MapLane]:
         for sign in (1, -1):
             inner = middles
             for lane in section.side(sign):
-                width = np.clip(lane.width.at(s - section.start), 0.0, 50.0)
+                width = np.clip(lane.width.at(s - section.start), 0.0, MAX_LANE_WIDTH_M)
                 outer = inner + sign * width
                 if width.max() > THINNEST_LANE:
                     corners = np.concatenate([step_aside(places, inner), step_aside(places, outer)[::-1]])
@@ -291,6 +292,13 @@ def lanes(road: MapRoad) -> Iterator[MapLane]:
                     middle = step_aside(places, (inner + outer) / 2)
                     yield MapLane(lane.kind, outline, middle, float(width.mean()))
                 inner = outer
+
+
+def describe_widths(found: Sequence[MapLane]) -> list[str]:
+    """Note of lanes too wide for one vehicle after another, which are driven along their middle all the same."""
+    wide = sum(lane.width > MAX_USUAL_WIDTH_M for lane in found)
+    usual = f"{MAX_USUAL_WIDTH_M:g} m"
+    return [f"lanes wider than {usual}, whose traffic keeps to their middle: {wide}"] if wide else []
 
 
 def find_plane(roads: Sequence[MapRoad], window: shapely.Geometry, map_SE3_site: Pose) -> tuple[Slope, float, float]:
@@ -330,7 +338,7 @@ def _find_edges(road: MapRoad, s: Float[np.ndarray, " k"]) -> tuple[Float64[np.n
             for lane in section.side(sign):
                 if lane.kind in UNPAVED or lane.element.get("level") in ("true", "1"):
                     break
-                t = t + sign * np.clip(lane.width.at(here - section.start), 0.0, 50.0)
+                t = t + sign * np.clip(lane.width.at(here - section.start), 0.0, MAX_LANE_WIDTH_M)
             above = road.lateral.at(here, t)
             rows.append(np.column_stack([road.beside(here, t), road.elevation.at(here) + above]))
             across = (above - road.lateral.at(here, offset.at(here))) / np.maximum(np.abs(t - offset.at(here)), 0.5)

@@ -44,9 +44,11 @@ from toolkit.sites.osm_rules import (
     RoadRules,
     Tags,
     count_notes,
+    describe_barrier,
     is_barred,
     name_types,
     number_lanes,
+    number_one_way_lanes,
     number_pieces,
     read_rules,
     restrict_edges,
@@ -375,6 +377,7 @@ def _valid(shape: shapely.Geometry) -> list[shapely.Polygon]:
 
 _PATHS = ("footway", "path", "pedestrian", "steps", "corridor")
 _SIDES = ("both", "left", "right", "no")
+_OPPOSITE = {"left": "right", "right": "left"}
 _NO_ROADS = {  # values of highway beside paths that are no road to drive on, so that nothing need be said
     *(
         "construction",
@@ -421,6 +424,8 @@ def roads(extract: Extract, window: shapely.Geometry, *, lefthand: bool = False)
     barred = _list_barred(kept, extract.node_tags)
     unused = [note for reading in readings for note in reading.notes]
     unused += [_BARRED for way in kept for node in way.nodes if node in barred]
+    for node in _list_tagged(kept, extract.node_tags):
+        unused += describe_barrier(extract.node_tags[node])
     unused += [_DRIVEN_WALKS for way in reached if _is_driven_walk(way.tags)]
     unused += _list_unused_places(extract, window)
     notes += [*count_notes(unused), *_describe_unused(reached), *_describe_rings(kept, lefthand=lefthand)]
@@ -458,8 +463,12 @@ def _describe_crossings(ways: Sequence[Way]) -> list[str]:
 
 def _list_barred(ways: Iterable[Way], node_tags: Mapping[str, Tags]) -> set[str]:
     """Nodes of ways that no car can pass."""
-    nodes = {node for way in ways for node in way.nodes if node in node_tags}
-    return {node for node in nodes if is_barred(node_tags[node])}
+    return {node for node in _list_tagged(ways, node_tags) if is_barred(node_tags[node])}
+
+
+def _list_tagged(ways: Iterable[Way], node_tags: Mapping[str, Tags]) -> set[str]:
+    """Nodes of ways that have tags."""
+    return {node for way in ways for node in way.nodes if node in node_tags}
 
 
 def _list_unused_places(extract: Extract, window: shapely.Geometry) -> list[str]:
@@ -652,6 +661,8 @@ def _format_restrictions(
 def _below(tags: Tags) -> bool:
     layer = re.fullmatch(r"\s*([+-]?\d{1,3})\s*", tags.get("layer", "0"))
     sunk = layer is not None and int(layer[1]) < 0 and "tunnel" in tags
+    if tags.get("location") in ("underground", "indoor") or tags.get("indoor", "no") not in ("no", "area"):
+        return True
     return sunk or tags.get("tunnel", "no") not in ("no", "building_passage")
 
 
@@ -699,22 +710,33 @@ def _cut(way: Way, window: shapely.Geometry, reading: RoadReading, *, lefthand: 
 def _road_tags(tags: Tags, reading: RoadReading, *, lefthand: bool) -> dict[str, str]:
     kind, junction = tags["highway"], tags.get("junction", "").strip().lower()
     ring = junction in ("roundabout", "circular")
-    passed = {"oneway": "no" if reading.oneway == "no" else "yes", **number_lanes(tags)}
+    if reading.oneway == "no":
+        passed = {"oneway": "no", **number_lanes(tags)}
+    else:
+        passed = {"oneway": "yes", **number_one_way_lanes(tags, reading.oneway)}
     passed |= {"junction": junction} if ring else {}
     usual = ("left" if lefthand else "right") if ring else "both"
     walked = ROADS[kind][3] and tags.get("foot") not in ("no", "use_sidepath") and tags.get("motorroad") != "yes"
-    side = _sidewalk(tags) or (usual if walked else "no")
+    tagged = _sidewalk(tags, usual if walked else "no")
+    if reading.oneway == "-1" and tagged in _OPPOSITE:  # its line is turned round
+        tagged = _OPPOSITE[tagged]
+    side = tagged or (usual if walked else "no")
     street = {"name": " ".join(tags["name"].split())[:60]} if tags.get("name", "").strip() else {}
     return {"highway": kind, **passed, "sidewalk": side, **street}
 
 
-def _sidewalk(tags: Tags) -> str | None:
-    """Footways beside a road: both, left, right or no; None if unknown."""
+def _sidewalk(tags: Tags, usual: str) -> str | None:
+    """Footways along a road of a class that has the `usual` ones: both, left, right or no; None if unknown."""
     plain = tags.get("sidewalk", "")
     if plain in _SIDES or plain in ("none", "yes", "separate"):
         return {"none": "no", "yes": "both", "separate": "both"}.get(plain, plain)
     has = [side for side in ("both", "left", "right") if tags.get(f"sidewalk:{side}") in ("yes", "separate")]
-    return ("both" if "both" in has or len(has) == 2 else has[0]) if has else None
+    if has:
+        return "both" if "both" in has or len(has) == 2 else has[0]
+    lacks = {side for side in ("both", "left", "right") if tags.get(f"sidewalk:{side}") in ("no", "none")}
+    if "both" in lacks or {"left", "right"} <= lacks:
+        return "no"
+    return _OPPOSITE[lacks.pop()] if lacks and usual == "both" else None
 
 
 DEFAULT_HEIGHT, STOREY = 6.0, 3.0  # m

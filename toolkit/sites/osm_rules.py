@@ -60,6 +60,7 @@ _PUBLIC = {"bus", "psv", "taxi", "public_transport"}
 _FORWARD = {"yes", "true", "1"}
 _BACKWARD = {"-1", "reverse"}
 _BOTH_WAYS = {"no", "false", "0"}
+_NO_BUS_LANES = {"", "no", "none", "separate", "opposite"}  # values of busway; any other is a lane on the road
 _HALF_THE_TIME = {"reversible", "alternating"}
 _PASSABLE = {  # barriers on a road that cars drive through unless their tags close them
     *("gate", "lift_gate", "swing_gate", "cattle_grid", "toll_booth", "border_control", "entrance", "no", "kerb"),
@@ -73,6 +74,8 @@ OWN_LANES = "roads with lanes for some users only (bus:lanes, busway, cycleway=l
 ARROWS = "roads with arrows on their lanes (turn:lanes, change:lanes), not used"
 DIRECTION = "roads with a oneway that is not understood, one-way only if that is usual for their class"
 CONTRAFLOW = "one-way streets open both ways to some (oneway:bicycle, cycleway=opposite), who ride one way here"
+SOME_AGAINST = "roads that run one way for some users, against the others (oneway:bus=-1), who do not drive there here"
+LANES_AGAINST = "one-way streets with lanes against their traffic (lanes:backward), which are left out"
 EITHER = "roads that run one way at a time (oneway=reversible, alternating), open both ways here"
 UNREAD = "roads with access that is not understood, open as is usual for their class"
 UNREAD_SPEED = "roads with a speed limit that is not understood, driven as is usual for their class"
@@ -83,9 +86,12 @@ SUM = "roads with more or fewer lanes than lanes:forward and lanes:backward have
 MIDDLE = "roads with a middle lane for both directions (lanes:both_ways), not used"
 SINGLE = "roads with one lane for both directions (lanes=1), drawn with one each way"
 WIDTHS_UNUSED = "roads with a width of their own (width, width:lanes), drawn with usual lanes"
+PLACEMENT = "roads drawn along one of their lanes (placement), whose line is taken as their middle"
 SLOPES = "roads that rise (incline), level here"
 SIZES = "roads with limits of weight or size, closed to trucks and buses"
 CYCLE_ROAD = "roads for bicycles first (bicycle_road, cyclestreet), open to motor traffic as their access says"
+BARRIER_HOURS = "barriers with rules for some hours or vehicles only (:conditional), not used"
+BARRIER_UNREAD = "barriers with access that is not understood, open or shut as is usual for their kind"
 CLOSED = "roads closed to cars, as the map says"
 _SIZE_LIMITS = {"maxweight": 7.5, "maxheight": 3.5, "maxlength": 10.0, "maxwidth": 2.5, "maxaxleload": 4.0}  # t and m
 _SIZE_LIMITS |= {"maxweightrating": 7.5, "maxheight:physical": 3.5, "maxwidth:physical": 2.5}
@@ -146,18 +152,23 @@ def usual_rules(kind: str) -> RoadRules:
 
 def read_rules(tags: Tags) -> RoadReading:
     """Rules of a road of a class in `ROADS`, by its tags."""
-    tags = {key.strip().lower(): value.strip().lower() for key, value in tags.items()}
+    tags = _read_older_keys({key.strip().lower(): value.strip().lower() for key, value in tags.items()})
+    if tags.get("service") == "emergency_access" and not ACCESS_KEYS & tags.keys():
+        tags["access"] = "no"
     if any(tags.get(key) == "yes" for key in ("abandoned", "disused", "construction", "proposed", "razed")):
         tags = {key: value for key, value in tags.items() if key.partition(":")[0] not in ACCESS_KEYS}
         tags["access"] = "no"
     notes = _list_unused(tags)
     oneway = _read_oneway(tags, notes)
     sides = [_read_users(tags, side, notes) for side in ("forward", "backward")]
+    _close_one_way(tags, oneway, sides, notes)
     against = _list_contraflow(tags)
     if oneway == "yes" and against and number_lanes(tags).get("lanes:backward"):
         oneway, sides[1] = "no", sides[1] & (against | {_ALWAYS})  # they have a lane of their own
     elif oneway != "no" and against:
         notes.append(CONTRAFLOW)
+    if oneway != "no" and number_lanes(tags).get(_name_sides(oneway)[1]):
+        notes.append(LANES_AGAINST)
     speeds = [_read_speed(tags, side, notes) for side in ("forward", "backward")]
     driven = sides[1:] if oneway == "-1" else sides[:1] if oneway == "yes" else sides
     if tags["highway"] not in ("cycleway", "busway") and not any("passenger" in users for users in driven):
@@ -170,9 +181,15 @@ def read_rules(tags: Tags) -> RoadReading:
     return RoadReading(rules, oneway, tuple(dict.fromkeys(notes)))
 
 
+def _read_older_keys(tags: Tags) -> dict[str, str]:
+    """Tags with keys as they are written today: access:bus as bus, maxspeed:both as maxspeed."""
+    older = {f"access:{key}": key for key in ACCESS_KEYS} | {"maxspeed:both": "maxspeed"}
+    return {older[key]: value for key, value in tags.items() if key in older} | dict(tags)
+
+
 def is_barred(tags: Tags) -> bool:
     """True for a node of a road that no car can pass, such as a bollard or a gate that is locked."""
-    tags = {key.strip().lower(): value.strip().lower() for key, value in tags.items()}
+    tags = _read_older_keys({key.strip().lower(): value.strip().lower() for key, value in tags.items()})
     barrier = tags.get("barrier")
     if barrier is None and not ACCESS_KEYS & tags.keys():
         return False
@@ -190,6 +207,19 @@ def is_barred(tags: Tags) -> bool:
     return opened is False and tags.get("highway") != "crossing"
 
 
+def describe_barrier(tags: Tags) -> list[str]:
+    """Kinds of rules of a node of a road that are not used."""
+    tags = {key.strip().lower(): value.strip().lower() for key, value in tags.items()}
+    notes = []
+    access = {key: value for key, value in tags.items() if key.partition(":")[0] in ACCESS_KEYS}
+    if any(key.endswith(":conditional") for key in access):
+        notes.append(BARRIER_HOURS)
+    known = _OPEN | _LOCAL | _CLOSED | _DELIVERS | _PUBLIC
+    if any(access.get(key, "no") not in known for key in _KEYS["passenger"]):
+        notes.append(BARRIER_UNREAD)
+    return notes
+
+
 def number_lanes(tags: Tags) -> dict[str, str]:
     """Numbers of lanes that are whole, from 1 to 8. If both directions have theirs, all lanes are their sum."""
     found: dict[str, str] = {}
@@ -200,6 +230,22 @@ def number_lanes(tags: Tags) -> dict[str, str]:
     if "lanes:forward" in found and "lanes:backward" in found:
         found["lanes"] = str(int(found["lanes:forward"]) + int(found["lanes:backward"]))
     return found
+
+
+def number_one_way_lanes(tags: Tags, oneway: str) -> dict[str, str]:
+    """Numbers of lanes of a one-way street, without lanes against its traffic. oneway: yes or -1."""
+    found = number_lanes(tags)
+    driven, against = (found.get(key) for key in _name_sides(oneway))
+    total = driven or found.get("lanes")
+    if driven is None and against is not None:
+        rest = int(found.get("lanes", against)) - int(against)
+        total = str(rest) if rest > 0 else None
+    return {} if total is None else {"lanes": total}
+
+
+def _name_sides(oneway: str) -> tuple[str, str]:
+    """Keys of the lanes along and against the traffic of a one-way street."""
+    return ("lanes:backward", "lanes:forward") if oneway == "-1" else ("lanes:forward", "lanes:backward")
 
 
 def name_types(rules: Iterable[RoadRules]) -> dict[RoadRules, str]:
@@ -324,7 +370,24 @@ def _read_oneway(tags: Tags, notes: list[str]) -> str:
     oneway = "yes" if value in _FORWARD else "-1" if value in _BACKWARD else "no" if value in _BOTH_WAYS else implied
     if value and value not in _FORWARD | _BACKWARD | _BOTH_WAYS:
         notes.append(DIRECTION)
+    is_for_all = tags.get("oneway", "") in _FORWARD | _BACKWARD or "oneway:vehicle" in tags
+    if value in _FORWARD | _BACKWARD and not is_for_all:
+        notes.append(CONTRAFLOW)  # of bicycles
     return oneway
+
+
+def _close_one_way(tags: Tags, oneway: str, sides: list[Users], notes: list[str]) -> None:
+    """Close the direction against `oneway:USER` to its users. sides: users along the line of the road, and against."""
+    known = _FORWARD | _BACKWARD | _BOTH_WAYS
+    for user, keys in _KEYS.items():
+        values = [tags[f"oneway:{key}"] for key in keys if f"oneway:{key}" in tags]
+        if values and values[-1] not in known:
+            notes.append(EITHER if values[-1] in _HALF_THE_TIME else DIRECTION)
+        if values and values[-1] in _FORWARD | _BACKWARD:
+            closed = 1 if values[-1] in _FORWARD else 0
+            sides[closed] -= {user}
+            if oneway == ("-1" if closed else "yes"):
+                notes.append(SOME_AGAINST)
 
 
 def _list_contraflow(tags: Tags) -> Users:
@@ -408,6 +471,8 @@ def _list_unused(tags: Tags) -> list[str]:
         notes.append(SINGLE)
     if any(key in tags for key in ("width", "est_width", "width:carriageway", "width:lanes")):
         notes.append(WIDTHS_UNUSED)
+    if any(key.partition(":")[0] == "placement" for key in tags):
+        notes.append(PLACEMENT)
     if re.search(r"[1-9]|up|down", tags.get("incline", "")):
         notes.append(SLOPES)
     if "lanes:both_ways" in tags:
@@ -430,7 +495,7 @@ def _is_own_lane(key: str, value: str) -> bool:
     if head == "lanes" and rest.split(":")[0] in ("bus", "psv", "taxi", "hov"):
         return True
     if head == "busway":
-        return value in ("lane", "opposite_lane")
+        return value not in _NO_BUS_LANES
     if head == "cycleway" and rest in ("", "left", "right", "both"):
         return value in ("lane", "opposite_lane", "share_busway", "shared_lane")
     return key == "hov" and value in ("designated", "yes", "lane")

@@ -13,6 +13,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from toolkit.arrays import Float64
 from toolkit.sites import lane_rules
 from toolkit.sites.cubics import Cubics, cubics, number
 from toolkit.sites.lane_sections import LaneSection, SectionLane, read_sections
@@ -22,6 +23,7 @@ from toolkit.sites.opendrive import MapRoad
 _SAFE_NAME = re.compile(r"[A-Za-z0-9_][\w.]*")
 _WHOLE = re.compile(r"[-+]?\d{1,9}")
 _NO_LIMIT = f"roads without a limit in the map are driven at {lane_rules.USUAL_SPEED_MPS * 3.6:.0f} km/h"
+MIN_WIDTH_M, WIDTH_SAMPLES = -0.1, 9  # of a lane, below which it is noted; places along its section
 MAX_KERB_M, MAX_LENGTH_GAP_M, MAX_LENGTH_GAP_SHARE = 0.25, 1.0, 0.02
 _STRAIGHT = 1e-10  # 1/m; less curvature is ignored
 _TRAFFIC_LIGHTS = (  # those that netconvert takes for traffic lights
@@ -327,9 +329,20 @@ def _check_road(
     for section in sections:
         numbers = Counter(lane.number for lane in section.lanes)
         problems["lanes have the id of another lane beside them"] += sum(n - 1 for n in numbers.values())
+        lowest = [_sample_width(section, lane).min() for lane in section.lanes]
+        problems["lanes have a width below zero, which counts as zero"] += sum(w < MIN_WIDTH_M for w in lowest)
+    gap = max(MAX_LENGTH_GAP_M, MAX_LENGTH_GAP_SHARE * length)
+    starts = [number(section, "s") for section in road.findall("lanes/laneSection")]
+    outside = sum(not -gap <= start <= length + gap for start in starts)
+    problems["lane sections begin beyond the ends of their road and are left out"] += outside
     for side, sign in (("left", 1), ("right", -1)):
         ids = [number(lane, "id") for lane in road.findall(f"lanes/laneSection/{side}/lane")]
         problems["lanes have an id of the other side, where they are drawn"] += sum(sign * i <= 0 for i in ids)
+
+
+def _sample_width(section: LaneSection, lane: SectionLane) -> Float64[np.ndarray, " k"]:
+    """Widths (m) of a lane at places along its section."""
+    return lane.width.at(np.linspace(0.0, section.end - section.start, WIDTH_SAMPLES))
 
 
 def _road_length(road: ElementTree.Element) -> float:
@@ -451,9 +464,19 @@ def _write_sections(
                 continue
             lanes = [lane for lane in section.lanes if lane.number * writer.sign * sign > 0]
             lanes.sort(key=lambda lane: -lane.number * writer.sign)
-            written = [_write_lane(lane, kinds[lane], writer.sign, (around[i], around[i + 2])) for lane in lanes]
+            written = [
+                _write_lane(_drop_negative(section, lane), kinds[lane], writer.sign, (around[i], around[i + 2]))
+                for lane in lanes
+            ]
             text += format_element(side, {}, "".join(written)) if written else ""
         yield format_element("laneSection", {"s": section.start}, text)
+
+
+def _drop_negative(section: LaneSection, lane: SectionLane) -> SectionLane:
+    """Lane of no width, if its width is below zero all along; netconvert takes it for a lane of usual width."""
+    if _sample_width(section, lane).max() >= 0.0:
+        return lane
+    return replace(lane, width=Cubics(np.zeros(1), np.zeros((1, 4))))
 
 
 def _write_lane(
