@@ -175,6 +175,8 @@ def rigid_matrix(values: Unchecked, name: str = "pose") -> Pose:
     """Pose of 16 or 12 numbers by rows, as `rigid`."""
     flat = np.asarray(values, dtype=object).ravel()
     matrix = numbers(values, 16 if flat.size == 16 else 12, name).reshape(-1, 4)
+    if len(matrix) == 4 and not np.allclose(matrix[3], _LAST_ROW, atol=1e-3):
+        raise ValueError(f"{name} must end with the row 0 0 0 1, got {matrix[3].tolist()}: give its transpose?")
     return rigid(matrix[:3, :3], matrix[:3, 3], name)
 
 
@@ -185,6 +187,7 @@ def heading(target_SE3_source: Pose, yaw: object) -> Float64[np.ndarray, "*n"]:
     return np.asarray(np.arctan2(forward[..., 1], forward[..., 0]))
 
 
+_LAST_ROW = (0.0, 0.0, 0.0, 1.0)  # of a pose's matrix
 FULL_TURN = 2 * np.pi + 0.01  # rad; no file in radians exceeds it
 SAME = 1e-3  # m and rad; two boxes that differ by less are one label given twice
 
