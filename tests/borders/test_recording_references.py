@@ -179,3 +179,19 @@ def test_clouds_of_a_bag_that_was_played_twice_are_counted(tmp_path):
     frames = list(open_recording(tmp_path / "bag", "rosbag"))
     assert len(frames) == 4
     assert frames[0].problems == {rosbag.REPLAYED: 2}
+
+
+def test_doubled_labels_are_the_same_in_every_number():
+    """Against a comparison of every row with every earlier one that is kept."""
+    rng = np.random.default_rng(3)
+    boxes = np.tile(BOX, (60, 1))
+    boxes[:, :2] = rng.integers(0, 4, (60, 2)) * 0.0007
+    names = rng.choice(["car", "van"], 60).tolist()
+    kept: list[int] = []
+    for row, name in enumerate(names):
+        same = [k for k in kept if names[k] == name and np.abs(boxes[k] - boxes[row]).max() <= records.SAME]
+        kept += [] if same else [row]
+    problems: records.Problems = {}
+    found = records.labelled(boxes, names, None, problems)
+    assert found.objects.ids.tolist() == kept
+    assert problems == {records.DOUBLED: 60 - len(kept)}
