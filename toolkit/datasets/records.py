@@ -175,7 +175,10 @@ def rigid_matrix(values: Unchecked, name: str = "pose") -> Pose:
     """Pose of 16 or 12 numbers by rows, as `rigid`."""
     flat = np.asarray(values, dtype=object).ravel()
     matrix = numbers(values, 16 if flat.size == 16 else 12, name).reshape(-1, 4)
-    return rigid(matrix[:3, :3], matrix[:3, 3], name)
+    placed = rigid(matrix[:3, :3], matrix[:3, 3], name)
+    if len(matrix) == 4 and not np.allclose(matrix[3], _LAST_ROW, atol=1e-3):
+        raise ValueError(f"{name} must end with the row 0 0 0 1, got {matrix[3].tolist()}: give its transpose?")
+    return placed
 
 
 def heading(target_SE3_source: Pose, yaw: object) -> Float64[np.ndarray, "*n"]:
@@ -185,6 +188,7 @@ def heading(target_SE3_source: Pose, yaw: object) -> Float64[np.ndarray, "*n"]:
     return np.asarray(np.arctan2(forward[..., 1], forward[..., 0]))
 
 
+_LAST_ROW = (0.0, 0.0, 0.0, 1.0)  # of a pose's matrix
 FULL_TURN = 2 * np.pi + 0.01  # rad; no file in radians exceeds it
 SAME = 1e-3  # m and rad; two boxes that differ by less are one label given twice
 
@@ -238,12 +242,15 @@ def labelled(
     rows = np.flatnonzero(keep)
     named = np.unique(np.array([*categories, ""], str), return_inverse=True)[1][:-1]
     compared = np.column_stack([boxes, named])
-    first: list[int] = []  # rows that differ from every earlier one
-    for row in rows.tolist():
+    by_x = rows[np.argsort(boxes[rows, 0], kind="stable")]
+    is_near = np.diff(boxes[by_x, 0]) <= SAME
+    near = np.union1d(by_x[:-1][is_near], by_x[1:][is_near])  # no other row can be doubled
+    first: list[int] = []  # of them those that differ from every earlier one
+    for row in near.tolist():
         if not first or (np.abs(compared[first] - compared[row]) > SAME).any(axis=1).all():
             first.append(row)
-    add_problem(problems, DOUBLED, len(rows) - len(first))
-    rows = np.array(first, np.int64)
+    add_problem(problems, DOUBLED, len(near) - len(first))
+    rows = np.setdiff1d(rows, np.setdiff1d(near, first))
     yaws = np.where(finite, boxes[:, 6], 0.0)
     boxes = np.column_stack([boxes[:, :6], np.arctan2(np.sin(yaws), np.cos(yaws))])
     count_full_turns(yaws[rows], problems)
@@ -300,8 +307,13 @@ def find_headings(turned: Float64[np.ndarray, "n 3 3"], problems: Problems) -> F
     return np.asarray(np.arctan2(turned[:, 1, 0], turned[:, 0, 0]))
 
 
+MAX_TRACK = 10**16  # below it a number's text is short enough to stay a number
+
+
 def track_number(name: object) -> int:
     """Track id as a number: an integer, also as text, stays itself, any other id becomes a number of its text."""
+    if type(name) is int and abs(name) < MAX_TRACK:
+        return name
     text = str(name).strip()
     if text.removeprefix("-").isascii() and text.removeprefix("-").isdigit() and len(text) < 18:
         return int(text)

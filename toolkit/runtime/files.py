@@ -375,8 +375,12 @@ def _count_values(node: Any, counted: dict[int, int]) -> int:
 
 
 def resolve_below(root: str | Path, name: str) -> Path:
-    """Return the file of a data set that one of its files names. Raises ValueError for a name that leaves `root`."""
+    """Return the file of a data set that one of its files names, as Linux or Windows writes paths.
+
+    Raises ValueError for a name that leaves `root`."""
     given = Path(name)
+    if "\\" in name and "\0" not in name and not os.path.lexists(Path(root) / given):
+        given = Path(name.replace("\\", "/"))
     if given.is_absolute() or ".." in given.parts or "\0" in name:
         raise ValueError(f"the file name {name[:100]!r} leads out of {root}: name files below that folder")
     return Path(root) / given

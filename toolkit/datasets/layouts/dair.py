@@ -20,7 +20,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping
 from functools import partial
 from os.path import lexists
-from pathlib import Path
+from pathlib import Path, PureWindowsPath
 
 import numpy as np
 
@@ -99,7 +99,7 @@ def _read_stamps(side: Path) -> dict[str, float]:
     stamps = {}
     with named_damage(index, "list of clouds"):
         for row in records.as_list(records.load_json(index)):
-            name = Path(str(row.get("pointcloud_path") or row.get("frame_id") or "")).stem
+            name = PureWindowsPath(str(row.get("pointcloud_path") or row.get("frame_id") or "")).stem
             ticks = records.finite_time(row.get("pointcloud_timestamp"), "pointcloud_timestamp")
             if ticks is not None:
                 stamps[name] = parse_microseconds(ticks)
@@ -187,7 +187,7 @@ def _has_clouds(pair: records.Unchecked, road: Path, car: Path) -> bool:
 
 def _stem(pair: records.Unchecked, side: str) -> str:
     path = f"{side}_pointcloud_path"
-    return Path(str(pair[path] if path in pair else entry(pair, f"{side}_frame"))).stem
+    return PureWindowsPath(str(pair[path] if path in pair else entry(pair, f"{side}_frame"))).stem
 
 
 def read_transform(path: str | Path, offset: tuple[float, float] | None = None) -> Pose:

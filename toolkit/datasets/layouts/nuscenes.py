@@ -13,6 +13,7 @@ World frame: the ego vehicle's when the lidar measured, x forward, z up, its ori
 
 import json
 import struct
+import warnings
 import zlib
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
@@ -41,20 +42,22 @@ MIN_STEP_S = 0.001  # between two sweeps of a lidar
 NO_SENSOR = "rows of sample_data whose sensor the tables lack"
 _SENSING = ("sample", "sample_data", "sample_annotation", "calibrated_sensor", "ego_pose", "sensor")
 _TABLES = (*_SENSING, "instance", "category")
+_LISTS = ("sample_data", "sample_annotation")
 _Row = dict[str, records.Unchecked]
 
 
 def nuscenes(path: Path) -> records.Listing:
     """Frames, by time, of a data root or its folder of tables. Raises FileNotFoundError for any other folder."""
-    folder = next((each for each in (path, *sorted(path.glob("v1.0*"))) if (each / "sample_data.json").is_file()), None)
-    if folder is None:
+    folders = [each for each in (path, *sorted(path.glob("v1.0*"))) if (each / "sample_data.json").is_file()]
+    if not folders:
         raise FileNotFoundError(f"{path} is no nuScenes root: it has no v1.0-*/sample_data.json")
-    tables = {}
-    for name in _TABLES:
-        with named_damage(folder / f"{name}.json", "table"):
-            rows = records.as_list(records.load_json(folder / f"{name}.json"))
-            tables[name] = {str(entry(row, "token")): row for row in rows}
+    folder = folders[0]
+    if len(folders) > 1 and folder != path:
+        others = ", ".join(each.name for each in folders[1:6])
+        warnings.warn(f"{path}: {folder.name} is read, and not {others}: give the folder to read another", stacklevel=2)
+    tables = {name: _read_rows(folder / f"{name}.json", name in _LISTS) for name in _TABLES}
     lidars: dict[str, list[_Row]] = {}
+    modalities: set[str] = set()
     unknown = 0
     reason: ValueError | None = None
     with named_damage(folder / "sample_data.json", "table"):
@@ -62,14 +65,18 @@ def nuscenes(path: Path) -> records.Listing:
             if not row.get("is_key_frame", True):
                 continue
             try:
-                is_lidar = _sensor(tables, row, "modality") == "lidar"
+                modality = _sensor(tables, row, "modality").lower()
             except ValueError as error:
                 unknown, reason = unknown + 1, error
                 continue
-            if is_lidar:
+            modalities.add(modality)
+            if modality == "lidar":
                 lidars.setdefault(str(entry(row, "sample_token")), []).append(row)
         if reason is not None and not lidars:
             raise reason
+        if modalities and not lidars:
+            names = ", ".join(sorted(modalities)[:6])
+            raise ValueError(f"it has no row of a sensor whose modality is lidar, but of {names}: add the lidars' rows")
     with named_damage(folder / "sample_data.json", "table"):
         between = 0
         for token, rows in lidars.items():
@@ -88,6 +95,23 @@ def nuscenes(path: Path) -> records.Listing:
     load = partial(_load, folder, tables, lidars, labels, is_clock)
     noted = {NO_SENSOR: unknown, SWEEPS_BETWEEN: between, NO_CLOCK: 0 if is_clock else len(order)}
     return records.Listing(tuple(order), load, labelled=labels, noted=noted)
+
+
+def _read_rows(path: Path, is_list: bool) -> dict[str, _Row]:
+    """Rows of a table by token; of a list, whose tokens no row refers to, every row.
+
+    Raises ValueError for rows of one token that differ."""
+    with named_damage(path, "table"):
+        rows = records.as_list(records.load_json(path))
+        by_token: dict[str, _Row] = {}
+        for row in rows:
+            token = str(entry(row, "token"))
+            if token in by_token and is_list:
+                token = f"{token} {len(by_token)}"
+            elif token in by_token and by_token[token] != row:
+                raise ValueError(f"two rows that differ have the token {token[:60]!r}: give each its token")
+            by_token[token] = row
+    return by_token
 
 
 def _drop_sweeps(tables: dict[str, _Row], rows: list[_Row], stamp: records.Unchecked) -> list[_Row]:

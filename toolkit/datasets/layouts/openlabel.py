@@ -20,7 +20,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
-from pathlib import Path, PurePosixPath
+from pathlib import Path, PurePosixPath, PureWindowsPath
 
 import numpy as np
 
@@ -146,13 +146,13 @@ def _find_stream_clouds(file: Path, content: Unchecked, frame: Unchecked, clouds
 
 def _find_cloud(place: str, labels: Path, clouds: _Clouds) -> Path | None:
     """File that a label file names: of several of one name the one with most folders in common."""
-    candidates = clouds.get(PurePosixPath(place).name, ())
+    candidates = clouds.get(PurePosixPath(place).name) or clouds.get(PureWindowsPath(place).name, ())
     return max(candidates, key=lambda cloud: _common_tail(cloud, place, labels), default=None)
 
 
 def _common_tail(cloud: Path, place: str, labels: Path) -> tuple[int, bool]:
     """Fit of a file to a place that a label file names: path components in common, and the folder's name."""
-    pairs = zip(reversed(cloud.parts), reversed(PurePosixPath(place).parts), strict=False)
+    pairs = zip(reversed(cloud.parts), reversed(PureWindowsPath(place).parts), strict=False)
     common = 0
     for ours, theirs in pairs:
         if ours != theirs:
@@ -298,6 +298,8 @@ def turn_by_angles(value: Unchecked, name: str) -> Float64[np.ndarray, "3 3"]:
         raise ValueError(
             f"{name} must turn by three finite angles about a sequence of X, Y and Z, got {sequence!r:.40}"
         )
+    if np.abs(angles).max() > records.FULL_TURN:
+        raise ValueError(f"euler_angles of {name} must be radians, got {angles.tolist()}: give degrees times pi / 180")
     return np.asarray(Rotation.from_euler(sequence, angles).as_matrix())
 
 

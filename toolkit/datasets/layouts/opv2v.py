@@ -28,6 +28,8 @@ from toolkit.geometry import invert, pose
 from toolkit.runtime.files import parse_yaml, read_text, write_text
 
 NO_YAML = "clouds of agents without their YAML file, left out"
+SAME_NUMBER = "objects that two agents give one number and places far apart: the first is taken"
+MAX_APART_M = 5.0  # of one object at one tick, as two agents measure it
 MIRROR = np.diag([1.0, -1.0, 1.0, 1.0])
 
 
@@ -95,16 +97,26 @@ def _sample(name: str, files: list[Path], mirror: np.ndarray, problems: records.
     map_SE3_world = pose(*poses[0][:3, 3], yaw=float(records.heading(poses[0], 0.0)))
     clouds: list[SensorCloud] = []
     rows: dict[object, np.ndarray] = {}
+    turns: dict[object, np.ndarray] = {}
+    apart = 0
     kinds: dict[object, str] = {}
     for file, content, placed in zip(files, contents, poses, strict=True):
         recorded = next(file.with_suffix(end) for end in records.ENDINGS if lexists(file.with_suffix(end)))
         cloud = records.read_cloud(recorded, file.parent.name, invert(map_SE3_world) @ placed, problems)
         clouds.append(_mirror(cloud, mirror))
         with named_damage(file, "YAML file of an agent"):
-            for track, each in (content.get("vehicles") or {}).items():
-                rows.setdefault(track, _box(each, mirror))
+            vehicles = content.get("vehicles") or {}
+            if not isinstance(vehicles, dict):
+                raise ValueError(f"vehicles must be a mapping of ids to vehicles, got {str(vehicles)[:40]!r}")
+            for track, each in vehicles.items():
+                box, turned = _box(each, mirror)
+                first = rows.setdefault(track, box)
+                turns.setdefault(track, turned)
+                apart += int(np.linalg.norm(first[:3] - box[:3]) > MAX_APART_M)
                 kinds.setdefault(track, str(each.get("obj_type", each.get("object_type", "Car"))))
+    records.add_problem(problems, SAME_NUMBER, apart)
     boxes = np.array(list(rows.values()), np.float64).reshape(-1, 7)
+    boxes[:, 6] = records.find_headings(np.array(list(turns.values())).reshape(-1, 3, 3), problems)
     boxes = records.move_boxes(invert(map_SE3_world), boxes)
     found = records.labelled(boxes, list(kinds.values()), list(rows), problems)
     return Frame.of_clouds(name, tuple(clouds), *found, map_SE3_world=map_SE3_world, problems=problems)
@@ -124,12 +136,13 @@ def unreal_pose(roll_deg: float, yaw_deg: float, pitch_deg: float) -> Pose:
     return pose(yaw=np.deg2rad(yaw_deg), pitch=-np.deg2rad(pitch_deg), roll=-np.deg2rad(roll_deg))
 
 
-def _box(vehicle: records.Unchecked, mirror: np.ndarray) -> np.ndarray:
+def _box(vehicle: records.Unchecked, mirror: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Box of a vehicle without its yaw, and its rotation."""
     place = numbers(entry(vehicle, "location"), 3, "location") + numbers(entry(vehicle, "center"), 3, "center")
     roll, yaw, pitch = numbers(entry(vehicle, "angle"), 3, "angle")
     sizes = 2 * numbers(entry(vehicle, "extent"), 3, "extent")
-    turn = records.heading(mirror @ unreal_pose(roll, yaw, pitch) @ mirror, 0.0)
-    return np.array([*(mirror[:3, :3] @ place), *sizes, turn])
+    turned = mirror @ unreal_pose(roll, yaw, pitch) @ mirror
+    return np.array([*(mirror[:3, :3] @ place), *sizes, 0.0]), turned[:3, :3]
 
 
 def _mirror(cloud: SensorCloud, mirror: np.ndarray) -> SensorCloud:

@@ -57,10 +57,12 @@ UNREADABLE = "clouds that cannot be read"
 NO_XYZ = "topics of PointCloud2 without x, y and z"
 NO_STAMP = "clouds without a stamp, of the time of their recording"
 SAME_SENSOR = "clouds of one frame and stamp on another topic too: one sensor's, counted twice"
+REPLAYED = "clouds with a stamp that their topic has already, as of a bag played twice"
 OTHER_CLOCKS = "clouds of the time of their recording: stamps of clouds and tf are of different clocks"
 RosObject = Any  # of rosbags, which has no types
 MAX_TF_GAP_S = 1.0
 MAX_CLOCK_OFFSET_S = 1.0  # that one topic's stamps are further from their recording than another's
+OTHER_PROFILE = "Profile is not ros2."  # rosbags' words for an .mcap of ROS 1
 FIRST_ENDING = ".bag"  # of ROS 1
 _TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 
@@ -245,6 +247,9 @@ def rosbag(path: Path) -> Bag:
     start = min(int(stamps_ns.min()) for stamps_ns in times.values())
     groups = group_by_time({topic: (stamps_ns - start) / NS_PER_S for topic, stamps_ns in times.items()})
     problems = dict(tree.problems)
+    if not instead:
+        stamped = [times[times != 0] for times in own_clock.values()]
+        add_problem(problems, REPLAYED, sum(len(times) - len(np.unique(times)) for times in stamped))
     add_problem(problems, NO_XYZ, len(stamps) - len(topics))
     return Bag(path, tuple(groups), tree, topics, instead, problems)
 
@@ -342,7 +347,13 @@ def _open(path: Path) -> Iterator[list[RosObject]]:
         with _damage(path):
             for file in _list_files(path):
                 kind = rosbag1.Reader if file.suffix.lower() == FIRST_ENDING else rosbag2.Reader
-                readers.append(stack.enter_context(kind(file)))
+                try:
+                    readers.append(stack.enter_context(kind(file)))
+                except rosbag2.ReaderError as error:
+                    if str(error) != OTHER_PROFILE:
+                        raise
+                    remedy = "give the .bag it was made of, or convert that with rosbags-convert"
+                    raise ValueError(f"its messages are not of ROS 2 (its profile tells): {remedy}") from None
         yield readers
 
 
