@@ -1,8 +1,12 @@
-"""The browser that pages are opened in, and a Ray cluster of two nodes."""
+"""The browser that pages are opened in, a Ray cluster of two nodes, and hypothesis without a clock."""
 
 import shutil
 
 import pytest
+from hypothesis import settings
+
+settings.register_profile("any machine", deadline=None)  # a busy one is no fault
+settings.load_profile("any machine")
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 FLAGS = ("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")

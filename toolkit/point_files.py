@@ -21,7 +21,7 @@ from toolkit.geometry import MAX_COORDINATE_M
 from toolkit.point_columns import Attributes, find_axes, name_attributes, warn_of_offset
 from toolkit.runtime.files import MOST_CLOUD, check_unpacked, plain_file
 
-ORIGIN_COMMENT = "# coview origin:"  # of a PCD file: what to add to its x, y and z (m)
+ORIGIN_COMMENT = "# coview origin:"  # in a PCD file, before what to add to x, y and z (m)
 PADDING = "_"
 _MOST_FIELDS = 1000
 MOST_LZF = 100  # times that LZF can make anything smaller: three bytes stand for 264 at most

@@ -22,8 +22,10 @@ _PARTED = re.compile(r"(\d{9,10})_(\d{3}|\d{6}|\d{9})(?:_[A-Za-z].*)?")
 _TICKS_PER_SECOND = (1, 10**3, 10**6, 10**9)
 EARLIEST_S, LATEST_S = 1e8, 4.1e9  # since 1970
 MAX_MICROSECONDS = LATEST_S * 1e6  # since 1970: what is larger has a smaller unit
-MAX_JITTER_SHARE = 0.5  # of the fastest sensor's period that two clouds of one frame differ from their sensors' lag
-MAX_PERIOD_S = 0.2  # of a sensor that measures all the time; slower recordings are samples of one
+MAX_JITTER_SHARE = (
+    0.5  # share of the fastest sensor's period that two clouds of one frame differ from their sensors' lag
+)
+MAX_PERIOD_S = 0.2  # if a sensor measures all the time; slower recordings are samples of one
 UNPAIRED = "frames that lack the cloud of some sensor at their time"
 BY_ORDER = "frames put together by the order of their clouds, whose names are no times"
 
@@ -86,7 +88,7 @@ def parse_microseconds(ticks: float) -> float:
     >>> parse_microseconds(500000), parse_microseconds(1700000000250000000)
     (0.5, 1700000000.25)
     """
-    epoch = None if ticks < MAX_MICROSECONDS else find_epoch(f"{ticks:.0f}")
+    epoch = None if ticks < MAX_MICROSECONDS else find_epoch(str(round(ticks)))
     return ticks * 1e-6 if epoch is None else epoch
 
 

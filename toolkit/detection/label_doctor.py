@@ -152,7 +152,7 @@ def against_their_way(samples: Sequence[Frame], undo: Callable[..., np.ndarray])
     return len(tracks), mended, total
 
 
-MAX_EMPTY_SHARE = 0.5  # of labels that hold no point
+MAX_EMPTY_SHARE = 0.5  # labels without a point
 EXPLAINED_EMPTY_SHARE = 0.2
 SUNK = 0.3  # fraction of its height that the median box may be off its place above the ground
 ALIKE = 0.04  # difference in mean fit within which the first mistake in the list is named

@@ -21,8 +21,8 @@ from toolkit.detection.label_fits import LEAST_BOXES, SHIFTS_S, Movers, Seen, fi
 from toolkit.frame import MAX_APART_S, Frame, SensorCloud, measure_spread
 
 MAX_RATE_RATIO = 1.2
-MAX_REPEATED_SHARE = 0.2  # of a sensor's clouds
-MAX_MISSING_SHARE = 0.3  # of the frames between a sensor's first and last cloud
+MAX_REPEATED_SHARE = 0.2  # in a sensor's clouds
+MAX_MISSING_SHARE = 0.3  # in the frames from a sensor's first to its last cloud
 MIN_LATE_GAIN = 0.05  # in mean fit, for a sensor to be late
 MIN_LATE_OBJECTS = 5  # that must fit better, and hardly any worse
 MIN_TIMELY_OBJECTS = 3

@@ -14,7 +14,7 @@ from toolkit.sites.cubics import number
 from toolkit.sites.lane_sections import LaneSection, SectionLane
 from toolkit.sites.network import FOOT, MOTOR
 
-USUAL_SPEED_MPS = 13.89  # of a road without a limit in the map
+USUAL_SPEED_MPS = 13.89  # on a road without a limit in the map
 NO_LIMIT_MPS = 36.11  # 130 km/h, on roads whose map says "no limit"
 MAX_LIKELY_SPEED_MPS = 45.0  # 160 km/h; a limit above it is noted
 WALKING_SPEED_MPS, BICYCLE_SPEED_MPS = 2.78, 5.56

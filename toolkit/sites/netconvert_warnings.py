@@ -8,7 +8,7 @@ from collections.abc import Iterable
 
 PREFIX = "Warning: "
 MAX_NOTES = 12  # kinds that are written out; more are counted
-MAX_CHARACTERS = 160  # of the warning that a note quotes
+MAX_CHARACTERS = 160  # from the warning that a note quotes
 
 SHAPE_ONLY = (  # the road remains as the map has it
     r"Environment variable SUMO_HOME",

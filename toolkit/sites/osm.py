@@ -72,7 +72,7 @@ class Way:
     nodes: tuple[str, ...]
     tags: Tags
     name: str = ""  # its id in the map
-    rules: RoadRules | None = None  # of a piece of road
+    rules: RoadRules | None = None  # a piece of road
 
     @property
     def is_closed(self) -> bool:

@@ -36,7 +36,7 @@ def candidates() -> Candidates:
 @pytest.fixture
 def chosen(candidates) -> list[int]:
     names = [sensor.name for sensor in candidates.sensors]
-    return [names.index("north_4.0m_h270_t15_camera"), names.index("e/1_4.0m_h180_t15_lidar")]
+    return [names.index("north_4.0m_h270_t15_camera"), names.index("e-1_4.0m_h180_t15_lidar")]
 
 
 def test_sets_as_mounted_with_names_prices_and_places(candidates, chosen):

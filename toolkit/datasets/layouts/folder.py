@@ -41,7 +41,7 @@ SCANS = {  # files of points that are not read, and what to do with them
     (".e57", ".pts", ".ptx", ".obj", ".stl", ".drc"): _CONVERT,
     (".txt",): "call them .xyz or .csv",
 }
-MAX_START_BYTES = 4096  # of a text, which tell points from words
+MAX_START_BYTES = 4096  # at a text's start, which tell points from words
 ALONE = "lidar"  # name of the sensor of clouds that lie in the folder itself
 _ONE_WORD = re.compile(r"[\w.-]+/\d+")  # SENSOR/NAME in a line of poses.txt
 

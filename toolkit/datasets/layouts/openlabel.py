@@ -35,7 +35,7 @@ from toolkit.objects import LABELS, Detections, Objects
 from toolkit.runtime.files import write_text
 
 WORLD = "world"  # name of the root system that is written
-MAX_SYSTEMS_DEEP = 64  # of a chain of coordinate systems; longer ones run in a circle
+MAX_SYSTEMS_DEEP = 64  # in a chain of coordinate systems; longer ones run in a circle
 NO_FRAME = "boxes that name no coordinate system, taken in the root of the sensors'"
 UNKNOWN_FRAME = "boxes in a coordinate system that nothing connects with the clouds'"
 UNPLACED_SENSOR = "clouds whose sensor is none of the file's coordinate systems, taken in their root"
