@@ -194,13 +194,14 @@ def diagnose(path: str | Path, layout: str | None = None, *, site: Site | None =
             stored = diagnose_file(path, site)
             return Diagnosis(stored or diagnose_images(path, site, frames))
     samples = list(Part(open_recording(path, layout, site=site), frames))
-    findings = [*find_impossible(samples), *diagnose_times(samples)]
+    untimely = diagnose_times(samples)
+    findings = [*find_impossible(samples), *untimely]
     seen = [Seen.of(sample) for sample in samples]
     if not any(len(sample.objects) for sample in samples):
         buried = suspect_buried_points(seen)
         return Diagnosis([*findings, *buried], f"{len(samples)} frames without a label: there is nothing to be checked")
     mislabelled = diagnose_boxes(seen)
-    sensors = [] if mislabelled else diagnose_sensors(seen)
+    sensors = [] if mislabelled else diagnose_sensors(seen, timely=not untimely)
     return Diagnosis([*findings, *mislabelled, *sensors])
 
 
@@ -210,7 +211,8 @@ def diagnose_images(path: str | Path, site: Site | None, frames: int) -> list[Fi
         recording = open_recording(path, "hdf5", site=site)
     except UnknownSite:  # points are compared with boxes in the site's frame
         return []
-    return diagnose_sensors([Seen.of(sample) for sample in Part(recording, frames)])
+    samples = list(Part(recording, frames))
+    return diagnose_sensors([Seen.of(sample) for sample in samples], timely=not diagnose_times(samples))
 
 
 def find_impossible(samples: Sequence[Frame]) -> Iterator[Finding]:

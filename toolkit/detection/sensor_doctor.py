@@ -44,9 +44,11 @@ def diagnose_times(samples: Sequence[Frame]) -> list[Finding]:
     return [*suspect_stamps(samples), *suspect_rates(samples), *suspect_twins(samples)]
 
 
-def diagnose_sensors(seen: Sequence[Seen]) -> list[Finding]:
-    """Return what the labels of consecutive frames, if they are right, show to be wrong with sensors."""
-    late = [] if diagnose_times([each.sample for each in seen]) else [*suspect_late_sensors(seen)]
+def diagnose_sensors(seen: Sequence[Seen], *, timely: bool) -> list[Finding]:
+    """Return what the labels of consecutive frames, if they are right, show to be wrong with sensors.
+
+    timely: whether `diagnose_times` found nothing; only then can a late sensor be told."""
+    late = [*suspect_late_sensors(seen)] if timely else []
     return [*late, *suspect_missed_boxes(seen), *suspect_buried_points(seen)]
 
 

@@ -180,10 +180,6 @@ def _count_marks(road: ElementTree.Element) -> int:
     return count
 
 
-def _is_plate(signal: ElementTree.Element) -> bool:
-    return signal.get("type", "") not in (*_TRAFFIC_LIGHTS, *_PRIORITY_SIGNS)
-
-
 def _always(element: ElementTree.Element) -> bool:
     return True
 
