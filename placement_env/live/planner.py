@@ -194,7 +194,8 @@ class LivePlanner:
     ) -> LiveAnswer:
         """Turn (rad), tilt (rad below the horizon), raise (m above the foot) or carry a sensor to a pole or place.
         Heights and tilts stay within those of the pole and `TILT_SPAN`. dragging: moves of one sensor in a row are
-        undone as one. Raises ValueError for an unknown or locked sensor, and for a place where no pole can stand."""
+        undone as one. Raises ValueError for an unknown or locked sensor, a tilt beyond straight down, and a place where
+        no pole can stand."""
         with self._lock:
             variant, sensor = self.variant, self._free(name)
             if position is not None:
@@ -206,15 +207,16 @@ class LivePlanner:
             mount = self.yard.find_mount(variant, sensor.mount)
             up = sensor.height if height is None else _finite("height", height)
             around = sensor.heading if heading is None else _finite("heading", heading)
-            down = sensor.tilt if tilt is None else _finite("tilt", tilt)
+            down = sensor.tilt if tilt is None else _check_tilt(tilt)
+            least_tilt, most_tilt = min(TILT_SPAN[0], sensor.tilt), max(TILT_SPAN[1], sensor.tilt)
             low, high = min(mount.min_height, sensor.height), max(mount.max_height, sensor.height)
             if position is not None:
                 low, high = mount.min_height, mount.max_height
             moved = replace(
                 sensor,
                 height=float(np.clip(up, low, high)),
-                heading=float(np.arctan2(np.sin(around), np.cos(around))),
-                tilt=float(np.clip(down, *TILT_SPAN)),
+                heading=math.remainder(around, math.tau),
+                tilt=float(np.clip(down, least_tilt, most_tilt)),
             )
             again = dragging and self._dragging == name
             answer = self._become(variant.with_sensor(moved), f"{name} moved", again=again)
@@ -242,7 +244,7 @@ class LivePlanner:
             self._check_room(variant, pole.name)
             up = pole.max_height if height is None else float(np.clip(height, pole.min_height, pole.max_height))
             x, y, _ = pole.position.tolist()
-            down = float(np.clip(_finite("tilt", tilt), *TILT_SPAN))
+            down = float(np.clip(_check_tilt(tilt), *TILT_SPAN))
             made = LiveSensor(name, model, pole.name, x, y, up, _finite("heading", heading), down)
             after = self.yard.check(replace(variant, sensors=(*variant.sensors, made)))
             return self._become(after, f"{name} added")
@@ -610,6 +612,14 @@ def _finite(name: str, value: float) -> float:
     if not np.isfinite(value):
         raise ValueError(f"{name} must be a finite number, got {value}")
     return float(value)
+
+
+def _check_tilt(tilt: float) -> float:
+    if not abs(_finite("tilt", tilt)) <= np.pi / 2 + 1e-9:
+        raise ValueError(
+            f"a tilt must lie within pi/2 rad of the horizon, got {tilt:g}: give degrees as np.deg2rad(25)"
+        )
+    return float(tilt)
 
 
 def _without(variant: Variant, name: str) -> Variant:

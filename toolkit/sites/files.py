@@ -3,6 +3,8 @@
 The file has one Feature per polygon, mount, sensor and bay; everything else is a foreign member of the collection.
 Coordinates are local metres of the site frame, so a GIS tool shows the plan at the right scale but not at its place on
 earth; `map_SE3_site` and `geo_reference` say where that is. Polygons are closed rings without holes; angles degrees.
+Sensors and bays have a `heading_deg` (counter-clockwise from the site's +x), or a `bearing_deg` that a person wrote
+(clockwise from the map's north).
 
 Solids, mounts and bays have an `origin`, and the road a `road_origin`: mapped, surveyed or drawn. What does not say its
 origin is mapped. Files from before there were origins say none, so what an import drew into them counts as mapped."""
@@ -17,11 +19,12 @@ from typing import Any
 import numpy as np
 
 from toolkit.arrays import Float64
-from toolkit.geometry import LEVEL, pose
+from toolkit.geometry import LEVEL, check_pose, pose
 from toolkit.runtime.files import name_errors, read_json, write_text
 from toolkit.sensors.models import class_names, find_model_class, make_model
 from toolkit.sensors.sensor import Sensor, SensorModel, find_angles
 from toolkit.sites import BUILT_IN
+from toolkit.sites.georeference import map_turn
 from toolkit.sites.site import HYBRID_RADIUS, ORIGINS, Mount, Relief, Site, Solid, check_polygon
 
 
@@ -52,6 +55,7 @@ def save_site(site: Site, path: str | Path) -> None:
 VERSION = 1
 _MOST_SENSORS = 10_000
 _MOST_TURN = 3600.0  # degrees; drawn sites hold some beyond a full turn
+_MAX_TILT_DEG = 90.0  # below or above the horizon
 JsonValue = Any  # of a JSON document, not yet checked
 Json = dict[str, JsonValue]
 
@@ -164,9 +168,10 @@ def parse(collection: JsonValue) -> Site:
     version = root.get("coview_site", int)
     if version > VERSION:
         raise ValueError(f"coview_site is version {version}, this coview reads up to {VERSION}: install a newer one")
+    matrix = _read_matrix(root)
     layers: dict[str, list[JsonValue]] = {layer: [] for layer in _READERS}
     for i, feature in enumerate(root.get("features", list)):
-        layer, value = _read_feature(_Node(feature, f"features[{i}]"))
+        layer, value = _read_feature(_Node(feature, f"features[{i}]"), matrix)
         layers[layer].append(value)
         if len(layers["sensor"]) > _MOST_SENSORS:
             raise ValueError(f"features must hold at most {_MOST_SENSORS} sensors: leave some out")
@@ -177,11 +182,7 @@ def parse(collection: JsonValue) -> Site:
     geo_reference = collection.get("geo_reference")
     if not isinstance(geo_reference, str | None):
         raise ValueError(f"geo_reference must be a PROJ text or null, got {geo_reference!r}")
-    rows, lines = root.get("map_SE3_site", list), []
-    try:
-        matrix = np.array(rows, np.float64)
-    except (TypeError, ValueError):
-        raise ValueError(f"map_SE3_site must be four rows of four numbers, got {str(rows)[:60]}") from None
+    lines: list[JsonValue] = []
     if collection.get("network", ...) is not None:
         lines = root.get("network", list)
         if not lines or not all(isinstance(line, str) for line in lines):
@@ -207,13 +208,33 @@ def parse(collection: JsonValue) -> Site:
     )
 
 
-def _read_feature(feature: _Node) -> tuple[str, JsonValue]:
+def _read_matrix(root: _Node) -> Float64[np.ndarray, "..."]:
+    rows = root.get("map_SE3_site", list)
+    try:
+        return np.array(rows, np.float64)
+    except (TypeError, ValueError):
+        raise ValueError(f"map_SE3_site must be four rows of four numbers, got {str(rows)[:60]}") from None
+
+
+def _turn_bearing(properties: _Node, matrix: Float64[np.ndarray, "..."]) -> None:
+    """Put the heading of a compass bearing in its place. matrix: the document's `map_SE3_site`."""
+    if "heading_deg" in properties.value:
+        where = properties.where("bearing_deg")
+        raise ValueError(f"{where} and heading_deg are two directions: leave one of them out")
+    properties.angle("bearing_deg")  # its limits
+    turn_deg = float(np.rad2deg(map_turn(check_pose(matrix, "map_SE3_site"))))
+    properties.value["heading_deg"] = 90.0 - properties.value.pop("bearing_deg") - turn_deg
+
+
+def _read_feature(feature: _Node, matrix: Float64[np.ndarray, "..."]) -> tuple[str, JsonValue]:
     properties, geometry = feature.node("properties"), feature.node("geometry")
     properties.value = {k: value for k, value in properties.value.items() if value is not None}  # GIS tools fill up
     layer, at = properties.get("layer", str), properties.where
     if layer not in _READERS:
         raise ValueError(f"{at('layer')} must be one of {', '.join(_READERS)}, got {layer!r}")
     kind, read, known = _READERS[layer]
+    if "bearing_deg" in properties.value and "heading_deg" in known:
+        _turn_bearing(properties, matrix)
     found = geometry.value.get("type")
     if found != kind:
         raise ValueError(f"{geometry.where('type')} of layer {layer!r} must be {kind!r}, got {found!r}")
@@ -271,6 +292,9 @@ def _read_mount(geometry: _Node, properties: _Node) -> Mount:
 def _read_sensor(geometry: _Node, properties: _Node) -> Sensor:
     x, y, z = geometry.numbers("coordinates", 3)
     heading, tilt, roll = (properties.angle(f"{key}_deg") for key in ("heading", "tilt", "roll"))
+    if not abs(properties.value["tilt_deg"]) <= _MAX_TILT_DEG:
+        where, limit = properties.where("tilt_deg"), f"{_MAX_TILT_DEG:g} degrees"
+        raise ValueError(f"{where} must lie within {limit} of the horizon, got {properties.value['tilt_deg']:g}")
     model = _read_model(properties.node("model"))
     world_SE3_body = pose(x, y, z, yaw=heading, pitch=tilt, roll=roll)
     return Sensor(properties.get("name", str), model, world_SE3_body @ model.body_SE3_sensor)

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
 import tyro
 from tyro.conf import Positional, UseAppendAction
 
@@ -33,25 +32,36 @@ class Changes:
 
     drop: UseAppendAction[tuple[str, ...]] = ()
     """Sensor to take away; may be repeated."""
-    move: UseAppendAction[tuple[tuple[str, float, float], ...]] = ()
-    """Sensor, its new heading (degrees counter-clockwise from +x) and tilt below the horizon; may be repeated."""
+    move: UseAppendAction[tuple[tuple[str, str, float], ...]] = ()
+    """Sensor, its new compass bearing (degrees clockwise from north; heading=135 is counter-clockwise from +x) and tilt
+    below the horizon, as in the schedule; may be repeated."""
+    lift: UseAppendAction[tuple[tuple[str, float], ...]] = ()
+    """Sensor and its new height above the foot of its pole (m); may be repeated."""
     carry: UseAppendAction[tuple[tuple[str, str], ...]] = ()
     """Sensor and the pole to carry it to; may be repeated."""
-    add: UseAppendAction[tuple[tuple[str, float, float], ...]] = ()
-    """Pole of one more sensor, its heading and tilt (degrees); may be repeated."""
+    add: UseAppendAction[tuple[tuple[str, str, float], ...]] = ()
+    """Pole of one more sensor, its compass bearing and tilt, as for --move; may be repeated."""
     fail: UseAppendAction[tuple[str, ...]] = ()
     """Sensor that fails; may be repeated."""
 
     def apply(self, planner: "LivePlanner") -> None:
         """Make the changes. Raises ValueError for an unknown sensor or pole, and for a pole without room."""
+        from placement_env.live.directions import parse_heading, parse_height, parse_tilt
+
+        yard = planner.yard
         for name in self.drop:
             planner.remove(name)
-        for name, heading, tilt in self.move:
-            planner.move(name, np.deg2rad(heading), np.deg2rad(tilt))
-        for name, pole in self.carry:
-            planner.move(name, position=pole)
-        for pole, heading, tilt in self.add:
-            planner.add(pole, np.deg2rad(heading), np.deg2rad(tilt))
+        for name, bearing, tilt in self.move:
+            sensor = planner.variant.find(name)
+            planner.move(name, parse_heading(yard.site, bearing, sensor.heading), parse_tilt(tilt, sensor.tilt))
+        for name, height in self.lift:
+            sensor = planner.variant.find(name)
+            pole = yard.find_mount(planner.variant, sensor.mount)
+            planner.move(name, height=parse_height(pole, height, sensor.height))
+        for name, pole_name in self.carry:
+            planner.move(name, position=pole_name)
+        for pole_name, bearing, tilt in self.add:
+            planner.add(pole_name, parse_heading(yard.site, bearing), parse_tilt(tilt))
         for name in self.fail:
             planner.fail(name)
 
@@ -92,7 +102,7 @@ def what_if(
 
     Figures are predicted by the surrogate on the frames that the plan's searches saw, or --frames of --seed at a site.
 
-    Example: coview what-if out/plan --move pole03_6.0m_h90_t15_camera 80 12
+    Example: coview what-if out/plan --move pole03_6.0m_h90_t15_camera 350 12
 
     Example: coview what-if tjunction --drop d2 --carry d0 pole05 --add pole07 200 15 --json
 
