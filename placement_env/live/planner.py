@@ -9,6 +9,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator
 from copy import copy
 from dataclasses import dataclass, replace
+from pathlib import Path
 from threading import Lock, RLock
 from typing import Any
 
@@ -35,6 +36,7 @@ from placement_env.live.variant import (
     free_name,
 )
 from placement_env.objective import Score
+from placement_env.report.planning.plan_folder import PlanFolder, StatedFigure, is_plan_folder, read_plan_folder
 from placement_env.report.planning.question import Stock
 from placement_env.setting import Rendering, Setting
 from toolkit.arrays import Mask
@@ -72,8 +74,9 @@ class LivePlanner:
     A copy, also one that is pickled, has the same variants, views and steps to undo, and goes on without the original:
     its changes are told to nobody.
 
-    site: a site, its name or file, or a setting: its fidelity must be the surrogate, its candidates are the stock (the
-    site's pool without any); frames, seed: of the traffic; run: cache and more, in place of frames and seed;
+    site: a site, its name or file, the folder of a plan, or a setting: its fidelity must be the surrogate, its
+    candidates are the stock (the site's pool without any). A plan brings its frames, seed and number of sensors.
+    frames, seed: of the traffic; run: cache and more, in place of frames and seed;
     first_frames: fewer, of traffic of their own, whose figures are shown until `refine` has made the views of all;
     most_sensors: beyond which an answer names a problem. Raises ValueError where the setting has no surrogate."""
 
@@ -81,18 +84,25 @@ class LivePlanner:
 
     def __init__(
         self,
-        site: Setting | Site | str,
-        frames: int = LIVE_FRAMES,
-        seed: int = LIVE_SEED,
+        site: Setting | Site | str | Path | PlanFolder,
+        frames: int | None = None,
+        seed: int | None = None,
         *,
         run: Run | None = None,
         first_frames: int | None = None,
         most_sensors: float = math.inf,
     ) -> None:
-        setting = site if isinstance(site, Setting) else Setting(site)
+        self.plan = _find_plan(site)
+        if self.plan is None:
+            setting = _find_setting(site)
+            usual_frames, usual_seed = LIVE_FRAMES, LIVE_SEED
+        else:
+            setting, most_sensors = self.plan.setting, min(most_sensors, self.plan.sensors)
+            usual_frames, usual_seed = self.plan.frames, self.plan.seed
+        frames, seed = usual_frames if frames is None else frames, usual_seed if seed is None else seed
         stock, place = setting.candidates, setting.place
         sold = stock if isinstance(stock, Stock) else Stock()
-        self.catalogue, self.currency = sold.catalogue, sold.currency
+        self.sold, self.catalogue, self.currency = sold, sold.catalogue, sold.currency
         self.yard = Yard.of(place, _offer(setting), place.sensors, sold.keep_out)
         self._stand_alone()
         self.first, self.most_sensors = setting, most_sensors
@@ -161,6 +171,11 @@ class LivePlanner:
         """Changes that `ask` has made since the start, for JSON: classes, iou, errors, scheme and most_price."""
         first, now = _describe_question(self.first), _describe_question(self.asked)
         return {name: value for name, value in now.items() if value != first[name]}
+
+    @property
+    def stated(self) -> StatedFigure | None:
+        """Figure that the plan states by its detector, None without a plan and once another question is asked."""
+        return None if self.plan is None or self.question else self.plan.stated
 
     @property
     def variant(self) -> Variant:
@@ -590,6 +605,18 @@ class LivePlanner:
                     sensor, ap, problems, better = other, found, more, True
         answer = self.estimate(replace(base, sensors=(*base.sensors, sensor)))
         return Suggestion(kind, sensor, answer, self._stock.known)
+
+
+def _find_setting(site: object) -> Setting:
+    if isinstance(site, Setting):
+        return site
+    return Setting(site if isinstance(site, Site) else str(site))
+
+
+def _find_plan(site: object) -> PlanFolder | None:
+    if isinstance(site, PlanFolder):
+        return site
+    return read_plan_folder(str(site)) if is_plan_folder(site) else None
 
 
 def _offer(setting: Setting) -> Candidates:
