@@ -4,6 +4,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Literal
 
+MAX_TURN_DEG = 360.0
 Label = Literal["vehicle", "cyclist", "pedestrian", "heavy"]  # `toolkit.objects.LABELS`
 Combine = Literal["mean", "worst"]
 
@@ -18,6 +19,18 @@ def check_positive(option: str, value: float | None) -> None:
     """Raise ValueError for a number not above 0."""
     if value is not None and not 0 < value < float("inf"):
         raise ValueError(f"{option} must be above 0, got {value:g}: leave it out for no limit")
+
+
+def check_turn(angle: float, name: str, meaning: str = "counter-clockwise from east") -> float:
+    """Return an angle in degrees. Raises ValueError unless it is within `MAX_TURN_DEG` of 0."""
+    if not abs(angle) <= MAX_TURN_DEG:
+        raise ValueError(f"{name} must be degrees {meaning}, from 0 to {MAX_TURN_DEG:g}, got {angle:g}")
+    return angle
+
+
+def check_bearing(angle: float, name: str) -> float:
+    """Return a compass bearing (degrees). Raises ValueError beyond a full turn."""
+    return check_turn(angle, name, "clockwise from north")
 
 
 def check_share(option: str, value: float) -> None:

@@ -30,6 +30,7 @@ from coview.live_tables import (
     variants_html,
 )
 from placement_env.classes import SMALL
+from placement_env.live.directions import parse_heading, parse_height, parse_tilt, show_bearing
 from placement_env.live.picture import GroundPicture, keep_picture
 from placement_env.live.planner import LivePlanner, Suggestion
 from placement_env.live.project import ProjectFile, export_variant, report_variant
@@ -70,7 +71,7 @@ class LivePage:
     """Scene and panel of a planner on a server. folder: for exports and reports."""
 
     _chosen: Handle  # controls of the panel
-    _heading: Handle
+    _bearing: Handle
     _tilt: Handle
     _height: Handle
     _lock: Handle
@@ -392,7 +393,7 @@ class LivePage:
     def _add_sensor_tab(self) -> None:
         gui, planner = self.server.gui, self.planner
         self._chosen = gui.add_dropdown("Sensor", ("none",))
-        self._heading = gui.add_number("Heading (deg)", 0.0, step=1.0, hint="counter-clockwise from east, +x")
+        self._bearing = gui.add_number("Bearing (deg)", 0.0, step=1.0, hint="clockwise from north, as in the schedule")
         self._tilt = gui.add_number("Tilt (deg)", 0.0, step=1.0, hint="below the horizon")
         self._height = gui.add_number("Height (m)", 0.0, step=0.1, hint="above the foot of the pole")
         self._lock, self._fail = gui.add_checkbox("Locked", False), gui.add_checkbox("Failed", False)
@@ -401,7 +402,7 @@ class LivePage:
         self._pole = gui.add_dropdown("On pole", tuple(planner.yard.mounts))
         gui.add_button("Add a sensor").on_click(lambda _: self._change(self._add))
         self._chosen.on_update(lambda _: self._typed(lambda: self.do(self._fill)))
-        for field in (self._heading, self._tilt, self._height):
+        for field in (self._bearing, self._tilt, self._height):
             field.on_update(lambda _: self._typed(self._move_typed))
         self._lock.on_update(lambda _: self._typed(lambda: self._change(planner.lock, self._name, self._lock.value)))
         self._fail.on_update(lambda _: self._typed(lambda: self._change(planner.fail, self._name, self._fail.value)))
@@ -422,8 +423,14 @@ class LivePage:
         self.do(lambda: self._show(change(*arguments)))
 
     def _move_typed(self) -> None:
-        name, aim = self._name, np.deg2rad([self._heading.value, self._tilt.value]).tolist()
-        self._change(self.planner.move, name, *aim, self._height.value)
+        typed = str(self._bearing.value), float(self._tilt.value), float(self._height.value)
+        self._change(self._move_as_typed, self._name, *typed)
+
+    def _move_as_typed(self, name: str, bearing: str, tilt_deg: float, height: float) -> "LiveAnswer":
+        yard, sensor = self.planner.yard, self.planner.variant.find(name)
+        heading, tilt = parse_heading(yard.site, bearing, sensor.heading), parse_tilt(tilt_deg, sensor.tilt)
+        mount = yard.find_mount(self.planner.variant, sensor.mount)
+        return self.planner.move(name, heading, tilt, parse_height(mount, height, sensor.height))
 
     def _add(self) -> "LiveAnswer":
         site, pole = self.planner.yard.site, self.planner.yard.mounts[self._pole.value]
@@ -534,7 +541,7 @@ class LivePage:
             self._wanted.value = self.planner.current
             with suppress(ValueError):
                 sensor = self.planner.variant.find(self._name)
-                self._heading.value = round(float(np.rad2deg(sensor.heading)), 1)
+                self._bearing.value = show_bearing(self.planner.yard.site, sensor)
                 self._tilt.value, self._height.value = round(float(np.rad2deg(sensor.tilt)), 1), round(sensor.height, 2)
                 self._lock.value, self._fail.value = sensor.locked, sensor.failed
         finally:

@@ -168,7 +168,11 @@ def test_names_and_files_in_running_text_exist(page):
 def test_pictures_are_drawn(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(str(ROOT / "docs" / "pictures"))
     import_module("draw").main(tmp_path)
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["error-profiles.png", "foreground.png"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "directions.png",
+        "error-profiles.png",
+        "foreground.png",
+    ]
 
 
 @pytest.mark.parametrize("name", ["faces", "commands"])

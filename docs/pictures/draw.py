@@ -5,6 +5,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.patches import Polygon
 
 from toolkit.boxes import footprints
@@ -12,13 +13,13 @@ from toolkit.calibration.empty_scene import learn_empty_scenes
 from toolkit.datasets.dataset import CoopDataset
 from toolkit.datasets.recordings import read_frame
 from toolkit.datasets.simulation import simulate_dataset
-from toolkit.plots.canvas import blank_figure, house_style, write_figure
+from toolkit.plots.canvas import FAINT, INK, blank_figure, house_style, sensor_colour, write_figure
 from toolkit.points import frame_points
 from toolkit.runtime.run import Run
 from toolkit.sensors.error_profiles import find_profile
 
 SENSOR = 1  # d1 looks at the middle of the T-junction
-INK = "#1b1b1b"
+HEADING_DEG, TILT_DEG = 135.0, 25.0
 
 
 def draw_foreground(recording: CoopDataset, out: Path) -> None:
@@ -69,8 +70,75 @@ def draw_errors(recording: CoopDataset, out: Path) -> None:
         write_figure(figure, out)
 
 
+def draw_directions(out: Path) -> None:
+    """Draw one direction as bearing and heading from above, and a tilt from the side."""
+    with house_style():
+        figure = blank_figure(9.6, 4.4, constrained=True)
+        above, beside = figure.subplots(1, 2)
+        draw_compass(above)
+        draw_tilt(beside)
+        write_figure(figure, out)
+
+
+def draw_compass(axes: Axes) -> None:
+    """Draw the bearing and the heading of one sensor at a site whose x axis points east."""
+    for x, y, name in (
+        (0.0, 1.25, "north, +y\nbearing 0°, heading 90°"),
+        (1.25, 0.0, "east, +x\nbearing 90°\nheading 0°"),
+    ):
+        axes.annotate("", (x, y), (0.0, 0.0), arrowprops={"arrowstyle": "->", "color": FAINT})
+        below = {"ha": "center", "va": "bottom"} if y else {"ha": "left", "va": "center"}
+        axes.text(1.03 * x, 1.03 * y, name, color=FAINT, **below)
+    heading = np.deg2rad(HEADING_DEG)
+    tip = np.array([np.cos(heading), np.sin(heading)])
+    axes.annotate("", 1.3 * tip, (0.0, 0.0), arrowprops={"arrowstyle": "-|>", "color": INK, "lw": 2.5})
+    axes.text(*(1.36 * tip), "sensor looks here", ha="center", va="bottom", color=INK, weight="bold")
+    bearing = 90.0 - HEADING_DEG + 360.0
+    draw_turn(axes, 0.55, (90.0, 90.0 - bearing), sensor_colour(0))
+    draw_turn(axes, 0.9, (0.0, HEADING_DEG), sensor_colour(1))
+    axes.text(0.0, -0.72, f"bearing {bearing:g}°\nclockwise from north", ha="center", va="top", color=sensor_colour(0))
+    axes.text(
+        0.75,
+        0.68,
+        f"heading {HEADING_DEG:g}°\ncounter-clockwise\nfrom +x",
+        ha="left",
+        va="bottom",
+        color=sensor_colour(1),
+    )
+    axes.set(xlim=(-1.7, 1.9), ylim=(-1.15, 1.75), aspect="equal", title="From above")
+    axes.axis("off")
+
+
+def draw_turn(axes: Axes, radius: float, ends_deg: tuple[float, float], colour: str) -> None:
+    """Draw an arc with an arrow at its end. ends_deg: counter-clockwise from +x."""
+    angles = np.deg2rad(np.linspace(*ends_deg, 200))
+    x, y = radius * np.cos(angles), radius * np.sin(angles)
+    axes.plot(x[:-4], y[:-4], color=colour, lw=2.0)
+    arrow = {"arrowstyle": "-|>", "color": colour, "lw": 2.0}
+    axes.annotate("", (x[-1], y[-1]), (x[-8], y[-8]), arrowprops=arrow)
+
+
+def draw_tilt(axes: Axes) -> None:
+    """Draw a sensor on its pole from the side, its height and its tilt below the horizon."""
+    foot, top, reach = np.array([0.0, 0.0]), np.array([0.0, 5.0]), 9.0
+    tilt = np.deg2rad(TILT_DEG)
+    axes.plot([-1.0, 11.5], [0.0, 0.0], color=FAINT)
+    axes.plot(*np.stack([foot, top]).T, color=INK, lw=4.0)
+    axes.plot([0.0, 10.5], [5.0, 5.0], color=FAINT, ls="--")
+    axes.text(10.5, 5.1, "horizon: tilt 0°", ha="right", va="bottom", color=FAINT)
+    ahead = top + reach * np.array([np.cos(tilt), -np.sin(tilt)])
+    axes.annotate("", ahead, top, arrowprops={"arrowstyle": "-|>", "color": INK, "lw": 2.5})
+    angles = np.linspace(0.0, -tilt, 60)
+    axes.plot(4.0 * np.cos(angles), 5.0 + 4.0 * np.sin(angles), color=sensor_colour(2), lw=2.0)
+    axes.text(4.3, 4.1, f"tilt {TILT_DEG:g}°, below the horizon", ha="left", va="center", color=sensor_colour(2))
+    axes.text(-0.3, 2.5, "height\nabove the foot\nof the pole", ha="right", va="center", color=INK)
+    axes.set(xlim=(-4.0, 12.0), ylim=(-1.0, 7.0), aspect="equal", title="From the side")
+    axes.axis("off")
+
+
 def main(folder: Path) -> None:
     """Record two minutes of the T-junction and draw every picture into the folder."""
+    draw_directions(folder / "directions.png")
     with TemporaryDirectory() as scratch:
         path = Path(scratch) / "tjunction.hdf5"
         simulate_dataset("tjunction", path, run=Run(frames=60, seed=992))

@@ -2,20 +2,23 @@
 
 import re
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from hashlib import sha256
 from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 
-from placement_env.live.variant import check_name, check_row
+from placement_env.live.variant import check_name
 from toolkit.arrays import Float64, UInt8
+from toolkit.geometry import MAX_COORDINATE_M
 from toolkit.runtime.files import write_bytes
+from toolkit.runtime.json_object import JsonObject
 
 MOST_PICTURE_BYTES, MOST_PIXELS = 40_000_000, 60_000_000  # of a picture as it comes
 SHOWN_PIXELS = 1600  # along its longer side, as it is kept
 NEAREST = 0.5  # m between the two points
+MIN_SCALE_M, MAX_SCALE_M = 1e-6, 1e5  # width of a pixel
 
 
 @dataclass(frozen=True)
@@ -33,9 +36,15 @@ class GroundPicture:
     turn: float = 0.0
 
     def __post_init__(self) -> None:
-        check_row(type(self), vars(self))
-        if not re.fullmatch(r"picture-[0-9a-f]{12}\.jpg", self.file) or min(self.width, self.height, self.scale) <= 0:
-            raise ValueError(f"a picture needs a file, width, height and scale, got {asdict(self)!r:.90}")
+        picture = JsonObject(vars(self), "picture")
+        check_name(picture.get("name", str))
+        for key in ("width", "height"):
+            picture.whole(key, 1, SHOWN_PIXELS)
+        for key in ("x", "y", "turn"):
+            picture.number(key, -MAX_COORDINATE_M, MAX_COORDINATE_M)
+        picture.number("scale", MIN_SCALE_M, MAX_SCALE_M)
+        if not re.fullmatch(r"picture-[0-9a-f]{12}\.jpg", picture.get("file", str)):
+            raise ValueError(f"picture.file must be picture- and twelve digits and .jpg, got {self.file!r:.60}")
 
     def place(self, spots: Sequence[Sequence[float]], given: Sequence[float]) -> "GroundPicture":
         """Scale, turn and shift it by two points.

@@ -9,6 +9,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator
 from copy import copy
 from dataclasses import dataclass, replace
+from pathlib import Path
 from threading import Lock, RLock
 from typing import Any
 
@@ -35,6 +36,7 @@ from placement_env.live.variant import (
     free_name,
 )
 from placement_env.objective import Score
+from placement_env.report.planning.plan_folder import PlanFolder, StatedFigure, is_plan_folder, read_plan_folder
 from placement_env.report.planning.question import Stock
 from placement_env.setting import Rendering, Setting
 from toolkit.arrays import Mask
@@ -72,8 +74,9 @@ class LivePlanner:
     A copy, also one that is pickled, has the same variants, views and steps to undo, and goes on without the original:
     its changes are told to nobody.
 
-    site: a site, its name or file, or a setting: its fidelity must be the surrogate, its candidates are the stock (the
-    site's pool without any); frames, seed: of the traffic; run: cache and more, in place of frames and seed;
+    site: a site, its name or file, the folder of a plan, or a setting: its fidelity must be the surrogate, its
+    candidates are the stock (the site's pool without any). A plan brings its frames, seed and number of sensors.
+    frames, seed: of the traffic; run: cache and more, in place of frames and seed;
     first_frames: fewer, of traffic of their own, whose figures are shown until `refine` has made the views of all;
     most_sensors: beyond which an answer names a problem. Raises ValueError where the setting has no surrogate."""
 
@@ -81,18 +84,25 @@ class LivePlanner:
 
     def __init__(
         self,
-        site: Setting | Site | str,
-        frames: int = LIVE_FRAMES,
-        seed: int = LIVE_SEED,
+        site: Setting | Site | str | Path | PlanFolder,
+        frames: int | None = None,
+        seed: int | None = None,
         *,
         run: Run | None = None,
         first_frames: int | None = None,
         most_sensors: float = math.inf,
     ) -> None:
-        setting = site if isinstance(site, Setting) else Setting(site)
+        self.plan = _find_plan(site)
+        if self.plan is None:
+            setting = _find_setting(site)
+            usual_frames, usual_seed = LIVE_FRAMES, LIVE_SEED
+        else:
+            setting, most_sensors = self.plan.setting, min(most_sensors, self.plan.sensors)
+            usual_frames, usual_seed = self.plan.frames, self.plan.seed
+        frames, seed = usual_frames if frames is None else frames, usual_seed if seed is None else seed
         stock, place = setting.candidates, setting.place
         sold = stock if isinstance(stock, Stock) else Stock()
-        self.catalogue, self.currency = sold.catalogue, sold.currency
+        self.sold, self.catalogue, self.currency = sold, sold.catalogue, sold.currency
         self.yard = Yard.of(place, _offer(setting), place.sensors, sold.keep_out)
         self._stand_alone()
         self.first, self.most_sensors = setting, most_sensors
@@ -163,6 +173,11 @@ class LivePlanner:
         return {name: value for name, value in now.items() if value != first[name]}
 
     @property
+    def stated(self) -> StatedFigure | None:
+        """Figure that the plan states by its detector, None without a plan and once another question is asked."""
+        return None if self.plan is None or self.question else self.plan.stated
+
+    @property
     def variant(self) -> Variant:
         """The variant that is shown."""
         return self.variants[self.current]
@@ -194,7 +209,8 @@ class LivePlanner:
     ) -> LiveAnswer:
         """Turn (rad), tilt (rad below the horizon), raise (m above the foot) or carry a sensor to a pole or place.
         Heights and tilts stay within those of the pole and `TILT_SPAN`. dragging: moves of one sensor in a row are
-        undone as one. Raises ValueError for an unknown or locked sensor, and for a place where no pole can stand."""
+        undone as one. Raises ValueError for an unknown or locked sensor, a tilt beyond straight down, and a place where
+        no pole can stand."""
         with self._lock:
             variant, sensor = self.variant, self._free(name)
             if position is not None:
@@ -206,15 +222,16 @@ class LivePlanner:
             mount = self.yard.find_mount(variant, sensor.mount)
             up = sensor.height if height is None else _finite("height", height)
             around = sensor.heading if heading is None else _finite("heading", heading)
-            down = sensor.tilt if tilt is None else _finite("tilt", tilt)
+            down = sensor.tilt if tilt is None else _check_tilt(tilt)
+            least_tilt, most_tilt = min(TILT_SPAN[0], sensor.tilt), max(TILT_SPAN[1], sensor.tilt)
             low, high = min(mount.min_height, sensor.height), max(mount.max_height, sensor.height)
             if position is not None:
                 low, high = mount.min_height, mount.max_height
             moved = replace(
                 sensor,
                 height=float(np.clip(up, low, high)),
-                heading=float(np.arctan2(np.sin(around), np.cos(around))),
-                tilt=float(np.clip(down, *TILT_SPAN)),
+                heading=math.remainder(around, math.tau),
+                tilt=float(np.clip(down, least_tilt, most_tilt)),
             )
             again = dragging and self._dragging == name
             answer = self._become(variant.with_sensor(moved), f"{name} moved", again=again)
@@ -242,7 +259,7 @@ class LivePlanner:
             self._check_room(variant, pole.name)
             up = pole.max_height if height is None else float(np.clip(height, pole.min_height, pole.max_height))
             x, y, _ = pole.position.tolist()
-            down = float(np.clip(_finite("tilt", tilt), *TILT_SPAN))
+            down = float(np.clip(_check_tilt(tilt), *TILT_SPAN))
             made = LiveSensor(name, model, pole.name, x, y, up, _finite("heading", heading), down)
             after = self.yard.check(replace(variant, sensors=(*variant.sensors, made)))
             return self._become(after, f"{name} added")
@@ -590,6 +607,18 @@ class LivePlanner:
         return Suggestion(kind, sensor, answer, self._stock.known)
 
 
+def _find_setting(site: object) -> Setting:
+    if isinstance(site, Setting):
+        return site
+    return Setting(site if isinstance(site, Site) else str(site))
+
+
+def _find_plan(site: object) -> PlanFolder | None:
+    if isinstance(site, PlanFolder):
+        return site
+    return read_plan_folder(str(site)) if is_plan_folder(site) else None
+
+
 def _offer(setting: Setting) -> Candidates:
     """Stock of a setting: its candidates, else the site's pool, else the site's own sensors."""
     if setting.candidates is not None and setting.candidates != "paper":
@@ -610,6 +639,14 @@ def _finite(name: str, value: float) -> float:
     if not np.isfinite(value):
         raise ValueError(f"{name} must be a finite number, got {value}")
     return float(value)
+
+
+def _check_tilt(tilt: float) -> float:
+    if not abs(_finite("tilt", tilt)) <= np.pi / 2 + 1e-9:
+        raise ValueError(
+            f"a tilt must lie within pi/2 rad of the horizon, got {tilt:g}: give degrees as np.deg2rad(25)"
+        )
+    return float(tilt)
 
 
 def _without(variant: Variant, name: str) -> Variant:

@@ -9,7 +9,7 @@ import json
 import math
 import os
 import time
-from dataclasses import asdict, replace
+from dataclasses import asdict, fields, replace
 from functools import lru_cache
 from hashlib import sha256
 from pathlib import Path
@@ -23,6 +23,7 @@ from placement_env.live.picture import GroundPicture
 from placement_env.live.planner import LivePlanner
 from placement_env.live.variant import Variant, check_name
 from toolkit.runtime.files import name_errors, read_json, take, write_text, writing_together
+from toolkit.runtime.json_object import JsonObject
 from toolkit.sites.files import format_site
 
 PROJECT_VERSION = 1
@@ -104,36 +105,54 @@ class ProjectFile:
             spare = other if path == self.path else ""
             raise ValueError(f"{error};{spare or ' give another --project'}") from None
 
-    def _take_over(self, found: object) -> None:
-        if not isinstance(found, dict) or found.get("coview_live") != PROJECT_VERSION:
+    def _take_over(self, content: object) -> None:
+        project = JsonObject(content)
+        if project.value.get("coview_live") != PROJECT_VERSION:
             raise ValueError(f"a project needs coview_live: {PROJECT_VERSION}")
-        if found.get("site_sha256") != self._site:
-            raise ValueError(f"it is of another site, or another version of {found.get('site')!r:.60}")
-        variants, past = found.get("variants"), found.get("past")
-        if not isinstance(variants, dict) or not isinstance(past, list) or not 0 < len(variants) <= MOST_VARIANTS:
+        if project.value.get("site_sha256") != self._site:
+            raise ValueError(f"it is of another site, or another version of {project.value.get('site')!r:.60}")
+        variants, past = project.node("variants"), project.get("past", list)
+        if not 0 < len(variants.value) <= MOST_VARIANTS:
             raise ValueError(f"it needs 1 to {MOST_VARIANTS} variants, and past steps")
-        if not all(isinstance(step, list) and len(step) == 2 and isinstance(step[0], str) for step in past):
-            raise ValueError("a past step needs a name and a variant")
-        named = {check_name(name): Variant.of_dict(each) for name, each in variants.items()}
-        steps = [(check_name(name), Variant.of_dict(each)) for name, each in past[-SAVED_STEPS:]]
-        self.planner.restore(named, str(found.get("current")), steps)
-        asked, laid = found.get("question", {}), found.get("picture")
-        if not isinstance(asked, dict) or not asked.keys() <= {"classes", "iou", "errors", "scheme", "most_price"}:
-            raise ValueError(f"a question has classes, iou, errors, scheme and most_price, got {asked!r:.60}")
-        try:
-            self.planner.picture = None if laid is None else GroundPicture(**laid)
-            if asked:
-                self._ask(**asked)
-        except TypeError as error:
-            raise ValueError(f"a question or picture needs values that fit, got {error}") from None
+        named = {check_name(name): Variant.of_dict(each, name) for name, each in variants.value.items()}
+        steps = [self._read_step(step, number) for number, step in enumerate(past)][-SAVED_STEPS:]
+        self.planner.restore(named, project.get("current", str), steps)
+        laid = project.value.get("picture")
+        self.planner.picture = None if laid is None else self._read_picture(project.node("picture"))
+        question = project.node("question") if "question" in project.value else JsonObject({})
+        if question.value:
+            self._ask(question)
 
-    def _ask(self, iou: Any = None, errors: Any = None, **more: Any) -> None:
-        cases: dict[str, Any] = {
-            name: tuple(map(kind, each)) for name, kind, each in (("iou", float, iou), ("errors", str, errors)) if each
-        }
-        if "most_price" in more:
-            more["most_price"] = math.inf if more["most_price"] is None else more["most_price"]
-        self.planner.ask(cases=replace(self.planner.asked.cases, **cases), **more)
+    @staticmethod
+    def _read_step(step: object, number: int) -> tuple[str, Variant]:
+        if not isinstance(step, list) or len(step) != 2 or not isinstance(step[0], str):
+            raise ValueError("a past step needs a name and a variant")
+        return check_name(step[0]), Variant.of_dict(step[1], f"past[{number}]")
+
+    @staticmethod
+    def _read_picture(picture: JsonObject) -> GroundPicture:
+        picture.check_keys([field.name for field in fields(GroundPicture)])
+        try:
+            return GroundPicture(**picture.value)
+        except TypeError as error:
+            raise ValueError(f"a picture needs all its members, got {error}") from None
+
+    def _ask(self, question: JsonObject) -> None:
+        question.check_keys(("classes", "iou", "errors", "scheme", "most_price"))
+        cases: dict[str, Any] = {}
+        if "iou" in question.value:
+            cases["iou"] = tuple(question.numbers("iou"))
+        if "errors" in question.value:
+            cases["errors"] = tuple(question.texts("errors"))
+        changes: dict[str, Any] = {"cases": replace(self.planner.asked.cases, **cases)}
+        if "classes" in question.value:
+            changes["classes"] = question.texts("classes")
+        if "scheme" in question.value:
+            changes["scheme"] = question.get("scheme", str)
+        if "most_price" in question.value:
+            price = question.value["most_price"]
+            changes["most_price"] = math.inf if price is None else question.number("most_price", 0)
+        self.planner.ask(**changes)
 
 
 @lru_cache(maxsize=2 * SAVED_STEPS)
@@ -162,10 +181,11 @@ def report_variant(planner: LivePlanner, folder: Path) -> list[Path]:
     """Judge the sensors of the variant that is shown on fresh traffic, and write the full report; return its paths. It
     takes minutes. Raises ValueError without a sensor, OSError where the folder cannot be written."""
     from placement_env.report.planning.planning import plan, write_plan
-    from placement_env.report.planning.question import Question, Stock
+    from placement_env.report.planning.question import Question
 
     candidates = planner.yard.candidates(planner.variant)
     mounted = mounted_site(planner.yard.site, candidates, range(len(candidates)))
-    setting = replace(planner.asked, site=mounted, candidates=Stock(candidates="paper"))
+    given, poles = planner.sold, tuple(dict.fromkeys(sensor.mount for sensor in planner.sensors))
+    setting = replace(planner.asked, site=mounted, candidates=replace(given, candidates=candidates), keep=poles)
     run = replace(planner.preparation.run, frames=None)
     return write_plan(plan(Question(setting, run, sensors=len(candidates))), folder)

@@ -1,16 +1,18 @@
 """`Variant`: sensors on poles as they are moved by hand, and the free ground where a pole may stand."""
 
-from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections import Counter, defaultdict
+from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, lru_cache
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import shapely
 
 from placement_env.candidates.candidates import Axes, Candidates, aim_sensor, aims
-from toolkit.geometry import pose
+from toolkit.geometry import MAX_COORDINATE_M, pose
+from toolkit.runtime.files import name_errors
+from toolkit.runtime.json_object import JsonObject
 from toolkit.sensors.models import name_in_words
 from toolkit.sensors.sensor import Sensor, SensorModel
 from toolkit.sites.site import Mount, Site
@@ -21,6 +23,10 @@ PASSABLE = ("kerb", "island")  # solids that a pole may stand on
 KERB_GAP = 0.3  # m between a pole and a lane, wall or keep-out area
 FARTHEST = 100.0  # m between a pole and the detection area
 LONGEST_NAME = 60
+MAX_VARIANT_SENSORS, MAX_VARIANT_POLES = 1000, 1000  # of a variant
+MAX_TURN_RAD = 1000.0
+SLACK_M = 1e-6
+MAX_FOOT_GAP_M = 20.0  # between the foot of a pole and the ground
 KEPT_OUT = "it is a keep-out area"
 Where = str | tuple[float, float]  # of a sensor: name of a pole, or x and y (m)
 Corners = tuple[tuple[float, float], ...]  # of an area: x and y (m) of each
@@ -70,29 +76,36 @@ class Variant:
         return {"sensors": [{**vars(sensor)} for sensor in self.sensors], "poles": poles, "keep_out": self.keep_out}
 
     @staticmethod
-    def of_dict(found: object) -> "Variant":
-        """Read what `as_dict` gave. Raises ValueError where it does not fit."""
-        if not isinstance(found, Mapping) or {*found, "keep_out"} != {"sensors", "poles", "keep_out"}:
-            raise ValueError(f"a variant has sensors, poles and keep_out, got {found!r:.60}")
-        try:
-            sensors = tuple(LiveSensor(**check_row(LiveSensor, each)) for each in found["sensors"])
-            areas = tuple(map(check_area, found.get("keep_out", ())))
-            poles = ({**each, "position": np.array(each["position"], np.float64)} for each in found["poles"])
-            return Variant(sensors, tuple(Mount(**each) for each in poles), areas)
-        except (TypeError, KeyError) as error:
-            raise ValueError(f"a variant needs whole sensors and poles, got {error}") from None
+    def of_dict(found: object, where: str = "") -> "Variant":
+        """Read what `as_dict` gave. where: its path in a file. Raises ValueError that names what does not fit."""
+        variant = JsonObject(found, where)
+        variant.check_keys(("sensors", "poles", "keep_out"))
+        sensors = tuple(_read_sensor(row) for row in variant.nodes("sensors", MAX_VARIANT_SENSORS))
+        poles = tuple(_read_pole(row) for row in variant.nodes("poles", MAX_VARIANT_POLES))
+        areas = variant.get("keep_out", list) if "keep_out" in variant.value else []
+        with name_errors(variant.where("keep_out")):
+            return Variant(sensors, poles, tuple(map(check_area, areas)))
 
 
-def check_row(kind: type, row: Mapping[str, Any]) -> dict[str, Any]:
-    """Return values by name. Raises ValueError unless they are finite, and of the types that the fields of a dataclass
-    name."""
-    for field in fields(kind):
-        value, wanted = row.get(field.name, field.default), cast("type", field.type)
-        fits = isinstance(value, (int, float) if wanted is float else wanted)
-        if not fits or (isinstance(value, float) and not np.isfinite(value)):
-            raise ValueError(f"{field.name} must be a {wanted.__name__}, got {value!r:.60}")
-    check_name(row["name"])
-    return dict(row)
+def _read_sensor(row: JsonObject) -> LiveSensor:
+    row.check_keys([field.name for field in fields(LiveSensor)])
+    members: dict[str, Any] = {key: row.get(key, str) for key in ("name", "model", "mount")}
+    members |= {key: row.number(key, -MAX_COORDINATE_M, MAX_COORDINATE_M) for key in ("x", "y", "height")}
+    members |= {key: row.number(key, -MAX_TURN_RAD, MAX_TURN_RAD) for key in ("heading", "tilt")}
+    members |= {key: row.get(key, bool) for key in ("locked", "failed") if key in row.value}
+    with name_errors(row.path):
+        check_name(members["name"])
+        return LiveSensor(**members)
+
+
+def _read_pole(row: JsonObject) -> Mount:
+    row.check_keys([field.name for field in fields(Mount)])
+    position, name = np.array(row.numbers("position", 3)), row.get("name", str)
+    texts = {key: row.get(key, str) for key in ("origin",) if key in row.value}
+    plain = ("min_height", "max_height", "price", "capacity", "max_sensors")
+    numbers: dict[str, Any] = {key: row.number(key) for key in plain if key in row.value}
+    with name_errors(row.path):
+        return Mount(check_name(name), position, **numbers, **texts)
 
 
 def check_name(name: str) -> str:
@@ -104,10 +117,15 @@ def check_name(name: str) -> str:
 
 def check_area(corners: Iterable[Iterable[float]]) -> Corners:
     """Return the corners of an area. Raises ValueError unless they are three or more around a plain shape."""
-    found = tuple((float(x), float(y)) for x, y in corners)
-    if len(found) < 3 or not np.isfinite(found).all() or not shapely.Polygon(found).is_valid:
-        raise ValueError(f"an area needs three corners or more, and no edge may cross another, got {found!r:.80}")
-    return found
+    rule = "an area needs three corners or more (x, y), and no edge may cross another"
+    try:
+        rows = tuple((float(x), float(y)) for x, y in corners)
+    except (TypeError, ValueError, OverflowError):
+        raise ValueError(f"{rule}, got {corners!r:.80}") from None
+    near = len(rows) >= 3 and bool((np.abs(rows) <= MAX_COORDINATE_M).all())
+    if not near or not shapely.Polygon(rows).is_valid:
+        raise ValueError(f"{rule}, got {rows!r:.80}")
+    return rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -245,15 +263,61 @@ class Yard:
         return _hang(sensor, self.models[sensor.model], foot)
 
     def check(self, variant: Variant) -> Variant:
-        """Return a variant. Raises ValueError for an unknown model or pole, and names that are there twice."""
+        """Return a variant. Raises ValueError for an unknown model or pole, names that are there twice, a sensor that
+        is not on its pole or beyond its heights, and a pole that is not at the site."""
         names = [sensor.name for sensor in variant.sensors]
         if len(set(names)) < len(names):
-            raise ValueError(f"names of sensors must differ, got {', '.join(names)}")
+            raise ValueError(f"names of sensors must differ, got {', '.join(names)[:80]}")
+        poles = [pole.name for pole in variant.poles]
+        if len(set(poles)) < len(poles) or not self.mounts.keys().isdisjoint(poles):
+            raise ValueError(f"names of poles must differ, also from those of the site, got {', '.join(poles)[:80]}")
+        for pole in variant.poles:
+            self._check_pole(pole)
         for sensor in variant.sensors:
-            self.find_mount(variant, sensor.mount)
+            mount = self.find_mount(variant, sensor.mount)
             if sensor.model not in self.models:
                 raise ValueError(f"there is no model {sensor.model!r}: the stock has {', '.join(self.models)}")
+            self._check_place(sensor, mount)
         return variant
+
+    def _check_pole(self, pole: Mount) -> None:
+        place = pole.position[:2]
+        there = any(np.hypot(*(spot - place)) <= SNAP for spot in self._present)
+        away = shapely.box(*self.site.area.tolist()).distance(shapely.Point(place))
+        if away > FARTHEST and not there:
+            far = f"{pole.name} stands {away:.3g} m from the detection area"
+            raise ValueError(f"{far}, more than {FARTHEST:g} m: move it, or leave it out")
+        foot = float(self.site.ground(place))
+        if abs(pole.position[2] - foot) > MAX_FOOT_GAP_M:
+            raise ValueError(
+                f"{pole.name} has its foot at z = {pole.position[2]:g} m, but the ground is at {foot:.1f} m"
+            )
+
+    def _check_place(self, sensor: LiveSensor, mount: Mount) -> None:
+        away = float(np.hypot(sensor.x - mount.position[0], sensor.y - mount.position[1]))
+        if away > SNAP:
+            said = f"{sensor.name} hangs {away:.3g} m from its pole {mount.name}, more than {SNAP:g} m"
+            raise ValueError(f"{said}: give it the place of its pole, or carry it to another one")
+        usual = mount.min_height, mount.max_height
+        low, high = (pick(pick(usual), *self._heights.get(mount.name, usual)) for pick in (min, max))
+        if not low - SLACK_M <= sensor.height <= high + SLACK_M:
+            said = f"{sensor.name} hangs {sensor.height:.3g} m up, but {mount.name} takes {low:g} to {high:g} m"
+            raise ValueError(f"{said}: give another height")
+        if not abs(sensor.tilt) <= np.pi / 2 + SLACK_M:
+            raise ValueError(f"{sensor.name} is tilted by {np.rad2deg(sensor.tilt):.4g} degrees, more than 90")
+
+    @cached_property
+    def _present(self) -> list[np.ndarray]:
+        """Places of the site's sensors."""
+        return [sensor.position[:2] for sensor in self.site.sensors]
+
+    @cached_property
+    def _heights(self) -> dict[str, list[float]]:
+        """Heights at which the site's sensors hang, by pole."""
+        heights = defaultdict[str, list[float]](list)
+        for sensor in self.place(self.site.sensors).sensors:
+            heights[sensor.mount].append(sensor.height)
+        return heights
 
 
 @lru_cache(maxsize=64)

@@ -19,6 +19,7 @@ from toolkit.objects import Detections, Objects
 from toolkit.runtime.files import read_own_table
 from toolkit.sites.site import Site
 
+PLAN_VERSION = 1  # of plan.json
 CONFIDENCE = 0.95  # of every interval
 TEXTS: dict[str, Any] = read_own_table(__file__, "texts.toml")
 
@@ -182,7 +183,8 @@ class Plan(Displayed):
     each of several drawings of the site, on the traffic of the comparison; running: what the catalogue's rates add to
     the price; poles_unused: names; origins: number of things at the site by origin ("mapped", "surveyed", "drawn") and
     kind; head: title, client, date and author, those that the catalogue gives; blind_streets: m² of lanes that no
-    sensor sees, by street; assumptions, unknown: sentences; provenance: digests of all inputs, seeds, versions."""
+    sensor sees, by street; stock: poles, models and prices that sets were chosen from, as `format_stock` gives them;
+    assumptions, unknown: sentences; provenance: digests of all inputs, seeds, versions."""
 
     question: dict[str, object]
     site: str
@@ -220,6 +222,7 @@ class Plan(Displayed):
     poles_unused: tuple[str, ...] = ()
     origins: dict[str, dict[str, int]] = field(default_factory=dict)
     head: dict[str, str] = field(default_factory=dict)
+    stock: dict[str, object] = field(default_factory=dict)
     assumptions: tuple[str, ...] = ()
     unknown: tuple[str, ...] = ()
     provenance: dict[str, object] = field(default_factory=dict)
@@ -242,7 +245,8 @@ class Plan(Displayed):
 
     def as_dict(self) -> dict[str, object]:
         """Return the values for plan.json."""
-        return asdict(self) | {"head": {key: text for key, text in self.head.items() if key != "logo"}}
+        head = {key: text for key, text in self.head.items() if key != "logo"}
+        return {"coview_plan": PLAN_VERSION, **asdict(self), "head": head}
 
 
 @dataclass(frozen=True, eq=False)

@@ -31,6 +31,8 @@ from toolkit.detection.provenance import detector_origin
 from toolkit.runtime.files import replace_infinite
 from toolkit.runtime.run import Run
 from toolkit.sensors.sensor import Sensor
+from toolkit.sites.georeference import bearing_deg
+from toolkit.sites.site import Site
 
 PORTFOLIO = "portfolio"
 FEWEST_AT_LEVEL = 100  # objects, below which a level of traffic is warned about
@@ -252,7 +254,7 @@ class _Better:
 
 def _report(objective: Objective, result: Result) -> tuple[Summary, list[str]]:
     best, assessment = result.best, result.assessment
-    sensors = describe_sensors(_names(objective, best.subset), result.sensors)
+    sensors = describe_sensors(_names(objective, best.subset), result.sensors, objective.site)
     doubts = describe_doubts(objective, best.subset)
     summary = {
         **asdict(best),
@@ -300,14 +302,18 @@ def _state_errors(order: SearchOrder, by_errors: dict[str, float] | None = None)
     return {"errors": order.setting.cases.errors_origin} | ({"by_errors": by_errors} if by_errors else {})
 
 
-def describe_sensors(names: Sequence[str], moved: Sequence[Sensor] = ()) -> list[str]:
-    """Names of sensors, with any new poses (degrees)."""
+def describe_sensors(names: Sequence[str], moved: Sequence[Sensor] = (), site: Site | None = None) -> list[str]:
+    """Names of sensors, with any new poses (degrees): compass bearings at a site, else headings from +x."""
     if not moved:
         return list(names)
-    degrees = np.rad2deg(np.stack(aims(moved), axis=1))
-    text = "{} moved to x {:.2f} y {:.2f} z {:.2f} m, heading {:.1f} tilt {:.1f} degrees"
-    rows = zip(names, moved, degrees, strict=True)
-    return [text.format(name, *sensor.position, *aim) for name, sensor, aim in rows]
+    headings, tilts = aims(moved)
+    if site is None:
+        directions = [f"heading {degrees:.1f} (from +x)" for degrees in np.rad2deg(headings).tolist()]
+    else:
+        directions = [f"bearing {round(bearing_deg(site, heading), 1) % 360:.1f}" for heading in headings.tolist()]
+    text = "{} moved to x {:.2f} y {:.2f} z {:.2f} m, {} tilt {:.1f} degrees"
+    rows = zip(names, moved, directions, np.rad2deg(tilts).tolist(), strict=True)
+    return [text.format(name, *sensor.position, direction, tilt) for name, sensor, direction, tilt in rows]
 
 
 def _judged(each: Assessment | CurvePoint | Contender | ProfileAP, by: str) -> str:

@@ -127,6 +127,17 @@ def test_an_argument_is_refused_before_an_old_answer(line, said, refused, record
         ),
         (f"site import --opendrive {MAP} --centre 8 49.5 --size 7 5 --out j.json", "give an .xodr file"),
         (f"search tjunction --candidates {MAP}", "is no GeoJSON: save the poles as points in a .geojson file"),
+        (
+            f"site import --osm {MAP} --centre 8 49.5 --size 70 50 --out j.json --bearing 60 --heading-deg 30",
+            "--bearing and --heading-deg are two directions of one axis: give one of them",
+        ),
+        (
+            f"site import --osm {MAP} --centre 8 49.5 --size 70 50 --out j.json --bearing 600",
+            "--bearing must be degrees clockwise from north, from 0 to 360, got 600",
+        ),
+        ("what-if tjunction --move d0 80 95 --frames 8", "a tilt must be -10 to 89 degrees below the horizon, got 95"),
+        ("what-if tjunction --move d0 NW 20 --frames 8", "a bearing must be degrees clockwise from north, from 0"),
+        ("what-if tjunction --lift d0 20 --frames 8", "takes sensors at 3 to 8 m above its foot, got 20"),
         ("search REC", "is a recording, no site: give the file of its site, or one of"),
         ("search tjunction --budget -1", "--budget must be at least 1, got -1"),
         ("search tjunction --iou 70", "iou must lie in (0, 1], got 70"),

@@ -19,6 +19,7 @@ import layout_formats as layouts
 import map_formats as maps
 import network_formats as networks
 import numpy as np
+import plan_formats as plans
 import point_formats as points
 import shapely
 import structured
@@ -127,6 +128,8 @@ def _formats() -> dict[str, Format]:
     meshes = dict.fromkeys(("mesh.obj", "mesh.ply", "mesh.stl", "mesh.off", "mesh.glb"), points.mesh)
     texts = (".xyz", ".csv", "text.ply", "text.pcd", ".txt", ".obj", ".off")
     return {
+        "plan.json": Format(plans.make_plan, plans.read_plan, JSON),
+        "live.json": Format(plans.make_project, plans.read_project, JSON, 0.5),
         "recording.hdf5": Format(_recording, _read_recording, HDF5, 4),
         "published.hdf5": Format(_published, _read_recording, HDF5, 3),
         "frames.packed": Format(_packed, _read_packed, HDF5, 3),

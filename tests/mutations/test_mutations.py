@@ -13,7 +13,7 @@ HERE = Path(__file__).parent
 ONE_HALF = "recording.hdf5 frames.packed network.safetensors classes.safetensors checkpoint.pt published.pth table.npz"
 OTHER_HALF = (
     "published.hdf5 .ply .pcd cloud.npz .xyz .csv .npy .bin .feather poses site.json poles map. surrogate sqlite .obj "
-    ".stl .off .glb .gltf .toml"
+    "plan.json live.json .stl .off .glb .gltf .toml"
 )
 HALVES = (ONE_HALF.split(), OTHER_HALF.split())
 LAYOUTS = ("in-",)  # a file of a recording in each layout

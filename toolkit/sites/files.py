@@ -3,12 +3,13 @@
 The file has one Feature per polygon, mount, sensor and bay; everything else is a foreign member of the collection.
 Coordinates are local metres of the site frame, so a GIS tool shows the plan at the right scale but not at its place on
 earth; `map_SE3_site` and `geo_reference` say where that is. Polygons are closed rings without holes; angles degrees.
+Sensors and bays have a `heading_deg` (counter-clockwise from the site's +x), or a `bearing_deg` that a person wrote
+(clockwise from the map's north).
 
 Solids, mounts and bays have an `origin`, and the road a `road_origin`: mapped, surveyed or drawn. What does not say its
 origin is mapped. Files from before there were origins say none, so what an import drew into them counts as mapped."""
 
 import json
-import sys
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import fields
 from pathlib import Path
@@ -17,11 +18,13 @@ from typing import Any
 import numpy as np
 
 from toolkit.arrays import Float64
-from toolkit.geometry import LEVEL, pose
+from toolkit.geometry import LEVEL, check_pose, pose
 from toolkit.runtime.files import name_errors, read_json, write_text
+from toolkit.runtime.json_object import Json, JsonObject
 from toolkit.sensors.models import class_names, find_model_class, make_model
 from toolkit.sensors.sensor import Sensor, SensorModel, find_angles
 from toolkit.sites import BUILT_IN
+from toolkit.sites.georeference import map_turn
 from toolkit.sites.site import HYBRID_RADIUS, ORIGINS, Mount, Relief, Site, Solid, check_polygon
 
 
@@ -31,6 +34,8 @@ def load_site(name_or_path: str | Path) -> Site:
     path = Path(name_or_path)
     if str(name_or_path) in BUILT_IN:
         path = Path(__file__).parent / f"{name_or_path}.json"
+    if path.is_dir() and (path / "site.json").is_file():
+        raise FileNotFoundError(f"{path} is a folder, no site: give the file {path / 'site.json'}")
     if not path.is_file():
         raise FileNotFoundError(f"no site {str(name_or_path)!r}: give a file, or one of {', '.join(BUILT_IN)}")
     if path.name.lower().endswith((".osm", ".osm.gz", ".osm.pbf", ".xodr")):
@@ -51,9 +56,8 @@ def save_site(site: Site, path: str | Path) -> None:
 
 VERSION = 1
 _MOST_SENSORS = 10_000
-_MOST_TURN = 3600.0  # degrees; drawn sites hold some beyond a full turn
+_MAX_TILT_DEG = 90.0  # below or above the horizon
 JsonValue = Any  # of a JSON document, not yet checked
-Json = dict[str, JsonValue]
 
 
 def document(site: Site) -> Json:
@@ -72,7 +76,7 @@ def document(site: Site) -> Json:
         rest = {f.name: getattr(mount, f.name) for f in fields(mount) if f.name not in left_out}
         features.append(_point(mount.position.tolist(), layer="mount", **rest, **_origin(mount.origin)))
     for s in site.sensors:
-        described = {**_attitude(s), "model": {"type": type(s.model).__name__, **_format_model(s.model)}}
+        described = {**format_attitude(s), "model": format_model(s.model)}
         features.append(_point(s.position.tolist(), layer="sensor", name=s.name, **described))
     relief = {"amplitude": site.relief.amplitude, "seed": site.relief.seed}
     return {
@@ -103,56 +107,6 @@ def format_site(site: Site, *, without: Collection[str] = ()) -> str:
     return "{\n" + ",\n".join(members) + "\n}\n"
 
 
-class _Node:
-    """JSON object and its path in the document."""
-
-    def __init__(self, value: JsonValue, path: str = "") -> None:
-        if not isinstance(value, dict):
-            raise ValueError(f"{path} must be an object {{...}}, got {str(value)[:60]}")
-        self.value: Json = value
-        self.path = path
-
-    def where(self, key: str) -> str:
-        return f"{self.path}.{key}" if self.path else key
-
-    def get(self, key: str, kind: type) -> JsonValue:
-        if key not in self.value:
-            raise ValueError(f"{self.where(key)} is missing: add it, or save the site again")
-        value = self.value[key]
-        if not isinstance(value, kind) or isinstance(value, bool):
-            raise ValueError(f"{self.where(key)} must be {_WORDS[kind]}, got {str(value)[:60]!r}")
-        return value
-
-    def node(self, key: str) -> "_Node":
-        return _Node(self.get(key, dict), self.where(key))
-
-    def number(self, key: str) -> float:
-        return _number(self.value.get(key), self.where(key))
-
-    def angle(self, key: str) -> float:
-        """Member in degrees, as radians."""
-        value = self.number(key)
-        if abs(value) > _MOST_TURN:
-            raise ValueError(f"{self.where(key)} must lie within {_MOST_TURN:g} degrees of 0, got {value:g}")
-        return float(np.deg2rad(value))
-
-    def numbers(self, key: str, count: int | None = None) -> list[float]:
-        """Member that is a list of `count` finite numbers."""
-        row = self.get(key, list)
-        if count is not None and len(row) != count:
-            raise ValueError(f"{self.where(key)} must be {count} numbers, got {len(row)}")
-        return [_number(value, f"{self.where(key)}.{i}") for i, value in enumerate(row)]
-
-
-_WORDS = {str: "a text", int: "a whole number", list: "a list", dict: "an object {...}"}
-
-
-def _number(value: JsonValue, where: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= sys.float_info.max:
-        raise ValueError(f"{where} must be a finite number, got {str(value)[:60]}")
-    return float(value)
-
-
 def parse(collection: JsonValue) -> Site:
     """Parse a site's FeatureCollection. Raises ValueError that names the field by its path in the document."""
     if not isinstance(collection, dict) or collection.get("type") != "FeatureCollection":
@@ -160,13 +114,14 @@ def parse(collection: JsonValue) -> Site:
     if collection.get("crs") is not None:
         system = str(collection["crs"])[:90]
         raise ValueError(f"crs must be left out, as a site is in metres of its frame (geo_reference), got {system}")
-    root = _Node(collection)
+    root = JsonObject(collection)
     version = root.get("coview_site", int)
     if version > VERSION:
         raise ValueError(f"coview_site is version {version}, this coview reads up to {VERSION}: install a newer one")
+    matrix = _read_matrix(root)
     layers: dict[str, list[JsonValue]] = {layer: [] for layer in _READERS}
     for i, feature in enumerate(root.get("features", list)):
-        layer, value = _read_feature(_Node(feature, f"features[{i}]"))
+        layer, value = _read_feature(JsonObject(feature, f"features[{i}]"), matrix)
         layers[layer].append(value)
         if len(layers["sensor"]) > _MOST_SENSORS:
             raise ValueError(f"features must hold at most {_MOST_SENSORS} sensors: leave some out")
@@ -177,11 +132,7 @@ def parse(collection: JsonValue) -> Site:
     geo_reference = collection.get("geo_reference")
     if not isinstance(geo_reference, str | None):
         raise ValueError(f"geo_reference must be a PROJ text or null, got {geo_reference!r}")
-    rows, lines = root.get("map_SE3_site", list), []
-    try:
-        matrix = np.array(rows, np.float64)
-    except (TypeError, ValueError):
-        raise ValueError(f"map_SE3_site must be four rows of four numbers, got {str(rows)[:60]}") from None
+    lines: list[JsonValue] = []
     if collection.get("network", ...) is not None:
         lines = root.get("network", list)
         if not lines or not all(isinstance(line, str) for line in lines):
@@ -207,13 +158,33 @@ def parse(collection: JsonValue) -> Site:
     )
 
 
-def _read_feature(feature: _Node) -> tuple[str, JsonValue]:
+def _read_matrix(root: JsonObject) -> Float64[np.ndarray, "..."]:
+    rows = root.get("map_SE3_site", list)
+    try:
+        return np.array(rows, np.float64)
+    except (TypeError, ValueError):
+        raise ValueError(f"map_SE3_site must be four rows of four numbers, got {str(rows)[:60]}") from None
+
+
+def _turn_bearing(properties: JsonObject, matrix: Float64[np.ndarray, "..."]) -> None:
+    """Put the heading of a compass bearing in its place. matrix: the document's `map_SE3_site`."""
+    if "heading_deg" in properties.value:
+        where = properties.where("bearing_deg")
+        raise ValueError(f"{where} and heading_deg are two directions: leave one of them out")
+    properties.angle("bearing_deg")  # its limits
+    turn_deg = float(np.rad2deg(map_turn(check_pose(matrix, "map_SE3_site"))))
+    properties.value["heading_deg"] = 90.0 - properties.value.pop("bearing_deg") - turn_deg
+
+
+def _read_feature(feature: JsonObject, matrix: Float64[np.ndarray, "..."]) -> tuple[str, JsonValue]:
     properties, geometry = feature.node("properties"), feature.node("geometry")
     properties.value = {k: value for k, value in properties.value.items() if value is not None}  # GIS tools fill up
     layer, at = properties.get("layer", str), properties.where
     if layer not in _READERS:
         raise ValueError(f"{at('layer')} must be one of {', '.join(_READERS)}, got {layer!r}")
     kind, read, known = _READERS[layer]
+    if "bearing_deg" in properties.value and "heading_deg" in known:
+        _turn_bearing(properties, matrix)
     found = geometry.value.get("type")
     if found != kind:
         raise ValueError(f"{geometry.where('type')} of layer {layer!r} must be {kind!r}, got {found!r}")
@@ -222,7 +193,7 @@ def _read_feature(feature: _Node) -> tuple[str, JsonValue]:
     return layer, read(geometry, properties)
 
 
-def _read_ring(geometry: _Node, properties: _Node) -> Float64[np.ndarray, "k 2"]:
+def _read_ring(geometry: JsonObject, properties: JsonObject) -> Float64[np.ndarray, "k 2"]:
     coordinates, where = geometry.get("coordinates", list), geometry.where("coordinates")
     if len(coordinates) != 1:
         raise ValueError(f"{where} must hold one ring, got {len(coordinates)}: split polygons with holes")
@@ -232,7 +203,7 @@ def _read_ring(geometry: _Node, properties: _Node) -> Float64[np.ndarray, "k 2"]
     return check_polygon(ring[:-1], where)
 
 
-def _read_area(geometry: _Node, properties: _Node) -> Float64[np.ndarray, "4"]:
+def _read_area(geometry: JsonObject, properties: JsonObject) -> Float64[np.ndarray, "4"]:
     ring = _read_ring(geometry, properties)
     (xmin, ymin), (xmax, ymax) = ring.min(axis=0), ring.max(axis=0)
     if len(ring) != 4 or not np.isin(ring, [[xmin, ymin], [xmax, ymax]]).all():
@@ -241,7 +212,7 @@ def _read_area(geometry: _Node, properties: _Node) -> Float64[np.ndarray, "4"]:
     return np.array([xmin, ymin, xmax, ymax])
 
 
-def _read_solid(geometry: _Node, properties: _Node) -> Solid:
+def _read_solid(geometry: JsonObject, properties: JsonObject) -> Solid:
     footprint = _read_ring(geometry, properties)
     base, top = properties.number("base"), properties.number("top")
     kind, origin = properties.get("kind", str), _read_origin(properties)
@@ -249,34 +220,43 @@ def _read_solid(geometry: _Node, properties: _Node) -> Solid:
         return Solid(footprint, base, top, kind, origin)
 
 
-def _read_parking(geometry: _Node, properties: _Node) -> tuple[tuple[float, float, float], str]:
+def _read_parking(geometry: JsonObject, properties: JsonObject) -> tuple[tuple[float, float, float], str]:
     x, y = geometry.numbers("coordinates", 2)
     return (x, y, properties.angle("heading_deg")), _read_origin(properties)
 
 
-def _read_origin(properties: _Node) -> str:
+def _read_origin(properties: JsonObject) -> str:
     origin: str = properties.get("origin", str) if "origin" in properties.value else "mapped"
     if origin not in ORIGINS:
         raise ValueError(f"{properties.where('origin')} must be one of {', '.join(ORIGINS)}, got {origin[:60]!r}")
     return origin
 
 
-def _read_mount(geometry: _Node, properties: _Node) -> Mount:
+def _read_mount(geometry: JsonObject, properties: JsonObject) -> Mount:
     position, name = np.array(geometry.numbers("coordinates", 3)), properties.get("name", str)
     numbers: Json = {key: properties.number(key) for key in properties.value if key not in ("layer", "name", "origin")}
     with name_errors(properties.path):
         return Mount(name, position, origin=_read_origin(properties), **numbers)
 
 
-def _read_sensor(geometry: _Node, properties: _Node) -> Sensor:
-    x, y, z = geometry.numbers("coordinates", 3)
+def _read_sensor(geometry: JsonObject, properties: JsonObject) -> Sensor:
+    model = read_model(properties.node("model"))
+    return read_sensor(geometry.numbers("coordinates", 3), properties, model)
+
+
+def read_sensor(place: list[float], properties: JsonObject, model: SensorModel) -> Sensor:
+    """Read name and attitude of a sensor at x, y, z (m). Raises ValueError that names a member that does not fit."""
+    x, y, z = place
     heading, tilt, roll = (properties.angle(f"{key}_deg") for key in ("heading", "tilt", "roll"))
-    model = _read_model(properties.node("model"))
+    if not abs(properties.value["tilt_deg"]) <= _MAX_TILT_DEG:
+        where, limit = properties.where("tilt_deg"), f"{_MAX_TILT_DEG:g} degrees"
+        raise ValueError(f"{where} must lie within {limit} of the horizon, got {properties.value['tilt_deg']:g}")
     world_SE3_body = pose(x, y, z, yaw=heading, pitch=tilt, roll=roll)
     return Sensor(properties.get("name", str), model, world_SE3_body @ model.body_SE3_sensor)
 
 
-def _read_model(properties: _Node) -> SensorModel:
+def read_model(properties: JsonObject) -> SensorModel:
+    """Read a sensor model. Raises ValueError that names a member that does not fit."""
     kind = properties.get("type", str)
     if kind not in class_names():
         raise ValueError(f"{properties.where('type')} must be one of {', '.join(class_names())}, got {kind[:60]!r}")
@@ -302,7 +282,7 @@ def _read_model(properties: _Node) -> SensorModel:
         return make_model(kind, values)
 
 
-_READERS: Mapping[str, tuple[str, Callable[[_Node, _Node], JsonValue], tuple[str, ...]]] = {
+_READERS: Mapping[str, tuple[str, Callable[[JsonObject, JsonObject], JsonValue], tuple[str, ...]]] = {
     "area": ("Polygon", _read_area, ()),
     "lane": ("Polygon", _read_ring, ()),
     "footway": ("Polygon", _read_ring, ()),
@@ -326,8 +306,9 @@ def _point(coordinates: list[float], **properties: JsonValue) -> Json:
     return {"type": "Feature", "properties": properties, "geometry": {"type": "Point", "coordinates": coordinates}}
 
 
-def _format_model(model: SensorModel) -> Json:
-    members: Json = {}
+def format_model(model: SensorModel) -> Json:
+    """Type and fields of a sensor model, angles in degrees, as `read_model` takes them."""
+    members: Json = {"type": type(model).__name__}
     for name, is_angle in find_angles(model).items():
         value = getattr(model, name)
         if is_angle and value is not None:
@@ -337,7 +318,7 @@ def _format_model(model: SensorModel) -> Json:
     return members
 
 
-def _attitude(sensor: Sensor) -> Json:
+def format_attitude(sensor: Sensor) -> Json:
     """Heading, tilt (below the horizon) and roll (degrees) of a sensor's body (x forward, y left, z up)."""
     forward, left, up = sensor.world_SE3_body[:3, :3].T
     across = float(np.hypot(forward[0], forward[1]))

@@ -22,7 +22,7 @@ import numpy as np
 import shapely
 from shapely.geometry import mapping
 
-from toolkit.arrays import Float, Float64
+from toolkit.arrays import Float, Float64, Pose
 from toolkit.geometry import invert, transform
 from toolkit.sensors.models import name_in_words
 from toolkit.sites.site import Mount, Site
@@ -61,10 +61,21 @@ def site_metres(site: Site, lon_lat: Float[np.ndarray, "n 2"]) -> Float64[np.nda
     return transform(invert(site.map_SE3_site), np.column_stack([on_map, np.zeros(len(on_map))]))[:, :2]
 
 
+def map_turn(map_SE3_site: Pose) -> float:
+    """Direction of a site's x axis on its map (rad, counter-clockwise from the map's +x)."""
+    return float(np.arctan2(map_SE3_site[1, 0], map_SE3_site[0, 0]))
+
+
 def bearing_deg(site: Site, heading: float) -> float:
     """Compass bearing (degrees in 0..360, clockwise from the map's north) of a heading (rad, from the site's +x)."""
-    turn = np.arctan2(site.map_SE3_site[1, 0], site.map_SE3_site[0, 0])
+    turn = map_turn(site.map_SE3_site)
     return round(90.0 - float(np.rad2deg(heading + turn)), 9) % 360.0
+
+
+def heading_from_bearing(site: Site, bearing: float) -> float:
+    """Heading (rad in -pi..pi, from the site's +x) of a compass bearing (degrees), the inverse of `bearing_deg`."""
+    heading = np.deg2rad(90.0 - bearing) - map_turn(site.map_SE3_site)
+    return float(np.arctan2(np.sin(heading), np.cos(heading)))
 
 
 def projection(longitude: float, latitude: float) -> str:

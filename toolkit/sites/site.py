@@ -14,7 +14,7 @@ import shapely
 
 from toolkit.arrays import Float, Float64, Pose
 from toolkit.display import Card, Displayed, Table, describe_count
-from toolkit.geometry import LEVEL, Slope, check_pose, check_slope
+from toolkit.geometry import LEVEL, MAX_COORDINATE_M, Slope, check_pose, check_slope
 from toolkit.sensors.sensor import Sensor, tabulate_sensors
 
 KINDS = (
@@ -71,6 +71,9 @@ class Mount:
         position = np.asarray(self.position, np.float64)
         if position.shape != (3,) or not np.isfinite(position).all():
             raise ValueError(f"mount.position must be three finite numbers x, y, z, got {self.position}")
+        if not np.abs(position).max() <= MAX_COORDINATE_M:
+            far = f"mount.position must lie within {MAX_COORDINATE_M:g} m of the origin"
+            raise ValueError(f"{far}, got {position.tolist()}: give metres of the site")
         object.__setattr__(self, "position", position)
         if not 0 <= self.min_height <= self.max_height <= MOST_HEIGHT:
             got = f"{self.min_height:g} and {self.max_height:g}"

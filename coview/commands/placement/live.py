@@ -1,27 +1,28 @@
 """`coview live` and `coview what-if`: move sensors by hand, in the browser or on the command line."""
 
-import math
 import sys
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
-import numpy as np
 import tyro
 from tyro.conf import Positional, UseAppendAction
 
+from coview.arguments import check_schemes
 from coview.commands.placement.plan import USUAL_CLASSES, StockOptions
-from coview.options import ClassOptions
-from coview.outputs import OK, Writing, print_result
+from coview.options import ClassOptions, load_own_detector
+from coview.outputs import OK, Writing, check_writable, print_result
 from placement_env.cases import USUAL_CASES, Cases
-from toolkit.runtime.files import read_json
+from toolkit.detection.link.range_images import find_codec
 from toolkit.runtime.run import Run
 
 if TYPE_CHECKING:
     from placement_env.live.figures import LiveAnswer
     from placement_env.live.planner import LivePlanner
     from placement_env.live.project import ProjectFile
+    from placement_env.report.planning.plan_folder import PlanFolder, StatedFigure
 
+SHIPPED = "shipped"
 USUAL_STOCK = StockOptions()
 LIVE_RUN = Run(frames=60, seed=3, cache=Path("out/cache"))
 FIRST_FRAMES = 4  # of the first figures of a page
@@ -33,27 +34,55 @@ class Changes:
 
     drop: UseAppendAction[tuple[str, ...]] = ()
     """Sensor to take away; may be repeated."""
-    move: UseAppendAction[tuple[tuple[str, float, float], ...]] = ()
-    """Sensor, its new heading (degrees counter-clockwise from +x) and tilt below the horizon; may be repeated."""
+    move: UseAppendAction[tuple[tuple[str, str, float], ...]] = ()
+    """Sensor, its new compass bearing (degrees clockwise from north; heading=135 is counter-clockwise from +x) and tilt
+    below the horizon, as in the schedule; may be repeated."""
+    lift: UseAppendAction[tuple[tuple[str, float], ...]] = ()
+    """Sensor and its new height above the foot of its pole (m); may be repeated."""
     carry: UseAppendAction[tuple[tuple[str, str], ...]] = ()
     """Sensor and the pole to carry it to; may be repeated."""
-    add: UseAppendAction[tuple[tuple[str, float, float], ...]] = ()
-    """Pole of one more sensor, its heading and tilt (degrees); may be repeated."""
+    add: UseAppendAction[tuple[tuple[str, str, float], ...]] = ()
+    """Pole of one more sensor, its compass bearing and tilt, as for --move; may be repeated."""
     fail: UseAppendAction[tuple[str, ...]] = ()
     """Sensor that fails; may be repeated."""
 
     def apply(self, planner: "LivePlanner") -> None:
         """Make the changes. Raises ValueError for an unknown sensor or pole, and for a pole without room."""
+        from placement_env.live.directions import parse_heading, parse_height, parse_tilt
+
+        yard = planner.yard
         for name in self.drop:
             planner.remove(name)
-        for name, heading, tilt in self.move:
-            planner.move(name, np.deg2rad(heading), np.deg2rad(tilt))
-        for name, pole in self.carry:
-            planner.move(name, position=pole)
-        for pole, heading, tilt in self.add:
-            planner.add(pole, np.deg2rad(heading), np.deg2rad(tilt))
+        for name, bearing, tilt in self.move:
+            sensor = planner.variant.find(name)
+            planner.move(name, parse_heading(yard.site, bearing, sensor.heading), parse_tilt(tilt, sensor.tilt))
+        for name, height in self.lift:
+            sensor = planner.variant.find(name)
+            pole = yard.find_mount(planner.variant, sensor.mount)
+            planner.move(name, height=parse_height(pole, height, sensor.height))
+        for name, pole_name in self.carry:
+            planner.move(name, position=pole_name)
+        for pole_name, bearing, tilt in self.add:
+            planner.add(pole_name, parse_heading(yard.site, bearing), parse_tilt(tilt))
         for name in self.fail:
             planner.fail(name)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Conditions:
+    """Conditions under which sensors are scored."""
+
+    iou: float | None = None
+    """IoU at which a detection counts; that of the plan, or 0.7, when left out."""
+    errors: str | None = None
+    """Error profile of the sensors if the detector measures: paper, surveyed, typical, glare or poor; that of the plan,
+    or paper, when left out."""
+
+    def apply(self, cases: Cases) -> Cases:
+        """Return cases with the options that were given. Raises ValueError for an unknown profile or IoU."""
+        if self.iou is not None:
+            cases = replace(cases, iou=self.iou)
+        return cases if self.errors is None else replace(cases, errors=(self.errors,))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,6 +114,7 @@ def what_if(
     changes: Annotated[Changes, tyro.conf.arg(name="")] = Changes(),
     stock: StockOptions = USUAL_STOCK,
     classes: ClassOptions = USUAL_CLASSES,
+    conditions: Conditions = Conditions(),
     run: Run = LIVE_RUN,
     writing: Writing = Writing(),
 ) -> int:
@@ -92,17 +122,20 @@ def what_if(
 
     Figures are predicted by the surrogate on the frames that the plan's searches saw, or --frames of --seed at a site.
 
-    Example: coview what-if out/plan --move pole03_6.0m_h90_t15_camera 80 12
+    Example: coview what-if out/plan --move pole03_6.0m_h90_t15_camera 350 12
 
     Example: coview what-if tjunction --drop d2 --carry d0 pole05 --add pole07 200 15 --json
 
     Args:
         plan: Folder of a plan, or a site with sensors."""
-    planner = open_planner(plan, stock, classes, USUAL_CASES, run)
-    before = planner.finish()
+    planner = open_planner(plan, stock, classes, conditions, run)
+    before, stated = planner.finish(), planner.stated
     changes.apply(planner)
     after = planner.finish().since(before, "before and after")
-    print_result({"before": before.as_dict(), "after": after.as_dict()}, _describe(before, after), as_json=writing.json)
+    figures = {"before": before.as_dict(), "after": after.as_dict()}
+    if stated is not None:
+        figures["before"]["stated"] = asdict(stated)
+    print_result(figures, _describe(before, after, stated), as_json=writing.json)
     return OK
 
 
@@ -112,7 +145,7 @@ def live(
     *,
     stock: StockOptions = USUAL_STOCK,
     classes: ClassOptions = USUAL_CLASSES,
-    cases: Cases = USUAL_CASES,
+    conditions: Conditions = Conditions(),
     run: Run = LIVE_RUN,
     keeping: Annotated[Keeping, tyro.conf.arg(name="")] = Keeping(),
     serving: Annotated[Serving, tyro.conf.arg(name="")] = Serving(),
@@ -144,7 +177,7 @@ def live(
     def begin(where: str) -> "tuple[LivePlanner, ProjectFile]":
         from placement_env.live.project import ProjectFile
 
-        planner = open_planner(where, stock, classes, cases, run, first=FIRST_FRAMES)
+        planner = open_planner(where, stock, classes, conditions, run, first=FIRST_FRAMES)
         return planner, ProjectFile(find_project(where), planner, last_good=keeping.last_good)
 
     session = LiveSession(begin, port=serving.port, folder=keeping.out)
@@ -164,45 +197,72 @@ def live(
 
 
 def open_planner(
-    where: str, stock: StockOptions, classes: ClassOptions, cases: Cases, run: Run, *, first: int | None = None
+    where: str,
+    stock: StockOptions,
+    classes: ClassOptions,
+    conditions: Conditions,
+    run: Run,
+    *,
+    first: int | None = None,
 ) -> "LivePlanner":
     """Open a planner at a site, or with the sensors of a plan's folder. first: frames of its first figures.
 
-    That brings a budget and number of sensors, and classes, poles and frames where the options are left out. Raises
-    ValueError and OSError for what cannot be read."""
-    from placement_env.handover.exchange import MAP, SITE
+    A plan brings its question, poles, models, prices and keep-out areas, and frames and seed if the options are left
+    out. Raises ValueError and OSError for what cannot be read."""
     from placement_env.live.planner import LivePlanner
+    from placement_env.report.planning.plan_folder import is_plan_folder
 
-    folder, most, count = Path(where), math.inf, math.inf
-    if folder.is_dir():
-        if not (folder / SITE).is_file() or not (folder / "plan.json").is_file():
-            raise FileNotFoundError(f"{where} is no folder of a plan: it needs plan.json and {SITE} of coview plan")
-        asked = read_json(folder / "plan.json")["question"]
-        where, count = str(folder / SITE), math.inf if asked["sensors"] is None else asked["sensors"]
-        named = asked["candidates"] in ("pool", "paper")
-        if stock == USUAL_STOCK:
-            poles = "pool" if named else str(folder / MAP)
-            stock = replace(stock, candidates=poles, scheme=asked["scheme"], capacity=asked["capacity_kbit"])
-        if asked["money"] is not None and (asked["catalogue"] is None or stock.sensors is not None):
-            most = asked["money"]  # in the same currency
-        if classes == USUAL_CLASSES:
-            weights = tuple(asked["class_weights"])
-            classes = replace(classes, classes=tuple(asked["classes"]), class_weights=weights, combine=asked["combine"])
-        if (run.frames, run.seed) == (LIVE_RUN.frames, LIVE_RUN.seed):
-            run = replace(run, frames=asked["frames"][0], seed=asked["seed"])
-    setting = replace(stock.setting(where, classes, cases, run), most_price=most)
-    return LivePlanner(setting, run=run, first_frames=first, most_sensors=count)
+    if not is_plan_folder(where):
+        cases = conditions.apply(USUAL_CASES)
+        return LivePlanner(stock.setting(where, classes, cases, run), run=run, first_frames=first)
+    plan = _open_plan(where, stock, classes, conditions, run)
+    if run.frames == LIVE_RUN.frames:
+        run = replace(run, frames=plan.frames)
+    if run.seed == LIVE_RUN.seed:
+        run = replace(run, seed=plan.seed)
+    return LivePlanner(plan, run=run, first_frames=first)
 
 
-def _describe(before: "LiveAnswer", after: "LiveAnswer") -> str:
+def _open_plan(
+    where: str, stock: StockOptions, classes: ClassOptions, conditions: Conditions, run: Run
+) -> "PlanFolder":
+    """Read a plan's folder, and change its question by the options. Raises ValueError for those that a plan brings."""
+    from placement_env.report.planning.plan_folder import read_plan_folder
+
+    for name in ("candidates", "sensors", "keep_out", "keep", "capacity"):
+        if getattr(stock, name) != getattr(USUAL_STOCK, name):
+            option = f"--{name.replace('_', '-')}"
+            remedy = f"leave it out, or take the site {where}/site.json"
+            raise ValueError(f"{option} does not go with the folder of a plan, which brings its own: {remedy}")
+    plan = read_plan_folder(where)
+    setting, changes = plan.setting, dict[str, Any]()
+    if stock.scheme != USUAL_STOCK.scheme:
+        check_schemes([stock.scheme])
+        changes["scheme"] = stock.scheme
+    if stock.codec != USUAL_STOCK.codec:
+        changes["codec"] = find_codec(stock.codec)
+    if classes != USUAL_CLASSES:
+        changes["classes"] = classes.build()
+    detector = stock.detector or (None if plan.detector == SHIPPED else plan.detector)
+    if run.cache is not None:
+        check_writable(run.cache.resolve(), run.cache)
+    changes["cases"] = conditions.apply(setting.cases)
+    changes["detector"] = load_own_detector(detector, setting.place, run)
+    return plan.ask(replace(setting, **changes))
+
+
+def _describe(before: "LiveAnswer", after: "LiveAnswer", stated: "StatedFigure | None") -> str:
     from placement_env.analysis.intervals import describe_interval
     from toolkit.runtime.text_tables import align_columns
 
     rows = [["", "before", "after", "change"]]
+    if stated is not None:
+        errors = "" if stated.errors == "paper" else f", errors {stated.errors}"
+        rows.append([f"AP that the plan states, by its detector{errors}", f"{stated.ap:.3f}", "", ""])
     rows += [
         [name, f"{old:{form}}", f"{new:{form}}", f"{new - old:+{form}}"]
         for name, form, old, new in (
-            ("AP", ".3f", before.ap, after.ap),
+            ("AP, predicted", ".3f", before.ap, after.ap),
             *(
                 (f"AP of {one.name}", ".3f", one.ap or 0.0, two.ap or 0.0)
                 for one, two in zip(before.classes, after.classes, strict=True)

@@ -17,10 +17,10 @@ from placement_env.candidates.candidates import NoCandidates
 from placement_env.candidates.poles import load_keep_out
 from placement_env.candidates.sensor_catalogue import load_sensor_catalogue
 from placement_env.cases import USUAL_CASES, Cases, iou_text
+from placement_env.report.planning.plan_folder import CONTENT, found_nothing
 from placement_env.report.planning.question import USUAL_SENSORS, Question, Stock
 from placement_env.setting import Setting
 from toolkit.detection.link.range_images import find_codec
-from toolkit.runtime.files import read_json
 from toolkit.runtime.run import Run
 from toolkit.sites.files import load_site
 from toolkit.sites.site import Site
@@ -135,7 +135,7 @@ def plan(
     out = output.out or Path("out/plan")
     files = [path for path in (stock.sensors, stock.keep_out) if path is not None]
     inputs = [*site_file(site), *site_file(stock.candidates), *files]
-    check = partial(check_folder, out, holds="plan.json", inputs=inputs)
+    check = partial(check_folder, out, holds=CONTENT, inputs=inputs)
     asked = (site, goal, stock, classes, cases, run)
     most_price = math.inf if goal.money is None else goal.money
     setting = replace(stock.setting(site, classes, cases, run), most_price=most_price, keep=stock.keep)
@@ -143,20 +143,13 @@ def plan(
     question = Question(setting, run, sensors, goal.min_ap, goal.max_kbit, goal.confidence, goal.width, goal.drawings)
     with suppress(NoCandidates):  # the plan says why there are none
         _ = setting.pool
-    claimed = claim(out, asked, check, overwrite=output.overwrite or _says_no(out / "plan.json"))
+    claimed = claim(out, asked, check, overwrite=output.overwrite or found_nothing(out / CONTENT))
     with claimed, progress_bar("", hidden=output.json) as bar:
         planned = answer(replace(question, run=replace(run, progress=bar.stage)))
         written = write_plan(planned, out)
     text = f"{_describe(planned.plan)}\nwritten to {out}: {', '.join(path.name for path in written)}"
     print_result(planned.plan.as_dict(), text, as_json=output.json)
     return NOT_MET if planned.plan.verdict.met is False else OK
-
-
-def _says_no(path: Path) -> bool:
-    """True for a plan that found nothing to build, in whose place another one may be written."""
-    with suppress(OSError, ValueError, AttributeError):
-        return read_json(path).get("verdict", {}).get("met") is False
-    return False
 
 
 def _describe(plan: "Plan") -> str:

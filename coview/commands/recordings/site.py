@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import Positional, subcommand
 
-from coview.arguments import check_ending, check_least, site_file
+from coview.arguments import check_bearing, check_ending, check_least, check_turn, site_file
 from coview.outputs import OK, check_file, say
 from toolkit.plots.canvas import check_picture
 from toolkit.runtime.files import write_text
@@ -32,7 +32,9 @@ class ImportMap:
         out: Site file to write.
         opendrive: OpenDRIVE file (.xodr).
         osm: OpenStreetMap file (.osm, also .gz or .bz2, or JSON of Overpass).
-        heading_deg: Direction of the area's x axis, counter-clockwise from the map's east.
+        bearing: Compass bearing of the area's x axis (degrees clockwise from the map's north); 90, east, when left
+            out.
+        heading_deg: The same direction as a heading: degrees counter-clockwise from the map's east.
         lefthand: Let traffic keep left; without it and --righthand, traffic keeps the side that the map's roads
             (driving_side) or their country keep to (OpenStreetMap only).
         righthand: Let traffic keep right (OpenStreetMap only).
@@ -47,7 +49,8 @@ class ImportMap:
     out: Path
     opendrive: Path | None = None
     osm: Path | None = None
-    heading_deg: float = 0.0
+    bearing: float | None = None
+    heading_deg: float | None = None
     lefthand: bool = False
     righthand: bool = False
     furnish: Literal["none", "light", "dense"] = "dense"
@@ -71,7 +74,7 @@ class ImportMap:
         maps = [each for each in (self.opendrive, self.osm) if each is not None]
         check_least("--sensors", self.sensors, 1, "leave it out for a site without sensors")
         seed = None if self.furnish == "none" else self.seed
-        piece = MapPiece(maps[0], self.centre, self.size, radians(self.heading_deg), seed, self.furnish)
+        piece = MapPiece(maps[0], self.centre, self.size, radians(self._find_heading()), seed, self.furnish)
         check_file(self.out, inputs=maps, overwrite=self.overwrite)
         check_ending(self.out, SITE_ENDINGS, "a site's file")
         imported = import_osm(piece, lefthand=side) if self.osm else import_opendrive(piece)
@@ -86,6 +89,14 @@ class ImportMap:
         code = _save(placed.site, self.out)
         say(placed)
         return code
+
+    def _find_heading(self) -> float:
+        """Direction of the area's x axis, counter-clockwise from the map's east (degrees)."""
+        if self.bearing is not None and self.heading_deg is not None:
+            raise ValueError("--bearing and --heading-deg are two directions of one axis: give one of them")
+        if self.bearing is not None:
+            return 90.0 - check_bearing(self.bearing, "--bearing")
+        return 0.0 if self.heading_deg is None else check_turn(self.heading_deg, "--heading-deg")
 
 
 @dataclass(frozen=True)

@@ -35,6 +35,7 @@ from placement_env.objective import Objective
 from placement_env.report import content
 from placement_env.report.pages.report import REPORT_FILES, write_report
 from placement_env.report.planning import judging, sentences
+from placement_env.report.planning.plan_folder import CONTENT, format_stock
 from placement_env.report.planning.question import PART_FRAMES, Question
 from placement_env.search.order import describe_exclusions, explain_kept
 from placement_env.search.portfolio.entrants import Effort, Entrants, join_entrants, keep_entrants
@@ -346,6 +347,7 @@ def build_plan(findings: Findings, final: judging.Judge, ground: Ground) -> cont
         poles_unused=tuple(mount.name for mount in mounted.unused_mounts(candidates, members)),
         origins=count_things(replace(site, mounts=candidates.mounts)),
         head=question.stock.head,
+        stock=format_stock(question, question.setting.pool),
         assumptions=sentences.list_assumptions(question, objective.fidelity, detector, sampled=not chosen.small),
         unknown=sentences.list_unknowns(judged.counted, levels),
         provenance=trace_plan(findings, candidates, final.detected.detector),
@@ -477,7 +479,6 @@ def trace_plan(findings: Findings, candidates: Candidates, detector: Detector) -
 
 
 MOST_BOUGHT = 12  # sensors that a sum of money alone may buy
-CONTENT = "plan.json"
 PLAN_FILES = (*REPORT_FILES, *EXCHANGE_FILES, CONTENT)
 
 

@@ -28,11 +28,12 @@ DRAWING_SEED = 7000  # before the seeds of other drawings
 class Stock:
     """Sensors and prices. Call it with a site to get the candidates.
 
-    candidates: "pool", "paper" for the site's own sensors, or a GeoJSON file of poles; catalogue: sensor models and
-    prices, None for the paper's camera at no price; keep_out: areas where no sensor may stand; capacity_kbit: of the
-    link of every mount, None for each mount's own. Raises ValueError if a field does not fit."""
+    candidates: "pool", "paper" for the site's own sensors, a GeoJSON file of poles, or candidates with their prices and
+    links; catalogue: sensor models and prices, None for the paper's camera at no price; keep_out: areas where no sensor
+    may stand; capacity_kbit: of the link of every mount, None for each mount's own. Raises ValueError if a field does
+    not fit."""
 
-    candidates: str | Path = "pool"
+    candidates: str | Path | Candidates = "pool"
     catalogue: SensorCatalogue | None = None
     keep_out: tuple[shapely.Geometry, ...] = ()
     capacity_kbit: float | None = None
@@ -47,6 +48,8 @@ class Stock:
     def __call__(self, site: Site) -> Candidates:
         """Candidates with prices and links. Raises `NoCandidates` if no pole or pose is left, ValueError and OSError
         for a damaged file."""
+        if isinstance(self.candidates, Candidates):
+            return self.candidates
         found = choose_candidates(site, self.candidates, catalogue=self.catalogue, keep_out=self.keep_out)
         price = None if self.catalogue is None else self.catalogue.pole_price
         return with_terms(found, 1.0 if price is None else price, self.capacity_kbit)
@@ -62,9 +65,21 @@ class Stock:
         return {} if self.catalogue is None else self.catalogue.report
 
     @property
+    def is_product(self) -> bool:
+        """True for every pose on some poles, False for sensors in poses of their own."""
+        return not isinstance(self.candidates, Candidates) and self.candidates != "paper"
+
+    @property
+    def name(self) -> str:
+        """Name of the candidates: pool, paper, a file, or "given" for those that a caller made."""
+        if isinstance(self.candidates, Candidates):
+            return "given"
+        return str(self.candidates) if self.candidates in ("pool", "paper") else Path(self.candidates).name
+
+    @property
     def poles_digest(self) -> str | None:
         """SHA-256 of the file of poles, None without one."""
-        if self.candidates in ("pool", "paper"):
+        if isinstance(self.candidates, Candidates) or self.candidates in ("pool", "paper"):
             return None
         return sha256(Path(self.candidates).read_bytes()).hexdigest()
 
@@ -176,7 +191,6 @@ class Question:
     def as_dict(self) -> dict[str, object]:
         """Return every option, for plan.json."""
         setting, cases, stock, counted = self.setting, self.cases, self.stock, self.setting.counted
-        named = stock.candidates in ("pool", "paper")
         return {
             "site": self.site.name,
             **{name: getattr(self, name) for name in ("sensors", "money", "currency", "min_ap", "max_kbit")},
@@ -192,7 +206,7 @@ class Question:
             **{name: getattr(cases, name) for name in ("failing", "failures", "levels", "levels_by")},
             "errors": list(cases.names),
             "errors_by": cases.errors_by if len(cases.names) > 1 else "worst",
-            "candidates": str(stock.candidates) if named else Path(stock.candidates).name,
+            "candidates": stock.name,
             "catalogue": None if stock.catalogue is None else [each.name for each in stock.catalogue.models],
             "keep_out_areas": len(stock.keep_out),
             "detector": "shipped" if setting.detector is None else detector_origin(setting.detector)["detector"],

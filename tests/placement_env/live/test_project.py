@@ -98,10 +98,13 @@ def test_one_writer(planner, path):
     ("damage", "said"),
     [
         (lambda text: text[: len(text) // 2], "damaged|line"),
-        (lambda text: "[]", "coview_live"),
+        (lambda text: "[]", "must be an object"),
         (lambda text: text.replace('"coview_live": 1', '"coview_live": 99'), "coview_live"),
         (lambda text: text.replace('"site_sha256": "', '"site_sha256": "0'), "another site"),
-        (lambda text: text.replace('"heading": 1.0', '"heading": "north"'), "heading must be a float"),
+        (
+            lambda text: text.replace('"heading": 1.0', '"heading": "north"'),
+            r"A.sensors\[0\].heading must be a finite number",
+        ),
         (lambda text: text.replace('"heading": 1.0', '"heading": 1e999'), "finite|must be"),
         (lambda text: text.replace('"mount": "post00"', '"mount": "moon"'), "no pole 'moon'"),
         (lambda text: text.replace('"name": "d1"', '"name": "d0"'), "must differ"),

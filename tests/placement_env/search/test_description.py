@@ -20,7 +20,10 @@ def test_all_figures_are_said_and_how_sure_they_are():
     assert order.describe_sensors(["a", "b"]) == ["a", "b"]
     moved = [Sensor("a", DepthCamera(), look((1.0, -2.0, 6.5), float(np.deg2rad(90)), float(np.deg2rad(10))))]
     assert order.describe_sensors(["a"], moved) == [
-        "a moved to x 1.00 y -2.00 z 6.50 m, heading 90.0 tilt 10.0 degrees"
+        "a moved to x 1.00 y -2.00 z 6.50 m, heading 90.0 (from +x) tilt 10.0 degrees"
+    ]
+    assert order.describe_sensors(["a"], moved, load_site("tjunction")) == [
+        "a moved to x 1.00 y -2.00 z 6.50 m, bearing 270.0 tilt 10.0 degrees"
     ]
     score = Score((0, 1), 0.5, 0.6, 100.0, 200.0, 2.0, 0.4, {"ap": 0.5}, "coverage", False)
     assert order.describe_score(score) == "coverage 0.5000, 100.0 kbit per sensor, 200.0 kbit, price 2"

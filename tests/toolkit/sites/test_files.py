@@ -8,7 +8,7 @@ from hypothesis import given, settings, strategies as st
 from toolkit.geometry import pose
 from toolkit.sensors.models import SpinningLidar
 from toolkit.sensors.sensor import Sensor
-from toolkit.sites.files import document, load_site, save_site
+from toolkit.sites.files import document, load_site, parse, save_site
 from toolkit.sites.site import Relief, Site
 
 NET = '<net version="1.20">\n    <edge id="a"/>\n</net>\n'
@@ -176,3 +176,25 @@ def test_a_slope_that_is_none_is_refused(tmp_path, saved, slope):
     path, _ = saved(tmp_path, lambda d: d["relief"].update(slope=slope))
     with pytest.raises(ValueError, match="relief"):
         load_site(path)
+
+
+def test_a_bearing_that_a_person_wrote_is_read_as_a_direction(small_site):
+    turned = replace(small_site(), map_SE3_site=pose(yaw=np.deg2rad(20.0)))
+    written = document(turned)
+    for feature in written["features"]:
+        properties = feature["properties"]
+        if "heading_deg" in properties:
+            properties["bearing_deg"] = 90.0 - properties.pop("heading_deg") - 20.0
+    assert parse(written) == turned
+
+
+def test_a_direction_is_given_once_and_no_tilt_passes_straight_down(small_site):
+    written = document(small_site())
+    sensor = next(f for f in written["features"] if f["properties"]["layer"] == "sensor")["properties"]
+    sensor["bearing_deg"] = 3.0
+    with pytest.raises(ValueError, match=r"bearing_deg and heading_deg are two directions: leave one of them out"):
+        parse(written)
+    del sensor["bearing_deg"]
+    sensor["tilt_deg"] = 95.0
+    with pytest.raises(ValueError, match=r"tilt_deg must lie within 90 degrees of the horizon, got 95"):
+        parse(written)

@@ -1,8 +1,13 @@
 """coview what-if: before and after, at a site and in the folder of a plan, and what it refuses."""
 
+import csv
 import json
+import shutil
 
 import pytest
+
+from coview.main import run as run_line
+from placement_env import LivePlanner
 
 COMMON = ("--frames", 8, "--cache", "None")
 
@@ -25,33 +30,119 @@ def test_the_same_figures_as_json(run):
     assert found["after"]["change"] == pytest.approx(found["after"]["ap"] - found["before"]["ap"])
 
 
-def test_a_plan_brings_its_sensors_poles_and_frames(tmp_path, run):
-    poles = [("north", [3.0, 22.0]), ("south", [7.6, -21.8]), ("spare", [7.6, 22.0])]
+CATALOGUE = """currency = "EUR"
+pole_price = 1000
+[[sensor]]
+name = "eye"
+model = "DepthCamera"
+price = 1500
+width = 120
+height = 90
+"""
+OPTIONS = ("--budget", 2, "--money", 5500, "--iou", 0.5, "--errors", "typical", "--scheme", "late", "--capacity", 1700)
+
+
+@pytest.fixture(scope="module")
+def plan_folder(tmp_path_factory):
+    """Folder of a plan that asks for nothing usual, from three poles, one of which is never used."""
+    folder = tmp_path_factory.mktemp("planned")
+    poles = [("north", [3.0, 22.0], 800), ("south", [7.6, -21.8], 900), ("spare", [7.6, 22.0], 1100)]
     features = [
-        {"type": "Feature", "properties": {"name": name}, "geometry": {"type": "Point", "coordinates": at}}
-        for name, at in poles
+        {
+            "type": "Feature",
+            "properties": {"name": name, "price": price},
+            "geometry": {"type": "Point", "coordinates": at},
+        }
+        for name, at, price in poles
     ]
-    (tmp_path / "poles.geojson").write_text(
-        json.dumps({"type": "FeatureCollection", "coview_site": 1, "features": features})
-    )
-    stock = ("--candidates", tmp_path / "poles.geojson", "--frames", 3, "--workers", 1)
-    cache = ("--cache", tmp_path / "cache")
-    assert run("plan", "tjunction", "--budget", 2, "--money", 2.5, *stock, *cache, "--out", tmp_path / "plan")[0] == 0
-    made = json.loads((tmp_path / "plan" / "plan.json").read_text())
-    (unused,) = {name for name, _ in poles} - {sensor["pole"] for sensor in made["sensors"]}
-    moved = ("--carry", made["sensors"][0]["name"], unused)
-    code, out, _ = run("what-if", tmp_path / "plan", *moved, *cache, "--json")
-    found = json.loads(out)
-    assert code == 0
-    assert (found["before"]["sensors"], found["before"]["frames"]) == (2, 3)
-    assert found["before"]["budget"] == 2.5
-    assert "coview live FOLDER" in (tmp_path / "plan" / "report.html").read_text()
-    assert found["before"]["ap"] == pytest.approx(made["chosen"]["predicted"], abs=0.005)
-    assert found["before"]["kbit"] == pytest.approx(made["chosen"]["kbit"], rel=0.5)  # that is of other traffic
+    away = [[30, 10], [35, 10], [35, 15], [30, 15], [30, 10]]
+    area = {"type": "Feature", "properties": {}, "geometry": {"type": "Polygon", "coordinates": [away]}}
+    collection = {"type": "FeatureCollection", "coview_site": 1}
+    (folder / "poles.geojson").write_text(json.dumps({**collection, "features": features}))
+    (folder / "keep-out.geojson").write_text(json.dumps({**collection, "features": [area]}))
+    (folder / "sensors.toml").write_text(CATALOGUE)
+    files = ("--candidates", "poles.geojson", "--sensors", "sensors.toml", "--keep-out", "keep-out.geojson")
+    files = [folder / each if each.endswith(("geojson", "toml")) else each for each in files]
+    line = ("plan", "tjunction", *OPTIONS, *files, "--frames", 3, "--workers", 1, "--cache", folder / "cache")
+    assert run_line([*map(str, line), "--out", str(folder / "plan")]) == 0
+    return folder / "plan"
+
+
+@pytest.fixture
+def ask(plan_folder, run):
+    def what_if(*changes):
+        code, out, _ = run("what-if", plan_folder, *changes, "--cache", plan_folder.parent / "cache", "--json")
+        assert code == 0
+        return json.loads(out)
+
+    return what_if
+
+
+def test_a_plan_brings_its_whole_question(plan_folder, ask):
+    made = json.loads((plan_folder / "plan.json").read_text())
+    (unused,) = {"north", "south", "spare"} - {sensor["pole"] for sensor in made["sensors"]}
+    found = ask("--carry", made["sensors"][0]["name"], unused)
+    before, chosen = found["before"], made["chosen"]
+    assert (before["sensors"], before["frames"], before["budget"], before["currency"]) == (2, 3, 5500, "EUR")
+    assert before["price"] == chosen["price"]
+    assert before["ap"] == pytest.approx(chosen["predicted"], abs=1e-6)
+    assert before["stated"]["predicted"] == chosen["predicted"]
+    assert (before["stated"]["ap"], before["stated"]["errors"]) == (chosen["judged"]["ap"], "typical")
+    assert before["kbit"] == pytest.approx(chosen["kbit"], rel=0.5)  # that is of other traffic
+    assert before["problems"] == []
+    assert {link["capacity_mbit_s"] for link in before["links"]} == {17.0}
     assert unused in {link["pole"] for link in found["after"]["links"]}
-    assert found["before"]["problems"] == []
-    more = json.loads(run("what-if", tmp_path / "plan", "--add", unused, 0, 10, *cache, "--json")[1])
-    assert "it has 3 sensors, more than the 2 of its plan" in more["after"]["problems"]
+    poles = {pole["name"]: pole["price"] for pole in made["stock"]["poles"]}
+    left = poles[made["sensors"][0]["pole"]]
+    assert found["after"]["price"] == before["price"] - left + poles[unused]
+    more = ask("--add", unused, 0, 10)["after"]
+    assert "it has 3 sensors, more than the 2 of its plan" in more["problems"]
+    assert more["price"] == before["price"] + poles[unused] + 1500
+
+
+def test_a_plans_figures_are_before_in_words(plan_folder, run):
+    made = json.loads((plan_folder / "plan.json").read_text())
+    line = ("what-if", plan_folder, "--cache", plan_folder.parent / "cache")
+    _, out, _ = run(*line)
+    assert f"AP that the plan states, by its detector, errors typical   {made['chosen']['judged']['ap']:.3f}" in out
+    assert "price in EUR" in out
+    assert "that the plan states" not in run(*line, "--iou", 0.7)[1]  # another question
+
+
+def test_the_rows_of_the_schedule_change_nothing(plan_folder, ask):
+    with (plan_folder / "schedule.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    changes = []
+    for row in rows:
+        changes += ["--move", row["sensor"], row["bearing_deg"], row["tilt_deg"], "--lift", row["sensor"]]
+        changes.append(row["height_m"])
+    found = ask(*changes)
+    assert found["after"]["change"] == 0.0
+    for name in ("ap", "worst", "kbit", "price", "links", "approaches"):
+        assert found["after"][name] == found["before"][name]
+
+
+def test_options_that_a_plan_brings_are_refused(plan_folder, refused):
+    said = refused("what-if", plan_folder, "--candidates", "poles.geojson")
+    assert "--candidates does not go with the folder of a plan, which brings its own: leave it out" in said
+
+
+def test_an_earlier_plan_is_refused_by_name(plan_folder, refused, tmp_path):
+    shutil.copytree(plan_folder, tmp_path / "old")
+    content = json.loads((tmp_path / "old/plan.json").read_text())
+    del content["coview_plan"]
+    (tmp_path / "old/plan.json").write_text(json.dumps(content))
+    for command in ("what-if", "live"):
+        options = ("--out", tmp_path / "live", "--no-browser") if command == "live" else ()
+        said = refused(command, tmp_path / "old", *options)
+        assert "it has no coview_plan, so it is of an earlier coview" in said
+
+
+def test_the_python_planner_opens_what_the_command_opens(plan_folder, ask):
+    planner = LivePlanner(str(plan_folder))
+    assert planner.finish().ap == pytest.approx(ask()["before"]["ap"])
+    assert (planner.currency, planner.asked.cases.names, planner.asked.fusion.name) == ("EUR", ("typical",), "late")
+    assert [area.bounds for area in planner.yard.keep_out] == [(30.0, 10.0, 35.0, 15.0)]
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from coview.commands.recordings.site import ImportMap
 from toolkit.sites.files import load_site
 
 
@@ -30,6 +31,15 @@ PLACE = ("--centre", 0, 0, "--size", 9, 9, "--out", "x.json")
 )
 def test_wrong_arguments(arguments, message, refused):
     assert message in refused("site", *arguments)
+
+
+@pytest.mark.parametrize(
+    ("options", "heading"),
+    [({}, 0.0), ({"bearing": 60.0}, 30.0), ({"bearing": 90}, 0.0), ({"heading_deg": 30.0}, 30.0)],
+)
+def test_an_import_is_turned_by_a_bearing_or_a_heading_by_its_name(options, heading):
+    command = ImportMap(centre=(0.0, 0.0), size=(9.0, 9.0), out=Path("x.json"), **options)
+    assert command._find_heading() == pytest.approx(heading)
 
 
 def test_a_site_is_replaced_only_when_told_and_an_import_has_no_sensors(run, refused, tmp_path):

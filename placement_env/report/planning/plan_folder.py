@@ -1,0 +1,398 @@
+"""`PlanFolder`: a plan as its folder keeps it, the one reader of plans.
+
+plan.json states the question, the chosen set with its figures, and the stock: poles, sensor models and prices that the
+plan chose from. Every member that is used is checked; site.json beside it has the chosen sensors. A plan.json without
+`coview_plan`, from before there was a version, is refused by name, as it lacks prices and poles."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+
+from placement_env.candidates.candidates import Axes, Candidates, aims, pool
+from placement_env.candidates.sensor_catalogue import RATES, PricedModel, SensorCatalogue
+from placement_env.cases import MOST_FAILING, MOST_LEVELS, Cases
+from placement_env.classes import Classes
+from placement_env.handover.exchange import SITE
+from placement_env.report.content import PLAN_VERSION
+from placement_env.report.planning.question import Question, Stock
+from placement_env.setting import Setting
+from toolkit.detection.codec import Codec
+from toolkit.detection.link.range_images import CODECS, find_codec
+from toolkit.detection.schemes import SCHEMES
+from toolkit.geometry import MAX_COORDINATE_M
+from toolkit.runtime.files import name_errors, read_json
+from toolkit.runtime.json_object import Json, JsonObject
+from toolkit.sensors.error_profiles import PROFILES
+from toolkit.sensors.models import name_in_words
+from toolkit.sites.files import format_attitude, format_model, load_site, read_model, read_sensor
+from toolkit.sites.site import MOST_HEIGHT, ORIGINS, Mount, Site
+
+CONTENT = "plan.json"
+MAX_POLES, MAX_MODELS, MAX_STEPS, MAX_SENSORS, MAX_AREAS = 5000, 100, 360, 10_000, 1000
+MAX_POSES = 400_000  # of a stock
+MAX_FRAMES, MAX_SEED = 100_000, 2**63 - 1
+MAX_PRICE, MAX_KBIT = 1e15, 1e12
+MAX_POLE_GAP_M = 1.5  # between a sensor and its pole
+PLAN_AGAIN = "make the plan again with coview plan"
+
+
+@dataclass(frozen=True)
+class StatedFigure:
+    """AP of a plan's whole set by its detector, on traffic that no search saw.
+
+    Attributes:
+        ap: AP while no sensor fails, in all traffic.
+        low: Lower end of its 95 % interval, NaN without one.
+        high: Upper end, NaN without one.
+        frames: Number of frames.
+        errors: Name of the sensors' error profile.
+        predicted: AP that the searches predicted."""
+
+    ap: float
+    low: float
+    high: float
+    frames: int
+    errors: str
+    predicted: float
+
+
+@dataclass(frozen=True, eq=False)
+class PlanFolder:
+    """A plan that is read again.
+
+    Attributes:
+        path: The folder.
+        setting: Question by which sets are scored, at the site with the chosen sensors.
+        frames: Number of frames that the searches saw.
+        seed: Seed of the traffic.
+        sensors: Most sensors, infinite for any number.
+        detector: Name of the plan's detector, "shipped" for a shipped one.
+        stated: Figure that the plan states, None under another question."""
+
+    path: Path
+    setting: Setting
+    frames: int
+    seed: int
+    sensors: float
+    detector: str
+    stated: StatedFigure | None
+
+    def ask(self, setting: Setting) -> "PlanFolder":
+        """The plan under another question, for which it states no figure."""
+        asked = (setting.fusion, setting.codec, setting.counted, setting.cases)
+        before = (self.setting.fusion, self.setting.codec, self.setting.counted, self.setting.cases)
+        return replace(self, setting=setting, stated=self.stated if asked == before else None)
+
+
+def is_plan_folder(where: object) -> bool:
+    """Return True for the path of a folder, which must be that of a plan."""
+    return isinstance(where, str | Path) and Path(where).is_dir()
+
+
+def read_plan_folder(where: str | Path) -> PlanFolder:
+    """Read the plan in a folder. Raises FileNotFoundError for a folder without a plan; ValueError, in one line with
+    file, member, rule and value, for a damaged plan, one of another version, and one without a set."""
+    folder = Path(where)
+    if not (folder / CONTENT).is_file():
+        raise FileNotFoundError(f"{where} is no folder of a plan: it needs {CONTENT} and {SITE} of coview plan")
+    path = folder / CONTENT
+    content = read_json(path)
+    with name_errors(path):
+        plan = JsonObject(content)
+        _check_version(plan)
+        if plan.value.get("chosen", ...) is None:
+            sentence = plan.node("verdict").get("sentence", str)
+            raise ValueError(f"the plan has no set of sensors to go on from ({sentence[:80]}): {PLAN_AGAIN}")
+    if not (folder / SITE).is_file():
+        raise FileNotFoundError(f"{where} is no whole folder of a plan: {SITE} is missing; {PLAN_AGAIN}")
+    site = load_site(folder / SITE)
+    with name_errors(path):
+        _check_sensors(plan, site)
+        return _read(folder, plan, site)
+
+
+def found_nothing(path: Path) -> bool:
+    """Return True for the plan.json of a plan without a set, in whose place another one may be written."""
+    try:
+        plan = JsonObject(read_json(path))
+        return plan.node("verdict").value.get("met") is False
+    except (OSError, ValueError):
+        return False
+
+
+def format_stock(question: Question, candidates: Candidates) -> Json:
+    """Stock of a plan for plan.json: poles, sensor models, prices, keep-out areas, in the site's metres."""
+    stock, axes = question.stock, candidates.axes
+    catalogue = stock.catalogue
+    names = [name_in_words(type(model).__name__) for model in axes.models]
+    if catalogue is not None:
+        names = [catalogue.get_name(model) for model in axes.models]
+    prices = axes.prices or (None,) * len(axes.models)
+    rows = zip(names, axes.models, prices, strict=True)
+    product = stock.is_product
+    return {
+        "poles": [_format_pole(mount) for mount in candidates.mounts],
+        "models": [{"name": name, "price": price, "model": format_model(model)} for name, model, price in rows],
+        "heights_m": axes.heights.tolist() if product else None,
+        "headings": len(axes.headings) if product else None,
+        "tilts_deg": np.rad2deg(axes.tilts).round(9).tolist() if product else None,
+        "sensors": None if product else _format_mounted(candidates),
+        "keep_out_wkt": [area.wkt for area in stock.keep_out],
+        "catalogue": None if catalogue is None else _format_catalogue(catalogue),
+    }
+
+
+def _format_pole(mount: Mount) -> Json:
+    x, y, z = mount.position.tolist()
+    heights = {"min_height": mount.min_height, "max_height": mount.max_height}
+    link = {"price": mount.price, "capacity_kbit": mount.capacity, "max_sensors": mount.max_sensors}
+    return {"name": mount.name, "x": x, "y": y, "z": z, **heights, **link, "origin": mount.origin}
+
+
+def _format_mounted(candidates: Candidates) -> list[Json]:
+    rows = zip(candidates.sensors, candidates.factors.tolist(), strict=True)
+    return [
+        {
+            "name": sensor.name,
+            "pole": factors[0],
+            "model": factors[4],
+            "position": sensor.position.tolist(),
+            **format_attitude(sensor),
+        }
+        for sensor, factors in rows
+    ]
+
+
+def _format_catalogue(catalogue: SensorCatalogue) -> Json:
+    rates = {"rates": catalogue.rates, "years": catalogue.years}
+    return {"currency": catalogue.currency, "pole_price": catalogue.pole_price, **rates, "digest": catalogue.digest}
+
+
+def _check_version(plan: JsonObject) -> None:
+    if "coview_plan" not in plan.value:
+        old = "it has no coview_plan, so it is of an earlier coview, without poles and prices, or no plan"
+        raise ValueError(f"{old}: {PLAN_AGAIN}")
+    version = plan.get("coview_plan", int)
+    if version > PLAN_VERSION:
+        newer = f"coview_plan is version {version!s:.20}, this coview reads up to {PLAN_VERSION}"
+        raise ValueError(f"{newer}: install a newer one")
+    if version < PLAN_VERSION:
+        raise ValueError(f"coview_plan must be {PLAN_VERSION}, got {version!s:.20}: {PLAN_AGAIN}")
+
+
+def _check_poles(plan: JsonObject, site: Site, stock: Candidates) -> None:
+    """Refuse a sensor whose pole is unknown or elsewhere."""
+    poles = {mount.name: mount for mount in stock.mounts}
+    for row, sensor in zip(plan.nodes("sensors", MAX_SENSORS), site.sensors, strict=True):
+        name = row.choice("pole", poles)
+        away = float(np.hypot(*(sensor.position - poles[name].position)[:2]))
+        if away > MAX_POLE_GAP_M:
+            apart = f"{sensor.name} hangs {away:.3g} m from its pole {name}"
+            raise ValueError(f"{apart}, more than {MAX_POLE_GAP_M:g} m: the file is damaged, or {SITE} was changed")
+
+
+def _check_sensors(plan: JsonObject, site: Site) -> None:
+    names = [sensor.get("name", str) for sensor in plan.nodes("sensors", MAX_SENSORS)]
+    mounted = [sensor.name for sensor in site.sensors]
+    if names != mounted:
+        listed = f"{', '.join(names)[:80]} here, {', '.join(mounted)[:80] or 'none'} in {SITE}"
+        raise ValueError(f"plan and site must have the same sensors, got {listed}: take both from one plan")
+
+
+def _read(folder: Path, plan: JsonObject, site: Site) -> PlanFolder:
+    question, head = plan.node("question"), plan.node("head")
+    texts = {key: head.get(key, str) for key in head.value}
+    money = _read_optional(question, "money", lambda key: question.number(key, 0, MAX_PRICE))
+    sensors = _read_optional(question, "sensors", lambda key: question.whole(key, 0, MAX_SENSORS))
+    cases = _read_cases(question)
+    setting = Setting(
+        site,
+        candidates=_read_stock(plan.node("stock"), site, texts),
+        scheme=question.choice("scheme", SCHEMES),
+        codec=_read_codec(question),
+        classes=_read_classes(question, cases),
+        cases=cases,
+        most_price=math.inf if money is None else money,
+        keep=tuple(question.texts("keep")),
+    )
+    _check_poles(plan, site, setting.pool)
+    frames = question.numbers("frames", 3)
+    if not all(frame == int(frame) and 1 <= frame <= MAX_FRAMES for frame in frames):
+        raise ValueError(f"question.frames must be three whole numbers from 1 to {MAX_FRAMES}, got {frames}")
+    return PlanFolder(
+        folder,
+        setting,
+        int(frames[0]),
+        question.whole("seed", 0, MAX_SEED),
+        math.inf if sensors is None else sensors,
+        question.get("detector", str),
+        _read_stated(plan.node("chosen"), cases.names[0]),
+    )
+
+
+def _read_optional(node: JsonObject, key: str, read: Callable[[str], Any]) -> Any:
+    """Member that may be null, but not missing."""
+    return None if node.value.get(key, ...) is None else read(key)
+
+
+def _read_cases(question: JsonObject) -> Cases:
+    several = isinstance(question.value.get("iou"), list)
+    ious = tuple(question.numbers("iou")) if several else (question.number("iou"),)
+    errors = question.texts("errors")
+    for name in errors:
+        if name not in PROFILES:
+            known = ", ".join(PROFILES)
+            raise ValueError(f"question.errors has a profile {name[:60]!r} that is not one of {known}: {PLAN_AGAIN}")
+    with name_errors("question"):
+        return Cases(
+            iou=ious,
+            failing=question.whole("failing", 0, MOST_FAILING),
+            failures=question.choice("failures", ("worst", "mean")),  # type: ignore[arg-type]
+            levels=question.whole("levels", 1, MOST_LEVELS),
+            levels_by=question.choice("levels_by", ("worst", "mean")),  # type: ignore[arg-type]
+            errors=tuple(errors),
+            errors_by=question.choice("errors_by", ("worst", "mean")),  # type: ignore[arg-type]
+        )
+
+
+def _read_classes(question: JsonObject, cases: Cases) -> Classes:
+    names, weights = question.texts("classes"), question.numbers("class_weights")
+    stated = question.get("class_ious", list)
+    with name_errors("question"):
+        combine = question.choice("combine", ("mean", "worst"))
+        plain = Classes(tuple(names), tuple(weights), combine)  # type: ignore[arg-type]
+        if len(stated) != len(plain.names):
+            raise ValueError(f"class_ious must hold one for each of {', '.join(plain.names)}, got {len(stated)}")
+        ious = [_find_class_iou(cases, plain, name, iou) for name, iou in zip(plain.names, stated, strict=True)]
+        return replace(plain, ious=tuple(ious))
+
+
+def _find_class_iou(cases: Cases, plain: Classes, name: str, stated: object) -> float | None:
+    usual = cases.class_ious(plain, name)
+    if stated == usual or stated == list(np.atleast_1d(usual)):
+        return None
+    if isinstance(stated, bool) or not isinstance(stated, int | float):
+        raise ValueError(f"class_ious of {name} must be one number, or the IoU of the question, got {stated!r:.60}")
+    return float(stated)
+
+
+def _read_codec(question: JsonObject) -> Codec:
+    digest = question.get("codec", str)
+    for name in CODECS:
+        if find_codec(name).digest == digest:
+            return find_codec(name)
+    raise ValueError(f"question.codec must be that of {' or '.join(CODECS)}, got {digest[:60]!r}: {PLAN_AGAIN}")
+
+
+def _read_stated(chosen: JsonObject, errors: str) -> StatedFigure:
+    judged = chosen.node("judged")
+    ends = [_read_optional(judged, key, judged.number) for key in ("low", "high")]
+    low, high = (math.nan if end is None else end for end in ends)
+    frames, predicted = judged.whole("frames", 1, MAX_FRAMES), chosen.number("predicted")
+    return StatedFigure(judged.number("ap", 0, 1), low, high, frames, errors, predicted)
+
+
+def _read_stock(stock: JsonObject, site: Site, head: dict[str, str]) -> Stock:
+    poles = tuple(_read_pole(pole) for pole in stock.nodes("poles", MAX_POLES))
+    models = [_read_priced(model) for model in stock.nodes("models", MAX_MODELS)]
+    if not poles or not models:
+        raise ValueError("stock must hold a pole and a model: the file is damaged")
+    areas = tuple(_read_area(text, i) for i, text in enumerate(stock.texts("keep_out_wkt")[: MAX_AREAS + 1]))
+    if len(areas) > MAX_AREAS:
+        raise ValueError(f"stock.keep_out_wkt must hold at most {MAX_AREAS} areas")
+    catalogue = None
+    if stock.value.get("catalogue", ...) is not None:
+        catalogue = _read_catalogue(stock.node("catalogue"), models, head)
+    if stock.value.get("sensors", ...) is None:
+        candidates = _read_pool(stock, site, poles, models)
+    else:
+        candidates = _read_mounted(stock, poles, models)
+    return Stock(candidates=candidates, catalogue=catalogue, keep_out=areas)
+
+
+def _read_pole(pole: JsonObject) -> Mount:
+    name, origin = pole.get("name", str), pole.choice("origin", ORIGINS)
+    position = np.array([pole.number(axis, -MAX_COORDINATE_M, MAX_COORDINATE_M) for axis in "xyz"])
+    low, high = pole.number("min_height", 0, MOST_HEIGHT), pole.number("max_height", 0, MOST_HEIGHT)
+    price, capacity = pole.number("price", 0, MAX_PRICE), pole.number("capacity_kbit", 0, MAX_KBIT)
+    places = pole.whole("max_sensors", 1, MAX_SENSORS)
+    with name_errors(pole.path):
+        return Mount(name, position, low, high, price, capacity, places, origin)
+
+
+def _read_priced(row: JsonObject) -> tuple[PricedModel, bool]:
+    """Read a model, and whether it has a price."""
+    price = _read_optional(row, "price", lambda key: row.number(key, 0, MAX_PRICE))
+    model = read_model(row.node("model"))
+    return PricedModel(row.get("name", str), model, price or 0.0), price is not None
+
+
+def _read_area(text: str, number: int) -> shapely.Geometry:
+    where = f"stock.keep_out_wkt[{number}]"
+    try:
+        area = shapely.from_wkt(text)
+    except shapely.errors.ShapelyError:
+        raise ValueError(f"{where} must be a polygon as well-known text, got {text[:60]!r}") from None
+    sound = area is not None and area.geom_type in ("Polygon", "MultiPolygon") and area.is_valid and not area.is_empty
+    if not sound or not np.isfinite(area.bounds).all() or max(map(abs, area.bounds)) > MAX_COORDINATE_M:
+        raise ValueError(f"{where} must be a sound polygon in the site's metres, got {text[:60]!r}")
+    return area
+
+
+def _read_catalogue(node: JsonObject, models: list[tuple[PricedModel, bool]], head: dict[str, str]) -> SensorCatalogue:
+    if not all(priced for _, priced in models):
+        raise ValueError("stock.models must all have a price where there is a catalogue: the file is damaged")
+    rates = node.node("rates")
+    rates.check_keys(RATES)
+    return SensorCatalogue(
+        tuple(model for model, _ in models),
+        node.get("currency", str),
+        _read_optional(node, "pole_price", lambda key: node.number(key, 0, MAX_PRICE)),
+        node.get("digest", str),
+        {key: rates.number(key, 0, MAX_PRICE) for key in rates.value},
+        node.number("years", 0, 1000),
+        head,
+    )
+
+
+def _read_pool(
+    stock: JsonObject, site: Site, poles: tuple[Mount, ...], models: list[tuple[PricedModel, bool]]
+) -> Candidates:
+    heights, tilts = stock.numbers("heights_m"), stock.numbers("tilts_deg")
+    headings = stock.whole("headings", 1, MAX_STEPS)
+    if max(len(heights), len(tilts)) > MAX_STEPS:
+        raise ValueError(f"stock.heights_m and tilts_deg must hold at most {MAX_STEPS} numbers")
+    poses = len(poles) * len(heights) * headings * len(tilts) * len(models)
+    if poses > MAX_POSES:
+        raise ValueError(f"stock must have at most {MAX_POSES} poses, got {poses}: leave out poles")
+    offer: Any = [each.model for each, _ in models]
+    if all(priced for _, priced in models):
+        offer = {each.model: each.price for each, _ in models}
+    radians = np.deg2rad(tilts).tolist()
+    with name_errors("stock"):
+        return pool(site, heights=heights, headings=headings, tilts=radians, models=offer, mounts=poles)
+
+
+def _read_mounted(stock: JsonObject, poles: tuple[Mount, ...], models: list[tuple[PricedModel, bool]]) -> Candidates:
+    sensors, factors = [], []
+    for row in stock.nodes("sensors", MAX_SENSORS):
+        pole, model = row.whole("pole", 0, len(poles) - 1), row.whole("model", 0, len(models) - 1)
+        sensor = read_sensor(row.numbers("position", 3), row, models[model][0].model)
+        sensors.append(sensor)
+        factors.append((pole, model))
+    if not sensors:
+        raise ValueError("stock.sensors must hold one sensor or more, or be null")
+    mount = np.array([pole for pole, _ in factors], np.int64)
+    headings, tilts = aims(sensors)
+    heights = [sensor.position[2] - poles[pole].position[2] for sensor, (pole, _) in zip(sensors, factors, strict=True)]
+    prices = tuple(each.price for each, _ in models) if all(priced for _, priced in models) else ()
+    nothing = np.zeros(0)
+    axes = Axes(nothing, nothing, nothing, tuple(each.model for each, _ in models), prices)
+    empty = Candidates((), poles, np.zeros((0, 5), np.int64), axes)
+    with name_errors("stock"):
+        return Candidates.of_poses(sensors, mount, np.column_stack([heights, headings, tilts]), empty)
