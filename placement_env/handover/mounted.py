@@ -1,5 +1,6 @@
 """A chosen set as it is mounted: its site, and each sensor for its installer, with links and materials."""
 
+import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -8,6 +9,7 @@ import numpy as np
 
 from placement_env.candidates.candidates import Candidates, aims
 from placement_env.candidates.sensor_catalogue import RATES, SensorCatalogue
+from placement_env.links import LINK_SHARE, ROUNDING_SHARE, describe_share, link_load
 from toolkit.arrays import Float64, Int64
 from toolkit.sensors.models import name_in_words
 from toolkit.sensors.sensor import Sensor
@@ -27,7 +29,8 @@ class PlannedSensor:
 
     x, y, z: position (m, site frame); longitude, latitude: degrees, None without a geographic reference; height: above
     the foot of its pole (m); bearing_deg: compass bearing of the optical axis, clockwise from north (+y of the site's
-    map); tilt_deg: below the horizon; kbit, peak_kbit: mean and maximum per frame; capacity_kbit: of its link."""
+    map); tilt_deg: below the horizon; kbit, peak_kbit: mean and maximum per frame; capacity_kbit: of its link;
+    load_kbit: that it takes up of it (`placement_env.links`)."""
 
     name: str
     pole: str
@@ -45,11 +48,15 @@ class PlannedSensor:
     kbit: float
     peak_kbit: float
     capacity_kbit: float
+    load_kbit: float
 
 
 @dataclass(frozen=True)
 class LinkLoad:
-    """Load of one pole's link at `RATE` frames a second, and its capacity."""
+    """Load of one pole's link at `RATE` frames a second, and its capacity.
+
+    mbit_s, peak_mbit_s, load_mbit_s: mean, largest frame, and what counts against the capacity, of which it is `share`:
+    see `placement_env.links`."""
 
     pole: str
     mbit_s: float
@@ -57,6 +64,7 @@ class LinkLoad:
     capacity_mbit_s: float
     share: float
     fits: bool
+    load_mbit_s: float
 
 
 @dataclass(frozen=True)
@@ -86,12 +94,14 @@ def format_sensors(
     *,
     kbit: Float64[np.ndarray, "k frames"],
     catalogue: SensorCatalogue | None = None,
+    link_share: float = LINK_SHARE,
 ) -> tuple[PlannedSensor, ...]:
     """Describe each sensor of a set for its installer, in the order of the set.
 
     chosen, moved: as for `mounted_site`, whose sensors have the same names; kbit: sent by each sensor, per frame;
-    catalogue: with names of models, None for their usual names. A mount is paid for with the first sensor on it.
-    Raises ValueError if their numbers differ; ImportError if the site's map needs pyproj."""
+    catalogue: with names of models, None for their usual names; link_share: of the frames, for the loads. A mount is
+    paid for with the first sensor on it. Raises ValueError if their numbers differ; ImportError if the site's map
+    needs pyproj."""
     sensors, mounts = _sensors(candidates, chosen, moved)
     if len(kbit) != len(sensors):
         raise ValueError(f"kbit must hold a row for each of {len(sensors)} sensors, got {len(kbit)}")
@@ -99,6 +109,7 @@ def format_sensors(
     places = [(None, None)] * len(sensors) if degrees is None else degrees.tolist()
     headings, tilts = aims(sensors)
     prices, mean_kbit = candidates.model_prices[np.asarray(chosen, np.int64)], kbit.mean(axis=1)
+    loads = link_load(kbit, link_share)
     return tuple(
         PlannedSensor(
             name=sensor.name,
@@ -115,6 +126,7 @@ def format_sensors(
             kbit=float(mean_kbit[i]),
             peak_kbit=float(kbit[i].max()),
             capacity_kbit=float(mount.capacity),
+            load_kbit=float(loads[i]),
         )
         for i, (sensor, mount) in enumerate(zip(sensors, mounts, strict=True))
     )
@@ -148,16 +160,36 @@ def _sensors(
     return tuple(replace(sensor, name=sensor.name.replace("/", "-")) for sensor in sensors), tuple(mounts)
 
 
+def build_load(pole: str, mean: float, peak: float, load: float, capacity: float, *, limited: bool) -> LinkLoad:
+    """Load of one link from its amounts (Mbit/s). limited: as of `link_loads`."""
+    fits = load <= capacity * (1 + ROUNDING_SHARE) or not limited
+    return LinkLoad(pole, mean, peak, capacity, load / capacity, fits, load)
+
+
 def link_loads(sensors: tuple[PlannedSensor, ...], *, limited: bool) -> tuple[LinkLoad, ...]:
     """Load of each pole's link. Sensors that share one add up, peaks too. limited: whether the scheme sends points;
     only points count against the capacity."""
     loads = []
     for pole in dict.fromkeys(sensor.pole for sensor in sensors):
         here = [sensor for sensor in sensors if sensor.pole == pole]
-        sums = sum(sensor.kbit for sensor in here), sum(sensor.peak_kbit for sensor in here), here[0].capacity_kbit
-        mean, peak, capacity = (kbit * RATE / MBIT for kbit in sums)
-        loads.append(LinkLoad(pole, mean, peak, capacity, peak / capacity, peak <= capacity or not limited))
+        names = ("kbit", "peak_kbit", "load_kbit")
+        mean, peak, load = (sum(getattr(sensor, name) for sensor in here) * RATE / MBIT for name in names)
+        loads.append(build_load(pole, mean, peak, load, here[0].capacity_kbit * RATE / MBIT, limited=limited))
     return tuple(loads)
+
+
+def describe_narrow_links(loads: Sequence[LinkLoad], link_share: float = LINK_SHARE) -> str:
+    """Sentence on the links that cannot carry what is sent, with remedies; "" where each can."""
+    narrow = [load for load in loads if not load.fits]
+    if not narrow:
+        return ""
+    needs = [f"{load.pole} needs {load.load_mbit_s:.2f} of {load.capacity_mbit_s:.2f} Mbit/s" for load in narrow]
+    needed_kbit = math.ceil(max(load.load_mbit_s for load in narrow) * MBIT / RATE)
+    links = "The link is too narrow" if len(narrow) == 1 else f"{len(narrow)} links are too narrow"
+    return (
+        f"{links} for {describe_share(link_share)}: {', '.join(needs)}; plan with links of {needed_kbit} kbit per "
+        "frame (--capacity), allow each sensor less (--max-kbit), or send less (--scheme foreground or late)."
+    )
 
 
 def bill_of_rates(sensors: Sequence[PlannedSensor], catalogue: SensorCatalogue | None) -> tuple[MaterialItem, ...]:

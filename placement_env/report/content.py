@@ -13,6 +13,7 @@ from placement_env.candidates.candidates import Candidates
 from placement_env.cases import IoUs
 from placement_env.handover.ground import Ground, GroundShares
 from placement_env.handover.mounted import LinkLoad, MaterialItem, PlannedSensor
+from placement_env.links import LINK_SHARE
 from toolkit.arrays import Bool, Float32, Mask
 from toolkit.display import Card, Displayed, Table
 from toolkit.objects import Detections, Objects
@@ -55,7 +56,7 @@ class PlanOption:
     None if not judged; searches: those that found it; mean_ap: over IoU 0.7, 0.8 and 0.9. Three results are None unless
     the plan asks for them: left: with failed sensors, over the levels of traffic if there are several; over_levels:
     intact, over the levels; over_errors: over the error profiles, with failures and levels. All other figures are at
-    the first profile."""
+    the first profile. fits_links: whether the links carry what is sent in the frames that it was judged on."""
 
     sensors: tuple[str, ...]
     price: float
@@ -69,6 +70,7 @@ class PlanOption:
     over_levels: Judgement | None = None
     over_errors: Judgement | None = None
     poles: tuple[str, ...] = ()
+    fits_links: bool = True
 
     @property
     def counted(self) -> Judgement | None:
@@ -226,6 +228,12 @@ class Plan(Displayed):
     assumptions: tuple[str, ...] = ()
     unknown: tuple[str, ...] = ()
     provenance: dict[str, object] = field(default_factory=dict)
+
+    @property
+    def link_share(self) -> float:
+        """Share of the frames in which links must carry what is sent."""
+        share = self.question.get("link_share", LINK_SHARE)
+        return share if isinstance(share, float) else LINK_SHARE
 
     def _card(self) -> Card:
         tables = {"sensors": self._list_sensors, "considered": self._list_options}
