@@ -8,6 +8,7 @@ reports."""
 import secrets
 import threading
 import time
+import traceback
 from collections import deque
 from collections.abc import Callable, Iterable
 from contextlib import suppress
@@ -63,6 +64,7 @@ CATCH = 3.0  # m from the pointer within which a pole catches a sensor that is c
 AWAY, WIDE = 1.25, 1.3  # times as far from the area as the report's view, in windows at least so wide for their height
 PHONE, SHEET = 576, 0.6  # px of width below which the panel is a sheet over this share of the scene
 GHOST, KEPT_OUT = "#4463f6", "#b3261e"
+GO_ON = "go on, and report the lines in the terminal"
 CLASSES = {"vehicle": ("vehicle",), "cyclist and pedestrian": SMALL, "all three": ("vehicle", *SMALL)}
 Spot = Float64[np.ndarray, "3"]
 
@@ -85,6 +87,7 @@ class LivePage:
         self._long: deque[Callable[[], None]] = deque()
         self._wake, self._closed, self._touched = threading.Condition(), False, 0.0
         self._behind = 0.0  # since when what is slow to draw is to be drawn
+        self._played = 0.0  # when a frame of traffic was played
         self._drag: Callable[[], None] | None = None
         self._nodes: dict[str, list[Handle]] = {}
         self._ghosts: list[Suggestion] = []
@@ -130,29 +133,41 @@ class LivePage:
     # threads
 
     def _work(self) -> None:
-        played = time.monotonic()
         while not self._closed:
-            with self._wake:
-                if not self._jobs and self._drag is None and not self._behind:
-                    self._wake.wait(0.3)
-                idle = not self._jobs and self._drag is None
-                if self._behind and (idle or time.monotonic() > self._behind + LATE):
-                    job: Callable[[], None] | None = self._draw_rest
-                else:
-                    job = self._jobs.popleft() if self._jobs else self._drag
-                if job is self._drag:
-                    self._drag = None
+            job = self._next_job()
             if job is not None:
                 self._touched = time.monotonic()
                 self._try(job)
             elif not self._begun:
                 if self._aimed and self._answer is not None and time.monotonic() > self._touched + PAINT:
-                    self._begin()
-            elif self._play.value and time.monotonic() - played > 0.25:
-                played = time.monotonic()
-                self._frame.value = (int(self._frame.value) + 1) % self.planner.frames
+                    self._try(self._begin)
+            elif self._play.value and time.monotonic() - self._played > 0.25:
+                self._played = time.monotonic()
+                self._try(self._show_next_frame)
+
+    def _next_job(self) -> Callable[[], None] | None:
+        """Take what is to be done next, after a short wait for it; None for nothing."""
+        with self._wake:
+            if not self._jobs and self._drag is None and not self._behind:
+                self._wake.wait(0.3)
+            idle = not self._jobs and self._drag is None
+            if self._behind and (idle or time.monotonic() > self._behind + LATE):
+                return self._draw_rest
+            if self._jobs:
+                return self._jobs.popleft()
+            job, self._drag = self._drag, None
+            return job
+
+    def _show_next_frame(self) -> None:
+        self._frame.value = (int(self._frame.value) + 1) % self.planner.frames
 
     def _refine(self) -> None:
+        while not self._closed:
+            if not self._try(self._refine_on):
+                self._touched = time.monotonic()  # a pause before it is tried again
+
+    def _refine_on(self) -> None:
+        """Refine until the page closes."""
         more, tidied = True, time.monotonic()
         while not self._closed:
             answer = self._answer
@@ -193,12 +208,22 @@ class LivePage:
                 self._busy = ""
                 self.do(self._show_note)
 
-    def _try(self, job: Callable[[], None]) -> None:
+    def _try(self, job: Callable[[], None]) -> bool:
+        """Do something, and show why it failed; True if it did not. Nothing that fails ends the page."""
         try:
             job()
         except (ValueError, OSError, ImportError) as error:
             self._note = str(error)
+        except Exception as error:  # of one control, drag or drawing: the page lives on
+            traceback.print_exc()
+            self._note = f"that did not work, by a fault of coview ({type(error).__name__}: {error!s:.80}); {GO_ON}"
+        else:
+            return True
+        with suppress(Exception):  # such as of a browser that has gone
+            self._show_note()
+        if job != self._draw:
             self.do(self._draw)
+        return False
 
     def _later(self, what: str, job: Callable[[], None]) -> None:
         with self._wake:
@@ -274,7 +299,7 @@ class LivePage:
             self._frame = gui.add_slider("Frame", 0, max(planner.frames - 1, 1), 1, busiest)
             self._frame.on_update(lambda _: self.do(self._draw_traffic))
             self._play = gui.add_checkbox("Play the traffic", False)
-            gui.add_button("From above").on_click(lambda event: self._look_down(event.client))
+            gui.add_button("From above").on_click(lambda event: self.do(lambda: self._look_down(event.client)))
         with tabs.add_tab("Files"):
             gui.add_button("Export site, map and schedule").on_click(lambda _: self._later("exporting", self._export))
             gui.add_button("Judge and write the report").on_click(lambda _: self._later("judging", self._report))
@@ -423,17 +448,20 @@ class LivePage:
         self.do(lambda: self._show(change(*arguments)))
 
     def _move_typed(self) -> None:
-        typed = str(self._bearing.value), float(self._tilt.value), float(self._height.value)
-        self._change(self._move_as_typed, self._name, *typed)
+        self._change(self._move_as_typed, self._name, self._bearing.value, self._tilt.value, self._height.value)
 
-    def _move_as_typed(self, name: str, bearing: str, tilt_deg: float, height: float) -> "LiveAnswer":
+    def _move_as_typed(self, name: str, bearing: object, tilt: object, height: object) -> "LiveAnswer":
         yard, sensor = self.planner.yard, self.planner.variant.find(name)
-        heading, tilt = parse_heading(yard.site, bearing, sensor.heading), parse_tilt(tilt_deg, sensor.tilt)
         mount = yard.find_mount(self.planner.variant, sensor.mount)
-        return self.planner.move(name, heading, tilt, parse_height(mount, height, sensor.height))
+        return self.planner.move(
+            name,
+            parse_heading(yard.site, str(bearing), sensor.heading),
+            parse_tilt(float(str(tilt)), sensor.tilt),
+            parse_height(mount, float(str(height)), sensor.height),
+        )
 
     def _add(self) -> "LiveAnswer":
-        site, pole = self.planner.yard.site, self.planner.yard.mounts[self._pole.value]
+        site, pole = self.planner.yard.site, self.planner.yard.find_mount(self.planner.variant, str(self._pole.value))
         x, y = (site.area[:2] + site.area[2:]) / 2 - pole.position[:2]
         return self.planner.add(pole.name, float(np.arctan2(y, x)), model=self._model.value)
 
@@ -597,8 +625,13 @@ class LivePage:
         return [housing, handle, way, label]
 
     def _choose(self, name: str) -> None:
-        self._chosen.value = name
-        self.do(self._fill)
+        self.do(lambda: self._choose_now(name))
+
+    def _choose_now(self, name: str) -> None:
+        self._fill()
+        if name in self._chosen.options:  # another browser may have removed it
+            self._chosen.value = name
+            self._fill()
 
     def _take(self, name: str, event: Handle, then: Callable[[Spot, bool], None], node: Handle) -> None:
         """Follow a drag: where the pointer meets the level of what is dragged."""
@@ -625,15 +658,16 @@ class LivePage:
         self._end_drag(name, last)
 
     def _carry(self, name: str, spot: Spot, *, last: bool) -> None:
+        mount = self.planner.variant.find(name).mount
         mounts = [*self.planner.yard.stock.mounts, *self.planner.variant.poles]
         away = np.array([np.hypot(*(mount.position[:2] - spot[:2])) for mount in mounts])
         if away.min() <= CATCH:
             pole = mounts[int(away.argmin())].name
-            if pole != self.planner.variant.find(name).mount:
+            if pole != mount:
                 self._show(self.planner.move(name, position=pole, dragging=True))
         elif last:
             self._show(self.planner.move(name, position=(float(spot[0]), float(spot[1])), dragging=True))
-        else:
+        elif name in self._nodes:  # another browser may have brought it a moment ago
             self._nodes[name][0].position = spot
             self._drawn.pop(name, None)
         self._end_drag(name, last)

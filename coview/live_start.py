@@ -5,11 +5,13 @@ What takes long to import is imported once the page is served."""
 import gc
 import re
 import secrets
-from collections.abc import Callable
-from contextlib import ExitStack, suppress
+import signal
+import threading
+import traceback
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from html import escape
 from pathlib import Path
-from threading import Lock
 from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 
@@ -37,7 +39,7 @@ class StartPage:
     """Panel that opens a map or site. then: gets the name or file of a site; folder: for uploads and imported sites."""
 
     def __init__(self, server: "ViserServer", folder: Path, then: Callable[[str], None]) -> None:
-        self._folder, self._then, self._busy = folder, then, Lock()
+        self._folder, self._then, self._busy = folder, then, threading.Lock()
         gui = server.gui
         gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(68, 99, 246))
         gui.main_panel.dock_right()
@@ -59,8 +61,10 @@ class StartPage:
         try:
             self._said.content = note_html("opening", "")
             self._then(self._import(find()))
-        except (ValueError, OSError, ImportError) as error:
-            self._said.content = note_html("", str(error))
+        except Exception as error:  # whatever a map holds: the page lives on
+            if not isinstance(error, ValueError | OSError | ImportError):
+                traceback.print_exc()
+            self._said.content = note_html("", str(error) or type(error).__name__)
         finally:
             self._busy.release()
 
@@ -163,7 +167,7 @@ class LiveSession:
         self._open.callback(self.page.close)
 
     def wait(self) -> None:
-        """Serve until the process is interrupted."""
+        """Serve until the process is interrupted or told to end (SIGTERM)."""
         with suppress(KeyboardInterrupt):
             self._server.sleep_forever()
 
@@ -173,3 +177,20 @@ class LiveSession:
 
     def _repr_html_(self) -> str:
         return f'<iframe src="{escape(self.url)}" width="100%" height="640" style="border:1px solid #ccc"></iframe>'
+
+
+@contextmanager
+def interrupted_by_sigterm() -> Iterator[None]:
+    """Let SIGTERM end a block as Ctrl-C does, so that what is open is saved; nothing outside the main thread."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def interrupt(number: int, frame: object) -> None:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)

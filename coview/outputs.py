@@ -4,20 +4,28 @@ import json
 import os
 import sys
 import traceback
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TextIO
 
 from toolkit.runtime import files
-from toolkit.runtime.files import UNFINISHED, check_output, replace_infinite
+from toolkit.runtime.files import UNFINISHED, check_output, read_json, replace_infinite
 from toolkit.runtime.parallel import WorkLost
 from toolkit.runtime.resumable import ShardFolder
 from toolkit.runtime.text_tables import escape
 
 OK, SUSPECTED, BAD_INPUT, MISSING, LOST, INTERNAL, INTERRUPTED, PIPE_CLOSED = 0, 1, 2, 3, 4, 70, 130, 141
 NOT_MET = SUSPECTED  # a plan's requirement cannot be met; "no", like a suspicion of the doctor
+KINDS = {  # of files that take long to make again, by a key that no other has
+    "map_SE3_site": "a site's file",
+    "coview_plan": "a plan",
+    "coview_live": "a project of coview live",
+    "decoded": "the card of a network",
+}
+SITE_KIND, PLAN_KIND, CARD_KIND = "a site's file", "a plan", "the card of a network"
+MAX_JSON_BYTES = 100_000_000
 OURS = ("coview", "placement_env", "models", "toolkit")
 REPORT = "this is a fault of coview, not of what you gave it: please report it with the lines above"
 
@@ -42,22 +50,56 @@ def print_result(result: object, text: str, *, as_json: bool) -> None:
     say(json.dumps(replace_infinite(result), allow_nan=False) if as_json else text)
 
 
-def check_file(out: Path | None, *, inputs: Iterable[Path] = (), overwrite: bool = False) -> None:
-    """Check that a command may write a file, if any.
+def check_file(out: Path | None, *, inputs: Iterable[Path] = (), overwrite: bool = False, kind: str = "") -> None:
+    """Check that a command may write a file, if any. kind: of `KINDS` that it writes, "" for others.
 
-    Raises ValueError if `out` is an input, OSError if it cannot be written or exists without `overwrite`."""
+    Raises ValueError if `out` is an input or of a kind that the command does not write, whatever `overwrite` says;
+    OSError if it cannot be written or exists without `overwrite`."""
     if out is not None:
-        check_output(out, inputs=inputs, overwrite=overwrite)
+        check_output(out, inputs=inputs, overwrite=True)
+        found = find_kind(out)
+        if found not in ("", kind):
+            raise ValueError(f"{out} is {found}, which this command does not write: give another name")
+        check_output(out, overwrite=overwrite)
         if out.is_dir():
             raise IsADirectoryError(f"{out} is a folder: give the name of a file in it")
         check_writable(out.resolve().parent, out)
 
 
-def check_folder(out: Path, *, holds: str, inputs: Iterable[Path] = (), overwrite: bool = False) -> None:
-    """Check that a command may write the file `holds` into a folder, new or old."""
+def find_kind(path: Path) -> str:
+    """Kind of a file among `KINDS`, "" for another file and none."""
+    if path.suffix.lower() not in (".json", ".geojson") or not path.is_file() or path.stat().st_size > MAX_JSON_BYTES:
+        return ""
+    try:
+        content = read_json(path)
+    except (OSError, ValueError):
+        return ""
+    keys = content.keys() if isinstance(content, dict) else ()
+    return next((kind for key, kind in KINDS.items() if key in keys), "")
+
+
+def check_folder(
+    out: Path,
+    *,
+    holds: str,
+    inputs: Iterable[Path] = (),
+    overwrite: bool = False,
+    writes: Collection[str] = (),
+    kind: str = "",
+) -> None:
+    """Check that a command may write the file `holds` into a folder, new or old. writes: names of its other files;
+    kind: of `holds`.
+
+    Raises ValueError where one of them is read, or is there without `holds`, so that another made it."""
     inputs = list(inputs)
     check_output(out, inputs=inputs, overwrite=True)
-    check_file(out / holds, inputs=inputs, overwrite=overwrite)
+    for name in writes:
+        check_output(out / name, inputs=inputs, overwrite=True)
+    strange = [name for name in sorted(writes) if name != holds and (out / name).exists()]
+    if strange and not (out / holds).exists():
+        made = f"{out} holds {strange[0]}, which this command did not write, as there is no {holds}"
+        raise ValueError(f"{made}: give another folder, or it would be lost")
+    check_file(out / holds, inputs=inputs, overwrite=overwrite, kind=kind)
 
 
 def check_new_folder(out: Path, *, inputs: Iterable[Path] = (), overwrite: bool = False) -> None:

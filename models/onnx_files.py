@@ -1,4 +1,5 @@
-"""Networks as ONNX files, ours and anybody's, each with a card, NAME.json, beside NAME.onnx: see docs/how-to/onnx.md.
+"""Networks as ONNX files, ours and anybody's, each with a card, NAME.onnx.json, beside NAME.onnx: see
+docs/how-to/onnx.md.
 
 The card is a JSON object of values of `VoxelNetConfig`, of which `area` and `labels` are required, of `decoded` (does
 the network return boxes, or maps), and if wanted of `nms_threshold` and of the `sha256` of the file."""
@@ -26,7 +27,7 @@ from models.network.voxelnet import HeightFold, Prediction, VoxelFeatures, Voxel
 from models.weight_files import load_weights
 from toolkit.arrays import Float, Points
 from toolkit.objects import Detections
-from toolkit.runtime.files import parse_json, write_bytes, write_text
+from toolkit.runtime.files import parse_json, writing
 
 _POINTS, _VOXELS, _BOXES = ["points"], ["features", "voxel", "cells"], ["boxes", "scores", "labels"]
 _MISSING = "networks in ONNX need {}: pip install coview[onnx]"
@@ -85,13 +86,20 @@ def export_onnx(name: str | Path, out: Path, area: Iterable[SupportsFloat] | Non
         proto.metadata_props.add(key="faces", value=base64.b64encode(save(network.faces.state_dict())).decode())
     content = proto.SerializeToString()
     card = {"decoded": False, "sha256": sha256(content).hexdigest(), **network.config.to_dict()}
-    write_bytes(out, content)
-    write_text(card_file(out), json.dumps(card, indent=1) + "\n")
+    with writing(out) as network_file, writing(card_file(out)) as unfinished_card:  # both or none
+        network_file.write_bytes(content)
+        unfinished_card.write_text(json.dumps(card, indent=1) + "\n", encoding="utf-8")
 
 
 def card_file(path: str | Path) -> Path:
-    """Path of the card beside an ONNX file."""
-    return Path(path).with_suffix(".json")
+    """Path of the card beside an ONNX file: NAME.onnx.json."""
+    return Path(path).with_name(f"{Path(path).name}.json")
+
+
+def find_card(path: str | Path) -> Path:
+    """Path of the card that is there: NAME.onnx.json, or NAME.json of an earlier coview."""
+    earlier = Path(path).with_suffix(".json")
+    return earlier if earlier.is_file() and not card_file(path).is_file() else card_file(path)
 
 
 class OnnxDetector(VoxelNetDetector):
@@ -109,9 +117,10 @@ class OnnxDetector(VoxelNetDetector):
         score_threshold: float | None = None,
         nms_threshold: float | None = None,
     ) -> None:
-        card = card_file(path)
+        card = find_card(path)
         if missing := [str(each) for each in (Path(path), card) if not each.is_file()]:
-            raise FileNotFoundError(f"no file {missing[0]}: a network in ONNX needs NAME.onnx and its card NAME.json")
+            needs = "a network in ONNX needs NAME.onnx and its card NAME.onnx.json"
+            raise FileNotFoundError(f"no file {missing[0]}: {needs}")
         self._content, self._session = Path(path).read_bytes(), None
         self._weights = sha256(self._content).hexdigest()
         try:

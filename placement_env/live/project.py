@@ -16,12 +16,13 @@ from pathlib import Path
 from typing import Any
 
 from placement_env.fidelity.coverage import sent_per_frame
-from placement_env.handover.exchange import EXCHANGE_FILES, write_exchange
+from placement_env.handover.exchange import EXCHANGE_FILES, SCHEDULE, SITE, write_exchange
 from placement_env.handover.ground import visible_ground
 from placement_env.handover.mounted import format_sensors, mounted_site, unused_mounts
 from placement_env.live.picture import GroundPicture
 from placement_env.live.planner import LivePlanner
 from placement_env.live.variant import Variant, check_name
+from placement_env.report.planning.plan_folder import CONTENT
 from toolkit.runtime.files import name_errors, read_json, take, write_text, writing_together
 from toolkit.runtime.json_object import JsonObject
 from toolkit.sites.files import format_site
@@ -162,10 +163,11 @@ def _format(variant: Variant) -> str:
 
 def export_variant(planner: LivePlanner, folder: Path) -> list[Path]:
     """Write site.json, a map and a schedule of the variant that is shown; return their paths. Raises ValueError without
-    a sensor, OSError where the folder cannot be written."""
+    a sensor and for a folder with a site or plan that no export wrote, OSError where it cannot be written."""
     variant, site = planner.variant, planner.yard.site
     if not variant.sensors:
         raise ValueError("there is no sensor to export: add one")
+    _check_export(folder)
     candidates, members = planner.yard.candidates(variant), range(len(variant.sensors))
     planner.finish()
     kbit = sent_per_frame(planner.look(candidates)[0], planner.setting.fusion, planner.setting.codec)
@@ -175,6 +177,15 @@ def export_variant(planner: LivePlanner, folder: Path) -> list[Path]:
     with writing_together(folder) as unfinished:
         write_exchange(unfinished, mounted, sensors, ground, unused=unused, currency=planner.currency)
     return [folder / name for name in EXCHANGE_FILES]
+
+
+def _check_export(folder: Path) -> None:
+    """Raise ValueError where an export would replace the files of a plan, or somebody's site."""
+    if (folder / CONTENT).exists():
+        raise ValueError(f"{folder} is the folder of a plan, which an export would change: start with another --out")
+    if (folder / SITE).exists() and not (folder / SCHEDULE).exists():
+        made = f"{folder} holds a {SITE} that no export wrote"
+        raise ValueError(f"{made}: rename it, or start with another --out")
 
 
 def report_variant(planner: LivePlanner, folder: Path) -> list[Path]:

@@ -79,7 +79,7 @@ def writing_together(folder: str | Path) -> Iterator[Path]:
     moves. Raises OSError as `writing`."""
     with _name_output(folder), _aside(Path(os.path.realpath(folder)), inside=True) as (target, unfinished):
         yield unfinished
-        for each in unfinished.iterdir():
+        for each in sorted(unfinished.iterdir()):
             place = Path(os.path.realpath(target / each.name))
             each.chmod(_mode(place))
             each.replace(place)

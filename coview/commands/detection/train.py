@@ -9,7 +9,7 @@ from tyro.conf import Positional
 
 from coview.arguments import check_ending, check_least
 from coview.detectors import BACKGROUND, GENERAL, check_detector, recording_detector
-from coview.outputs import OK, Writing, check_file, check_folder, print_result
+from coview.outputs import CARD_KIND, OK, Writing, check_file, check_folder, print_result
 from coview.progress_bar import progress_bar
 from coview.recordings import Opening
 from models.training.options import TrainingOptions
@@ -177,14 +177,16 @@ def export(
 
     Args:
         weights: Shipped weights, or a weights file.
-        out: ONNX file to write; the card is NAME.json beside it.
+        out: ONNX file to write; the card is NAME.onnx.json beside it.
         area: Area xmin ymin xmax ymax (m), for weights that go anywhere; that of the weights when left out."""
     from models.detector import weights_file
     from models.onnx_files import card_file, export_onnx
 
     check_ending(out, (".onnx",), "a network in ONNX")
-    for path in (out, card_file(out)):
-        check_file(path, inputs=[weights_file(weights)], overwrite=writing.overwrite)
+    inputs = [weights_file(weights)]
+    check_file(out, inputs=inputs, overwrite=writing.overwrite)
+    unfinished = not out.exists()  # a killed export may have left its card
+    check_file(card_file(out), inputs=inputs, overwrite=writing.overwrite or unfinished, kind=CARD_KIND)
     out.parent.mkdir(parents=True, exist_ok=True)
     export_onnx(weights, out, area)
     print_result({"out": str(out), "card": str(card_file(out))}, f"{out}, card {card_file(out)}", as_json=writing.json)

@@ -1,6 +1,7 @@
 """`coview live` and `coview what-if`: move sensors by hand, in the browser or on the command line."""
 
 import sys
+from contextlib import closing
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -69,8 +70,8 @@ class Changes:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Conditions:
-    """Conditions under which sensors are scored."""
+class LiveConditions:
+    """LiveConditions under which sensors are scored."""
 
     iou: float | None = None
     """IoU at which a detection counts; that of the plan, or 0.7, when left out."""
@@ -114,7 +115,7 @@ def what_if(
     changes: Annotated[Changes, tyro.conf.arg(name="")] = Changes(),
     stock: StockOptions = USUAL_STOCK,
     classes: ClassOptions = USUAL_CLASSES,
-    conditions: Conditions = Conditions(),
+    conditions: LiveConditions = LiveConditions(),
     run: Run = LIVE_RUN,
     writing: Writing = Writing(),
 ) -> int:
@@ -145,7 +146,7 @@ def live(
     *,
     stock: StockOptions = USUAL_STOCK,
     classes: ClassOptions = USUAL_CLASSES,
-    conditions: Conditions = Conditions(),
+    conditions: LiveConditions = LiveConditions(),
     run: Run = LIVE_RUN,
     keeping: Annotated[Keeping, tyro.conf.arg(name="")] = Keeping(),
     serving: Annotated[Serving, tyro.conf.arg(name="")] = Serving(),
@@ -166,7 +167,7 @@ def live(
         site: A site with or without sensors, or the folder of a plan; the page asks for a map or site when left out."""
     import webbrowser
 
-    from coview.live_start import LiveSession
+    from coview.live_start import LiveSession, interrupted_by_sigterm
     from toolkit.viewing.scene import check_viser
 
     check_viser()
@@ -181,7 +182,7 @@ def live(
         return planner, ProjectFile(find_project(where), planner, last_good=keeping.last_good)
 
     session = LiveSession(begin, port=serving.port, folder=keeping.out)
-    try:
+    with interrupted_by_sigterm(), closing(session):
         project = str(find_project(site) if site else keeping.out)
         said = f"{session.url} (this machine alone; Ctrl-C ends it; kept in {project})"
         print_result({"url": session.url, "project": project}, said, as_json=writing.json)
@@ -191,8 +192,6 @@ def live(
         if site:
             session.open(site)
         session.wait()
-    finally:
-        session.close()
     return OK
 
 
@@ -200,7 +199,7 @@ def open_planner(
     where: str,
     stock: StockOptions,
     classes: ClassOptions,
-    conditions: Conditions,
+    conditions: LiveConditions,
     run: Run,
     *,
     first: int | None = None,
@@ -224,7 +223,7 @@ def open_planner(
 
 
 def _open_plan(
-    where: str, stock: StockOptions, classes: ClassOptions, conditions: Conditions, run: Run
+    where: str, stock: StockOptions, classes: ClassOptions, conditions: LiveConditions, run: Run
 ) -> "PlanFolder":
     """Read a plan's folder, and change its question by the options. Raises ValueError for those that a plan brings."""
     from placement_env.report.planning.plan_folder import read_plan_folder

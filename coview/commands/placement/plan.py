@@ -11,7 +11,7 @@ from tyro.conf import Positional
 
 from coview.arguments import check_least, check_schemes, check_share, site_file
 from coview.options import ClassOptions, Output, load_own_detector
-from coview.outputs import NOT_MET, OK, check_folder, check_writable, claim, print_result
+from coview.outputs import NOT_MET, OK, PLAN_KIND, check_folder, check_writable, claim, print_result
 from coview.progress_bar import progress_bar
 from placement_env.candidates.candidates import NoCandidates
 from placement_env.candidates.poles import load_keep_out
@@ -133,12 +133,12 @@ def plan(
 
     Args:
         site: tjunction, roundabout, or a site file."""
-    from placement_env.report.planning.planning import plan as answer, write_plan
+    from placement_env.report.planning.planning import PLAN_FILES, plan as answer, write_plan
 
     out = output.out or Path("out/plan")
     files = [path for path in (stock.sensors, stock.keep_out) if path is not None]
     inputs = [*site_file(site), *site_file(stock.candidates), *files]
-    check = partial(check_folder, out, holds=CONTENT, inputs=inputs)
+    check = partial(check_folder, out, holds=CONTENT, inputs=inputs, writes=PLAN_FILES, kind=PLAN_KIND)
     asked = (site, goal, stock, classes, cases, run)
     most_price = math.inf if goal.money is None else goal.money
     setting = stock.setting(site, classes, cases, run)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from tyro.conf import Positional, subcommand
 
 from coview.arguments import check_bearing, check_ending, check_least, check_turn, site_file
-from coview.outputs import OK, check_file, say
+from coview.outputs import OK, SITE_KIND, check_file, say
 from toolkit.plots.canvas import check_picture
 from toolkit.runtime.files import write_text
 
@@ -75,7 +75,7 @@ class ImportMap:
         check_least("--sensors", self.sensors, 1, "leave it out for a site without sensors")
         seed = None if self.furnish == "none" else self.seed
         piece = MapPiece(maps[0], self.centre, self.size, radians(self._find_heading()), seed, self.furnish)
-        check_file(self.out, inputs=maps, overwrite=self.overwrite)
+        check_file(self.out, inputs=maps, overwrite=self.overwrite, kind=SITE_KIND)
         check_ending(self.out, SITE_ENDINGS, "a site's file")
         imported = import_osm(piece, lefthand=side) if self.osm else import_opendrive(piece)
         if self.sensors is None:
@@ -150,7 +150,7 @@ class RandomSite:
 
         check_least("--seed", self.seed, 0)
         check_ending(self.out, SITE_ENDINGS, "a site's file")
-        check_file(self.out, overwrite=self.overwrite)
+        check_file(self.out, overwrite=self.overwrite, kind=SITE_KIND)
         return _save(random_site(self.seed), self.out)
 
 

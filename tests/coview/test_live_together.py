@@ -1,0 +1,225 @@
+"""Two people at one live page, by script and without a browser: whatever one does, the page lives on and says so.
+
+`COVIEW_TOGETHER=600 pytest -m slow tests/coview/test_live_together.py` lets them work for ten minutes."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from coview.live_page import LivePage
+from coview.live_start import interrupted_by_sigterm
+from placement_env import LivePlanner
+from placement_env.live.project import ProjectFile
+from placement_env.live.variant import Variant
+from toolkit.viewing.scene import viser_server
+
+LONG_S = float(os.environ.get("COVIEW_TOGETHER", "600"))
+
+
+@pytest.fixture(scope="module")
+def engine():
+    return LivePlanner("tjunction", frames=6)
+
+
+@pytest.fixture
+def page(engine, tmp_path):
+    engine.tell = lambda dragging: None
+    engine.restore({"A": engine.yard.place(engine.yard.site.sensors)}, "A", [])
+    with viser_server(18931, "together") as server:
+        project = ProjectFile(tmp_path / "a.live.json", engine)
+        page = LivePage(server, engine, project, tmp_path)
+        page._aimed[0] = (page._slant, 1.5, False, page._middle)  # as if a browser had come
+        wait_for(lambda: page._begun and page._nodes)
+        yield page
+        page.close()
+        project.close()
+
+
+def wait_for(condition, seconds=30.0):
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.02)
+
+
+def settle(page):
+    """Wait until everything that was asked is done."""
+    done = threading.Event()
+    page.do(done.set)
+    assert done.wait(20)
+
+
+def spot(x=0.0, y=0.0):
+    return np.array([x, y, 0.0])
+
+
+def check_alive(page):
+    settle(page)
+    assert all(thread.is_alive() for thread in page._threads)
+    before = page.planner.variant
+    page._change(page.planner.lock, before.sensors[0].name, not before.sensors[0].locked)
+    settle(page)
+    assert page.planner.variant != before
+
+
+def drag(page, job):
+    page._drag_now(lambda: job(last=False), last=False)
+    settle(page)
+    page._drag_now(lambda: job(last=True), last=True)
+    settle(page)
+
+
+@pytest.mark.parametrize("move", ["_turn", "_carry", "_lift"])
+def test_a_sensor_that_is_dragged_may_be_removed_by_another(page, move):
+    where = 5.0 if move == "_lift" else spot(3.0, 4.0)
+    page._change(page.planner.remove, "d0")
+    settle(page)
+    drag(page, lambda last: getattr(page, move)("d0", where, last=last))
+    assert "there is no sensor 'd0'" in page._note
+    assert "there is no sensor &#x27;d0&#x27;" in page._said.content
+    check_alive(page)
+
+
+@pytest.mark.parametrize("move", ["_turn", "_carry", "_lift"])
+def test_a_step_may_be_undone_during_a_drag(page, move):
+    page._change(page.planner.add, "post05") if "post05" in page.planner.yard.mounts else None
+    settle(page)
+    name = page.planner.sensors[-1].name
+    where = 5.0 if move == "_lift" else spot(30.0, 4.0)
+    page._drag_now(lambda: getattr(page, move)(name, where, last=False), last=False)
+    settle(page)
+    while page.planner.past:
+        page._change(page.planner.undo)
+        settle(page)
+    drag(page, lambda last: getattr(page, move)(name, where, last=last))
+    check_alive(page)
+
+
+@pytest.mark.parametrize("pole", ["moon", None, 7, ""])
+def test_an_unknown_pole_in_a_message_is_said(page, pole):
+    page._pole = SimpleNamespace(value=pole)
+    page._change(page._add)
+    settle(page)
+    assert f"there is no pole {str(pole)!r}" in page._said.content.replace("&#x27;", "'")
+    check_alive(page)
+
+
+@pytest.mark.parametrize("typed", [("95", 20.0, 5.0), (10.0, 95.0, 5.0), ("NW", 20.0, 5.0), (0.0, [], None)])
+def test_what_is_typed_wrong_is_said(page, typed):
+    page._bearing, page._tilt, page._height = (SimpleNamespace(value=value) for value in typed)
+    before = page.planner.variant.find("d0")
+    page._change(page._move_as_typed, "d0", *typed)
+    settle(page)
+    if typed[0] == "95":
+        assert page.planner.variant.find("d0") != before
+    else:
+        assert page._note
+        assert page.planner.variant.find("d0") == before
+    page.__dict__.pop("_bearing"), page.__dict__.pop("_tilt"), page.__dict__.pop("_height")
+
+
+def test_a_fault_in_a_control_a_drawing_or_the_refining_is_said_and_not_the_end(page, monkeypatch, capsys):
+    def fail(*_):
+        raise KeyError("gone")
+
+    page._change(fail)
+    settle(page)
+    assert "that did not work, by a fault of coview (KeyError: 'gone')" in page._note
+    assert "KeyError" in capsys.readouterr().err
+    with monkeypatch.context() as patch:
+        patch.setattr(page, "_draw_areas", fail)
+        patch.setattr(page.planner, "refine", fail)
+        page._touched = 0.0
+        page._change(page.planner.lock, "d0")
+        settle(page)
+        time.sleep(0.5)
+    page._later("comparing", fail)
+    wait_for(lambda: not page._busy)
+    check_alive(page)
+
+
+def play(page, number, seconds):
+    rng, end = np.random.default_rng(number), time.monotonic() + seconds
+    while time.monotonic() < end:
+        do_something(page, rng)
+        time.sleep(float(rng.uniform(0.0, 0.05)))
+
+
+def do_something(page, rng):
+    """Do what a person does, at random, through the ways that browsers take."""
+    planner, sensors = page.planner, page.planner.sensors
+    poles = list(planner.yard.mounts)
+    name = sensors[int(rng.integers(len(sensors)))].name if sensors else "nobody"
+    place, last = spot(*rng.uniform(-40, 40, 2)), bool(rng.random() < 0.3)
+    variant, pole = f"V{rng.integers(4)}", poles[int(rng.integers(len(poles)))]
+    deeds = (
+        lambda: page._drag_now(lambda: page._turn(name, place, last=last), last=last),
+        lambda: page._drag_now(lambda: page._carry(name, place, last=last), last=last),
+        lambda: page._drag_now(lambda: page._lift(name, float(place[0]), last=last), last=last),
+        lambda: page._change(planner.remove, name) if len(sensors) > 2 else page._change(planner.add, pole),
+        lambda: page._change(planner.add, pole),
+        lambda: page._change(planner.undo),
+        lambda: page._change(planner.redo),
+        lambda: page._change(planner.duplicate, name),
+        lambda: page._change(planner.fail, name),
+        lambda: page._change(planner.show, variant),
+        lambda: page._change(lambda: planner.show(variant, copy=True)),
+        lambda: page._choose(name),
+        lambda: page._change(page._move_as_typed, name, "370", 5.0, 5.0),
+        lambda: page._later("exporting", page._export),
+    )
+    deeds[int(rng.integers(len(deeds) - 1)) if rng.random() < 0.98 else -1]()
+
+
+def work_together(page, seconds):
+    people = [threading.Thread(target=play, args=(page, number, seconds)) for number in range(2)]
+    for person in people:
+        person.start()
+    for person in people:
+        person.join(seconds + 60)
+    wait_for(lambda: not page._busy, 120)
+    check_alive(page)
+    page.project.save()
+    kept = json.loads(page.project.path.read_text())
+    assert Variant.of_dict(kept["variants"][kept["current"]]) == page.planner.variant
+    assert "fault of coview" not in page._note
+
+
+def test_two_people_work_at_one_page(page, capfd):
+    work_together(page, 3.0)
+    assert "Traceback" not in capfd.readouterr().err
+
+
+@pytest.mark.slow
+def test_two_people_work_at_one_page_for_ten_minutes(page, capfd):
+    work_together(page, LONG_S)
+    assert "Traceback" not in capfd.readouterr().err
+
+
+def test_sigterm_ends_as_ctrl_c_does():
+    before = signal.getsignal(signal.SIGTERM)
+    with pytest.raises(KeyboardInterrupt), interrupted_by_sigterm():
+        signal.raise_signal(signal.SIGTERM)
+    assert signal.getsignal(signal.SIGTERM) is before
+
+
+@pytest.mark.slow
+def test_sigterm_saves_what_is_open(tmp_path):
+    command = (sys.executable, "-m", "coview", "live", "tjunction", "--frames", "4", "--out", str(tmp_path))
+    server = subprocess.Popen(
+        [*command, "--cache", "None", "--no-browser", "--json", "--port", "18970"], stdout=subprocess.PIPE, text=True
+    )
+    json.loads(server.stdout.readline())
+    wait_for((tmp_path / "tjunction.live.json").exists, 60)
+    time.sleep(2)
+    server.terminate()
+    assert server.wait(30) == 0
+    assert json.loads((tmp_path / "tjunction.live.json").read_text())["current"] == "A"
