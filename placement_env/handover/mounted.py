@@ -1,9 +1,11 @@
 """A chosen set as it is mounted: its site, and each sensor for its installer, with links and materials."""
 
 import math
+import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from string import ascii_lowercase
 
 import numpy as np
 
@@ -17,6 +19,8 @@ from toolkit.sites.georeference import bearing_deg, longitude_latitude
 from toolkit.sites.site import Mount, Site
 
 RATE = 10.0  # frames a second over a link
+POSE_NAME = re.compile(r"_\d+(\.\d+)?m_h-?\d+(\.\d+)?_t-?\d+(\.\d+)?_\w+")  # of a pool's candidate, after its pole
+LETTERED = re.compile(r" [a-z]{1,2}$")
 SAME_SPOT = 0.1  # m between the feet of mounts that count as one
 MBIT = 1000.0  # kbit
 
@@ -157,7 +161,42 @@ def _sensors(
             pose = f"{sensor.position[2] - mount.position[2]:.2f}m_h{heading % 360:.1f}_t{tilt:.1f}"
             name = stayed.get(sensor.digest) or f"{mount.name}_{pose}_{sensor.model.kind}"  # as in a pool
             sensors.append(replace(sensor, name=name))
-    return tuple(replace(sensor, name=sensor.name.replace("/", "-")) for sensor in sensors), tuple(mounts)
+    poles = [mount.name for mount in candidates.mounts]
+    names = name_by_poles([sensor.name for sensor in sensors], [mount.name for mount in mounts], poles)
+    return tuple(replace(sensor, name=name) for sensor, name in zip(sensors, names, strict=True)), tuple(mounts)
+
+
+def name_by_poles(names: Sequence[str], poles: Sequence[str], known: Sequence[str] = ()) -> tuple[str, ...]:
+    """Return the names that the sensors of a set have everywhere: their poles', with a, b, ... where several share one.
+
+    names: those that the sensors have; poles: of each; known: names of all poles. Only names of poses in a pool
+    (post07_6.0m_h90_t15_camera) and names of poles are replaced: d0 of a site stays. Names hold - for /, as a
+    recording's groups are named by them.
+
+    >>> name_by_poles(["P1_6.0m_h0_t5_camera", "P1_6.0m_h90_t5_camera", "d4"], ["P1", "P1", "P2"])
+    ('P1 a', 'P1 b', 'd4')
+    """
+    letters, plain = Counter[str](), [name.replace("/", "-") for name in names]
+    bases = {pole.replace("/", "-") for pole in (*known, *poles)}
+    by_pole = [
+        POSE_NAME.fullmatch(name.removeprefix(pole.replace("/", "-"))) is not None or LETTERED.sub("", name) in bases
+        for name, pole in zip(plain, poles, strict=True)
+    ]
+    several = Counter(pole for pole, replaced in zip(poles, by_pole, strict=True) if replaced)
+    settled = []
+    for name, pole, replaced in zip(plain, poles, by_pole, strict=True):
+        if replaced:
+            name = pole.replace("/", "-")
+            letters[pole] += 1
+            name += f" {_letter(letters[pole])}" if several[pole] > 1 else ""
+        settled.append(name)
+    return tuple(settled) if len(set(settled)) == len(settled) else tuple(plain)
+
+
+def _letter(number: int) -> str:
+    """Letters of a number from 1 on: a to z, then aa."""
+    more, last = divmod(number - 1, len(ascii_lowercase))
+    return (_letter(more) if more else "") + ascii_lowercase[last]
 
 
 def build_load(pole: str, mean: float, peak: float, load: float, capacity: float, *, limited: bool) -> LinkLoad:

@@ -4,7 +4,9 @@ Nothing in it depends on the clock, so the same question has the same plan, byte
 1000 bit; prices are in the plan's currency. AP and recall are at the plan's IoU unless a field says otherwise, always
 by the detector on traffic that no search saw. An undefined figure is None."""
 
-from dataclasses import asdict, dataclass, field, replace
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field, fields, is_dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -285,3 +287,28 @@ class Planned(Displayed):
     def _card(self) -> Card:
         drawn = self.plan.chosen is not None
         return replace(self.plan._card(), drawing="placement_env.report.maps:draw_planned" if drawn else "")
+
+
+def replace_texts(value: Any, change: Callable[[str], str]) -> Any:
+    """Return a value with all its texts changed, except drawings."""
+    if isinstance(value, str):
+        return change(value)
+    if isinstance(value, Mapping):
+        return {replace_texts(key, change): replace_texts(each, change) for key, each in value.items()}
+    if isinstance(value, tuple | list):
+        changed_rows = (replace_texts(each, change) for each in value)
+        return list(changed_rows) if isinstance(value, list) else tuple(changed_rows)
+    if is_dataclass(value) and not isinstance(value, type):
+        changed = {each.name: replace_texts(getattr(value, each.name), change) for each in fields(value)}
+        return replace(value, **changed)
+    return value
+
+
+def rename(plan: Plan, names: Mapping[str, str]) -> Plan:
+    """Return a plan with sensors renamed in all its texts. names: new ones by old ones, which are whole words there."""
+    if not names:
+        return plan
+    longest_first = "|".join(map(re.escape, sorted(names, key=len, reverse=True)))
+    words = re.compile(rf"(?<![\w-])(?:{longest_first})(?!\w)")
+    renamed: Plan = replace_texts(plan, lambda text: names.get(text) or words.sub(lambda word: names[word[0]], text))
+    return renamed

@@ -363,7 +363,8 @@ def build_plan(findings: Findings, final: judging.Judge, ground: Ground) -> cont
     )
     count, fidelity = findings.found.considered, objective.fidelity
     why = sentences.explain_choice(question, plan, choice.option, choice.rule, considered=count, fidelity=fidelity)
-    return replace(plan, why=why)
+    planned = zip(members, sensors, strict=True)
+    return content.rename(replace(plan, why=why), {candidates.sensors[c].name: sensor.name for c, sensor in planned})
 
 
 @dataclass(frozen=True, eq=False)

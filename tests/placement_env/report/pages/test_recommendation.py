@@ -80,26 +80,21 @@ def test_what_is_found_missed_unseen_and_lost_is_said_in_road_users(example):
     assert said["Next"].startswith("Plan again with --classes")
 
 
-def test_sensors_of_a_pool_are_called_by_their_poles(example):
+def test_sensors_beside_the_chosen_set_are_called_by_their_poles(example):
     first, *others = example.plan.sensors
-    long, aside = "post00_5.2m_h45_t20_camera", "post00_5.2m_h90_t20_camera"
-    chosen = replace(example.plan.chosen, sensors=(long, *CHOSEN[1:]), poles=("post00", "p", "p", "p"))
-    other = replace(chosen, sensors=(aside,), poles=("post00",))
+    aside, elsewhere = "post00_5.2m_h90_t20_camera", "post07_5.2m_h90_t20_camera"
+    chosen = replace(example.plan.chosen, sensors=("post00", *CHOSEN[1:]), poles=("post00", "p", "p", "p"))
+    other = replace(chosen, sensors=(aside, elsewhere), poles=("post00", "post07"))
+    why = (f"The set of {aside} and {elsewhere} is worse; x{aside} is another word.",)
     plan = replace(
-        example.plan,
-        sensors=(replace(first, name=long), *others),
-        chosen=chosen,
-        considered=(chosen, other),
-        why=(f"The failure of {long} hurts most.",),
+        example.plan, sensors=(replace(first, name="post00", pole="post00"), *others), chosen=chosen, why=why
     )
-    site = replace(example.site, sensors=(replace(example.site.sensors[0], name=long), *example.site.sensors[1:]))
-    named, at = use_pole_names(plan, site)
+    plan = replace(plan, considered=(chosen, other))
+    named, site = use_pole_names(plan, example.site)
     assert named.chosen.sensors == ("post00", *CHOSEN[1:])
-    assert named.considered[1].sensors == ("post00 (other aim)",)
-    assert named.why == ("The failure of post00 hurts most.",)
-    assert [sensor.name for sensor in at.sensors] == [sensor.name for sensor in named.sensors]
-    both = replace(plan, sensors=(*plan.sensors[:1], replace(plan.sensors[1], name=aside, pole="post00"), *others[1:]))
-    assert use_pole_names(both, example.site)[0].sensors[1].name == "post00 (2)"
+    assert named.considered[1].sensors == ("post00 (other aim)", "post07")
+    assert named.why == (f"The set of post00 (other aim) and post07 is worse; x{aside} is another word.",)
+    assert site is example.site
     assert use_pole_names(example.plan, example.site) == (example.plan, example.site)
 
 
