@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 
+from models import onnx_files
 from models.config import VoxelNetConfig, road_users
 from models.detector import load_detector
 from models.network.grid import voxelise
@@ -72,10 +73,10 @@ def test_a_network_is_written_with_its_card_or_not_at_all(tmp_path, monkeypatch)
 
     with monkeypatch.context() as patch:
         patch.setattr("pathlib.Path.write_text", fill_disk)
-        with pytest.raises(OSError, match="No space left|cannot write"):
-            export_onnx("tjunction", tmp_path / "t.onnx")
+        with pytest.raises(OSError, match=r"No space left|cannot write"):
+            onnx_files._write(tmp_path / "t.onnx", b"network", {"decoded": False})
     assert list(tmp_path.iterdir()) == []
-    export_onnx("tjunction", tmp_path / "t.onnx")
+    onnx_files._write(tmp_path / "t.onnx", b"network", {"decoded": False})
     assert sorted(path.name for path in tmp_path.iterdir()) == ["t.onnx", "t.onnx.json"]
 
 
