@@ -86,7 +86,12 @@ def export_onnx(name: str | Path, out: Path, area: Iterable[SupportsFloat] | Non
         proto.metadata_props.add(key="faces", value=base64.b64encode(save(network.faces.state_dict())).decode())
     content = proto.SerializeToString()
     card = {"decoded": False, "sha256": sha256(content).hexdigest(), **network.config.to_dict()}
-    with writing(out) as network_file, writing(card_file(out)) as unfinished_card:  # both or none
+    _write(out, content, card)
+
+
+def _write(out: Path, content: bytes, card: dict[str, Any]) -> None:
+    """Write a network and its card, both or none."""
+    with writing(out) as network_file, writing(card_file(out)) as unfinished_card:
         network_file.write_bytes(content)
         unfinished_card.write_text(json.dumps(card, indent=1) + "\n", encoding="utf-8")
 

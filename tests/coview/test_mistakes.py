@@ -178,3 +178,19 @@ def test_no_table_is_written_where_nothing_is_to_be_found(refused, recording, tm
     said = refused(*line, "--out", tmp_path / "new")
     assert "there is no AP, since no heavy is to be found in 1 frame: take more frames, other --classes" in said
     assert not (tmp_path / "new" / "table.json").exists()
+
+
+def test_no_command_replaces_the_site_it_read_or_a_file_of_another_kind(run, refused, tmp_path):
+    site = tmp_path / "junction.json"
+    assert run("site", "random", "--seed", 1, "--out", site)[0] == 0
+    before = site.read_bytes()
+    (tmp_path / "pl").mkdir()
+    (tmp_path / "pl/site.json").write_bytes(before)
+    line = ("plan", tmp_path / "pl/site.json", "--out", tmp_path / "pl", "--overwrite", "--cache", "None")
+    assert "site.json is what is read: write to another place, so that nothing is lost" in refused(*line)
+    line = ("plan", site, "--out", tmp_path / "pl", "--overwrite", "--cache", "None")
+    assert "holds site.json, which this command did not write, as there is no plan.json" in refused(*line)
+    said = refused("surrogate", "tjunction", "--out", site, "--overwrite")
+    assert "is a site's file, which this command does not write: give another name" in said
+    assert "is a folder, no site: give the file" in refused("site", "show", tmp_path / "pl")
+    assert site.read_bytes() == (tmp_path / "pl/site.json").read_bytes() == before

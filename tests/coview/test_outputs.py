@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 import coview
-from coview.outputs import check_file, check_folder, claim, report, say
+from coview.outputs import check_file, check_folder, claim, find_kind, report, say
 
 
 def test_what_steers_a_terminal_is_shown_and_not_done(capsys):
@@ -45,6 +45,51 @@ def test_what_may_be_written_and_what_may_not(tmp_path):
         check_file(tmp_path, overwrite=True)
     with pytest.raises(FileExistsError):
         check_folder(tmp_path, holds="there")
+
+
+@pytest.mark.parametrize(
+    ("content", "kind"),
+    [
+        ('{"map_SE3_site": []}', "a site's file"),
+        ('{"coview_plan": 1}', "a plan"),
+        ('{"coview_live": 1}', "a project of coview live"),
+        ('{"decoded": false}', "the card of a network"),
+    ],
+)
+def test_overwrite_replaces_only_what_the_same_command_makes(tmp_path, content, kind):
+    path = tmp_path / "junction.json"
+    path.write_text(content)
+    assert find_kind(path) == kind
+    for overwrite in (False, True):
+        with pytest.raises(ValueError, match=f"junction.json is {kind}, which this command does not write"):
+            check_file(path, overwrite=overwrite)
+    with pytest.raises(FileExistsError, match="--overwrite"):
+        check_file(path, kind=kind)
+    check_file(path, overwrite=True, kind=kind)
+
+
+@pytest.mark.parametrize("content", ["{", "[1]", "{}", '"map_SE3_site"'])
+def test_files_of_no_known_kind_are_replaced_when_told(tmp_path, content):
+    path = tmp_path / "boxes.json"
+    path.write_text(content)
+    assert find_kind(path) == ""
+    check_file(path, overwrite=True)
+    assert find_kind(tmp_path / "none.json") == ""
+
+
+def test_a_folder_with_a_strangers_file_is_not_replaced(tmp_path):
+    (tmp_path / "site.json").write_text('{"map_SE3_site": []}')
+    check = partial(check_folder, tmp_path, holds="plan.json", writes=("plan.json", "site.json"), kind="a plan")
+    with pytest.raises(ValueError, match=r"site.json is what is read"):
+        check(inputs=[tmp_path / "site.json"], overwrite=True)
+    with pytest.raises(ValueError, match=r"holds site.json, which this command did not write, as there is no plan"):
+        check(overwrite=True)
+    (tmp_path / "plan.json").write_text('{"coview_plan": 1}')
+    check(overwrite=True)
+    with pytest.raises(ValueError, match=r"site.json is what is read"):
+        check(inputs=[tmp_path / "site.json"], overwrite=True)
+    with pytest.raises(FileExistsError, match="--overwrite"):
+        check()
 
 
 def test_folders_that_may_not_be_written(tmp_path, monkeypatch):

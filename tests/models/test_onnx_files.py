@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 import torch
 
+from models import onnx_files
 from models.config import VoxelNetConfig, road_users
 from models.detector import load_detector
 from models.network.grid import voxelise
 from models.network.voxelnet import VoxelNet
-from models.onnx_files import OnnxDetector, card_file, export_onnx
+from models.onnx_files import OnnxDetector, card_file, export_onnx, find_card
 from models.weight_files import Header, save_weights
 from toolkit.objects import CYCLIST, VEHICLE
 
@@ -53,6 +54,30 @@ def test_maps_equal_torch_for_any_network(config, tmp_path):
     assert not len(exported(cloud() + np.float32([99, 0, 0])))
     with pytest.raises(ValueError, match=r"is for the area -8 -8 8 8, got -9 -8 8 8"):
         OnnxDetector(tmp_path / "w.onnx", (-9, -8, 8, 8))
+
+
+def test_a_card_is_named_after_the_whole_file_and_an_earlier_name_is_read(tmp_path):
+    write(tmp_path)
+    path = tmp_path / "n.onnx"
+    assert card_file(path) == find_card(path) == tmp_path / "n.onnx.json"
+    (tmp_path / "n.json").write_text("somebody's site")
+    OnnxDetector(path)
+    card_file(path).rename(tmp_path / "n.json")
+    assert find_card(path) == tmp_path / "n.json"
+    OnnxDetector(path)
+
+
+def test_a_network_is_written_with_its_card_or_not_at_all(tmp_path, monkeypatch):
+    def fill_disk(path, text, **_):
+        raise OSError(28, "No space left on device", str(path))
+
+    with monkeypatch.context() as patch:
+        patch.setattr("pathlib.Path.write_text", fill_disk)
+        with pytest.raises(OSError, match=r"No space left|cannot write"):
+            onnx_files._write(tmp_path / "t.onnx", b"network", {"decoded": False})
+    assert list(tmp_path.iterdir()) == []
+    onnx_files._write(tmp_path / "t.onnx", b"network", {"decoded": False})
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["t.onnx", "t.onnx.json"]
 
 
 def test_the_part_that_halves_in_bfloat16_can_be_exported():
