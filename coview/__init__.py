@@ -32,13 +32,16 @@ if TYPE_CHECKING:
         Run as Run,
         catalogue as catalogue,
         crop as crop,
+        down_sample as down_sample,
         evaluate_recording as evaluate_recording,
         from_depth as from_depth,
         fuse as fuse,
+        fuse_files as fuse_files,
         load_site as load_site,
         open_recording as open_recording,
         points_per_box as points_per_box,
         save_site as save_site,
+        sensor_numbers as sensor_numbers,
         simulate as simulate,
     )
 
@@ -48,8 +51,9 @@ else:
         "coview.detectors": ("load_detector",),
         "placement_env": ("Objective", "Question", "Result", "Setting", "Weights", "as_sb3", "plan"),
         "toolkit": (
-            *("Detections", "Objects", "Renderer", "Run", "catalogue", "crop", "evaluate_recording", "from_depth"),
-            *("fuse", "load_site", "open_recording", "points_per_box", "save_site", "simulate"),
+            *("Detections", "Objects", "Renderer", "Run", "catalogue", "crop", "down_sample", "evaluate_recording"),
+            *("from_depth", "fuse", "fuse_files", "load_site", "open_recording", "points_per_box", "save_site"),
+            *("sensor_numbers", "simulate"),
         ),
     }
     _HOMES = {name: face for face, names in _FACES.items() for name in names}

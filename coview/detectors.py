@@ -132,16 +132,21 @@ def recording_detector(
 ) -> "Detector":
     """Return the detector for a recording: cluster, which learns its empty site, or one of `site_detector`.
 
-    name: None for cluster at a known site, else general; +background: that of the site, or where the site has no
-    scenery, of what the recording shows behind all that moves; place: where it will detect, if not at the site itself;
-    scenes: empty ones to learn from."""
+    name: None for the one that plans take, `find_network`, at a known site, else general; +background: that of the
+    site, or where the site has no scenery, of what the recording shows behind all that moves; place: where it will
+    detect, if not at the site itself; scenes: empty ones to learn from."""
     from toolkit.detection.background import KnownBackground, recording_background
     from toolkit.detection.cluster import ClusterDetector, learn_cluster_detector
     from toolkit.detection.place import Place
 
     place, site = place or Place(), recording.site
     at_site = site is not None and place.at(site)
-    name = name or (CLUSTER if at_site else GENERAL)
+    if name is None and site is not None and at_site:
+        from placement_env.fidelity.preparation import find_network, load_shipped_detector
+
+        sensors = recording[0].sensors if len(recording) else site.sensors
+        return load_shipped_detector(find_network(site, sensors), site)
+    name = name or GENERAL
     asked = parse_detector(name, site if at_site else None)
     if site is not None and at_site:
         dataset = cast("CoopDataset", recording)

@@ -81,7 +81,7 @@ def figures_html(answer: "LiveAnswer") -> str:
 def details_html(answer: "LiveAnswer") -> str:
     """Share found at each level of traffic, and the load of each link."""
     rows = "".join(
-        f'<tr><td>{escape(link.pole)}</td><td align="right">{link.mbit_s:.1f}, at most {link.peak_mbit_s:.1f} of '
+        f'<tr><td>{escape(link.pole)}</td><td align="right">{link.mbit_s:.1f}, load {link.load_mbit_s:.1f} of '
         f"{link.capacity_mbit_s:g} Mbit/s</td></tr>"
         for link in answer.links
     )

@@ -80,9 +80,11 @@ def _call(arguments: Sequence[str]) -> int:
     import tyro
 
     from coview.outputs import say
+    from coview.refusals import describe_near, describe_refusal, recorded_refusals
 
     if arguments[0] not in COMMANDS and not arguments[0].startswith("-"):
-        raise ValueError(f"unknown command {arguments[0]!r}: choose among {', '.join(COMMANDS)}")
+        near = describe_near(arguments[0], list(COMMANDS)) or f": choose among {', '.join(COMMANDS)}"
+        raise ValueError(f"unknown command {arguments[0]!r}{near}")
     warnings.showwarning = lambda message, *_, **__: say(f"coview: note: {message}", error=True)
 
     def delay(load: Callable[..., int]) -> Callable[..., Callable[[], int]]:
@@ -92,7 +94,7 @@ def _call(arguments: Sequence[str]) -> int:
     said = io.StringIO()
     wanted = [name for name in arguments[:1] if name in COMMANDS] or COMMANDS
     try:
-        with redirect_stderr(said):
+        with redirect_stderr(said), recorded_refusals() as events:
             call = tyro.extras.subcommand_cli_from_dict(
                 {name: delay(command(name)) for name in wanted},
                 prog="coview",
@@ -103,6 +105,8 @@ def _call(arguments: Sequence[str]) -> int:
         refusal = _find_refusal(stopped)
         if refusal is not None:
             raise refusal from None
+        if events and (line := describe_refusal(events[-1], said.getvalue(), arguments)):
+            raise ValueError(line) from None
         if said.getvalue():
             say(said.getvalue().rstrip("\n"), error=True)
         return stopped.code if isinstance(stopped.code, int) else 0

@@ -15,6 +15,7 @@ from placement_env.candidates.poles import load_keep_out
 from placement_env.candidates.sensor_catalogue import load_sensor_catalogue
 from placement_env.cases import USUAL_CASES, Cases
 from placement_env.classes import SMALL, SMALL_IOU, Classes
+from placement_env.links import LINK_SHARE
 from placement_env.report.planning.question import Stock
 from placement_env.setting import AP_ONLY, Setting, Weights
 from toolkit.detection.link.range_images import find_codec
@@ -108,6 +109,8 @@ class SettingOptions:
     """Fusion scheme: early, late, hybrid or foreground."""
     codec: str = "paper"
     """Coding: paper counts 96 bits a point and 256 a box, range-images sends bytes in steps of 2 cm."""
+    link_share: float = LINK_SHARE
+    """Share of the frames in which every link must carry what is sent."""
     fidelity: Literal["coverage", "surrogate", "detector", "table"] = "surrogate"
     """How sets are scored during the search; table is for the built-in sites' own sensors."""
     detector: str | None = None
@@ -136,6 +139,7 @@ class SettingOptions:
             weights=self.weights,
             most_price=math.inf if self.candidates.money is None else self.candidates.money,
             keep=self.candidates.keep,
+            link_share=self.link_share,
         )
         return setting, currency
 

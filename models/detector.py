@@ -23,6 +23,7 @@ from toolkit.boxes import nms
 from toolkit.objects import LABELS, Detections, label_index
 from toolkit.points import join_clouds
 from toolkit.runtime.parallel import keep_freed_memory
+from toolkit.sites.site import check_area
 
 SPREAD = np.array([0.7548776662466927, 0.5698402909980532])  # steps whose multiples fill a square evenly (Roberts 2018)
 MOST_PHASES = 16
@@ -213,7 +214,7 @@ def load_detector(
     if site is not None and trained_for not in (site, "general"):
         raise ValueError(f"{name} holds weights for {trained_for!r}, not for {site!r}: take {site!r} or 'general'")
     if area is not None:
-        xmin, ymin, xmax, ymax = (float(side) for side in area)
+        xmin, ymin, xmax, ymax = check_area([float(side) for side in area]).tolist()
         network = relocate(network, (xmin, ymin, xmax, ymax), trained_for)
     detector = VoxelNetDetector(network, device=device, score_threshold=score_threshold, nms_threshold=nms_threshold)
     detector.name = str(name)

@@ -18,6 +18,7 @@ import numpy as np
 
 from placement_env.checks import check_choice, check_iou
 from toolkit.arrays import Float64
+from toolkit.class_names import check_classes
 from toolkit.objects import CYCLIST, LABELS, PEDESTRIAN, VEHICLE, label_index
 from toolkit.runtime.cache import make_key
 
@@ -42,9 +43,7 @@ class Classes:
         names, weights, ious = tuple(self.names), tuple(self.weights), tuple(self.ious)
         if isinstance(self.names, str) or not names or len(set(names)) < len(names):
             raise ValueError(f"classes must be one or several different ones of {', '.join(LABELS)}, got {self.names}")
-        for name in names:
-            if name not in LABELS:
-                raise ValueError(f"there is no class {name!r}: choose among {', '.join(LABELS)}")
+        check_classes(names)
         weights = weights or (1.0,) * len(names)
         if len(weights) != len(names) or not all(0 < weight < math.inf for weight in weights):
             said = f"there must be a weight above 0 for each of {', '.join(names)}, got {self.weights}"

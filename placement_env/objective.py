@@ -4,11 +4,11 @@ Reward = AP − λ_comm · kbit per sensor − λ_price · price.
 
 kbit per sensor is the paper's measure of communication (section IV-A): the data that each sensor of a set sends in a
 frame, averaged over frames and sensors. A set is feasible when its mounts have room for its sensors, no sensor sends
-more than the link of its mount carries (where the scheme sends points), its mounts and sensors cost no more than the
+more than the link of its mount carries (`placement_env.links`), its mounts and sensors cost no more than the
 money available, and every mount that must carry a sensor has one."""
 
 import json
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from copy import copy
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
@@ -19,8 +19,10 @@ import numpy as np
 from placement_env.candidates.candidates import Candidates, extra_prices, fit_together, room_beside
 from placement_env.cases import USUAL_CASES
 from placement_env.classes import VEHICLES, Classes
+from placement_env.fidelity.coverage import sent_per_frame
 from placement_env.fidelity.preparation import Preparation
 from placement_env.fidelity.visibility import Visibility
+from placement_env.links import ROUNDING_SHARE, link_load
 from placement_env.protocol import ByClass, ByFrames
 from placement_env.racing import Race, race
 from placement_env.setting import Setting, Weights
@@ -181,17 +183,37 @@ class Objective:
 
     @cached_property
     def sent(self) -> Float64[np.ndarray, " C"]:
-        """kbit of a frame that each candidate sends."""
+        """kbit that each candidate sends in a frame, on average."""
         if self.visibility is None or not self.scheme.sends_points:
             return self.scores(np.eye(len(self.candidates), dtype=np.bool_)).kbit
         points = self.scheme.sent_points(self.visibility).mean(axis=1, dtype=np.float64)
         return np.asarray(self.codec.bits(points=points) / 1000)
 
     @cached_property
+    def loads(self) -> Float64[np.ndarray, " C"]:
+        """kbit of a frame that each candidate takes up of a link; the mean where frames are not known."""
+        if self.visibility is None or not self.scheme.sends_points:
+            return self.sent
+        return link_load(sent_per_frame(self.visibility, self.scheme, self.codec), self.setting.link_share)
+
+    @cached_property
     def linked(self) -> Bool[np.ndarray, " C"]:
         """Mask of candidates that fit their mount's link."""
         boxes = not self.scheme.sends_points
-        return np.ones(len(self.candidates), np.bool_) if boxes else self.sent <= self.candidates.capacity
+        return (
+            np.ones(len(self.candidates), np.bool_)
+            if boxes
+            else self.loads <= self.candidates.capacity * (1 + ROUNDING_SHARE)
+        )
+
+    def fits_links(self, members: Sequence[int], kbit: Float64[np.ndarray, "k frames"]) -> bool:
+        """True if the links of a set carry what its sensors send. kbit: of each, in frames of any traffic."""
+        if not self.scheme.sends_points:
+            return True
+        mounts = self.candidates.mount[list(members)]
+        loads = np.bincount(mounts, link_load(kbit, self.setting.link_share), minlength=len(self.candidates.mounts))
+        capacity = np.array([mount.capacity for mount in self.candidates.mounts])
+        return bool((loads <= capacity * (1 + ROUNDING_SHARE)).all())
 
     @cached_property
     def kept(self) -> Int64[np.ndarray, " k"]:
@@ -299,8 +321,8 @@ class Objective:
 
     @property
     def shared_links(self) -> Float64[np.ndarray, " C"] | None:
-        """kbit of each candidate, None unless sensors share the link of a mount and may send too much together."""
-        return self.sent if self.candidates.several and self.scheme.sends_points else None
+        """Load of each candidate, None unless sensors share the link of a mount and may send too much together."""
+        return self.loads if self.candidates.several and self.scheme.sends_points else None
 
     def row(self, subset: Members) -> Bool[np.ndarray, " C"]:
         """Row of booleans of a set of indices or names of candidates."""

@@ -12,6 +12,7 @@ from placement_env.candidates.candidates import Candidates, choose_candidates
 from placement_env.cases import USUAL_CASES, Cases
 from placement_env.checks import check_choice
 from placement_env.classes import VEHICLES, Classes, find_classes
+from placement_env.links import LINK_SHARE, check_link_share
 from placement_env.protocol import Fidelity, FidelityName
 from toolkit.detection.codec import PAPER, Codec, check_codec
 from toolkit.detection.scheme import Scheme
@@ -50,8 +51,9 @@ class Setting:
     thresholds, failures, levels of traffic and errors; fidelity: name of what scores a set, or an object that does;
     detector: of fidelity "detector", None for the shipped network; surrogate, table: files for these fidelities, None
     for the shipped ones; rendering: "auto", or all rays ("full") or panoramas wherever they can be used; weights: costs
-    in the reward; most_price: most that a set may cost; keep: names of poles that must carry a sensor. Raises
-    ValueError where a field does not fit.
+    in the reward; most_price: most that a set may cost; keep: names of poles that must carry a sensor; link_share: of
+    the frames, in which a link must carry what is sent (`placement_env.links`). Raises ValueError where a field does
+    not fit.
 
     >>> Setting("tjunction", scheme="late", cases=Cases(iou=(0.7, 0.8))).scheme.name
     'late'
@@ -72,6 +74,7 @@ class Setting:
     weights: Weights = field(default=AP_ONLY)
     most_price: float = math.inf
     keep: tuple[str, ...] = ()
+    link_share: float = LINK_SHARE
 
     def __post_init__(self) -> None:
         if isinstance(self.fidelity, str):
@@ -82,6 +85,7 @@ class Setting:
             raise ValueError(f"most_price must be 0 or more, got {self.most_price}: leave it out for any price")
         if isinstance(self.keep, str):
             raise ValueError(f"keep must be names of poles, got {self.keep!r}: put it in a tuple")
+        check_link_share(self.link_share)
         check_choice("rendering", self.rendering, get_args(Rendering))
         if self.detector is not None and not callable(self.detector):
             raise ValueError(f"detector must be a function of a cloud's points, or None, got {self.detector!r}")

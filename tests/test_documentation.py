@@ -34,14 +34,35 @@ def name_of(page):
     return str(page.relative_to(ROOT))
 
 
-@pytest.mark.parametrize("page", [page for page in PAGES if blocks(page, "python")], ids=name_of)
-def test_python_blocks_run_one_after_the_other(page, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    names = {"__name__": "__main__"}
+def python_blocks(*, lasting):
+    """Page and number of each block that takes minutes, or of each that does not."""
+    numbered = [(page, number) for page in PAGES for number in range(len(blocks(page, "python")))]
+    return [
+        pytest.param(page, number, id=f"{name_of(page)}-{number}")
+        for page, number in numbered
+        if (blocks(page, "python")[number][0] == "minutes") == lasting
+    ]
+
+
+def run_block(page, number, folder, monkeypatch):
+    """Run a block with nothing but the files that its page shows."""
+    monkeypatch.chdir(folder)
+    monkeypatch.syspath_prepend(str(folder))
     for mark, text in blocks(page, "python"):
-        code = compile(text, name_of(page), "exec")
-        if mark != "minutes":
-            exec(code, names)
+        if mark.startswith("file: "):
+            (folder / mark.removeprefix("file: ")).write_text(text)
+    exec(compile(blocks(page, "python")[number][1], name_of(page), "exec"), {"__name__": "__main__"})
+
+
+@pytest.mark.parametrize(("page", "number"), python_blocks(lasting=False))
+def test_a_python_block_runs_alone(page, number, tmp_path, monkeypatch):
+    run_block(page, number, tmp_path, monkeypatch)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("page", "number"), python_blocks(lasting=True))
+def test_a_python_block_of_minutes_runs_alone(page, number, tmp_path, monkeypatch):
+    run_block(page, number, tmp_path, monkeypatch)
 
 
 def command_lines(page):
@@ -176,7 +197,7 @@ def test_references_keep_docstrings_signatures_and_help(extension):
     from toolkit import Body, Codec, crop
 
     signature = extension("faces").signature
-    assert signature(crop).startswith("(cloud: PointCloud, area: Area, height: float | None = None, *, floor")
+    assert signature(crop).startswith("(cloud: AnyCloud, area: Area, height: float | None = None, *, floor")
     assert "vertices: Float32[np.ndarray, 'k 3']" in signature(Body)
     assert signature(Codec) == ""
     shown = list(extension("commands").section("site"))

@@ -3,6 +3,7 @@ from .bodies.fleet import catalogue as catalogue
 from .calibration.empty_scene import EmptyScene as EmptyScene, SceneLearner as SceneLearner, Scenes as Scenes
 from .clouds import (
     crop as crop,
+    down_sample as down_sample,
     from_depth as from_depth,
     fuse as fuse,
     points_per_box as points_per_box,

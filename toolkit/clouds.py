@@ -12,16 +12,17 @@ in pcd positions, which become float32, and what `toolkit.point_writing` leaves 
 digits; xyz, pts and the legacy `open3d.geometry.PointCloud` lose `sensor`."""
 
 import warnings
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from toolkit.arrays import Float, Int, Int32, Int64, Mask, Points, Rng
+from toolkit.arrays import Float, Int, Int32, Int64, Mask, Points, Pose, Rng
 from toolkit.boxes import count_points
 from toolkit.frame import unproject
-from toolkit.point_columns import MAX_LISTED
+from toolkit.geometry import check_pose, transform
+from toolkit.point_columns import MAX_LISTED, Attributes
 from toolkit.point_files import read_pcd, read_ply
 from toolkit.point_writing import format_pcd, format_ply
 from toolkit.points import Area, Crop
@@ -30,6 +31,8 @@ from toolkit.runtime.light_open3d import o3d
 from toolkit.sensors.sensor import Sensor
 
 PointCloud = o3d.t.geometry.PointCloud
+AnyCloud = PointCloud | o3d.geometry.PointCloud | np.ndarray  # of which arrays are (n, 3), or (n, 4) with intensity
+MAX_LISTED_CLOUDS = 10
 
 
 def from_depth(
@@ -88,11 +91,39 @@ def attributes(cloud: PointCloud) -> dict[str, np.ndarray]:
     return {name: cloud.point[name].cpu().numpy() for name in cloud.point}
 
 
-def fuse(clouds: Iterable[PointCloud]) -> PointCloud:
-    """Join the points of all clouds, in order, each with the number of its sensor. Attributes that all clouds have
-    stay; a warning names those that only some have, or have in another width. Clouds without points do not count."""
-    parts = [attributes(cloud) for cloud in clouds]
-    parts = [part for part in parts if len(part.get("positions", ()))]
+def fuse(clouds: Iterable[AnyCloud], poses: Sequence[Pose] | None = None) -> PointCloud:
+    """Join the points of all clouds, in order, each with the number of its sensor.
+
+    clouds: Open3D's, tensor or legacy, or arrays of x, y, z (n, 3) or x, y, z, intensity (n, 4), in m. A cloud without
+    an attribute `sensor` gets its place in the list as its number. poses: for each cloud the motion (4, 4) from its
+    frame into the common one, with which positions become float64 and normals turn. Without poses the clouds must be in
+    one frame already, and a warning names the clouds that neither a pose nor a number of a sensor vouches for.
+
+    Attributes that all clouds have stay; a warning names the others, or those of different widths. Clouds without
+    points do not count. Raises ValueError for what is no cloud or no pose, for unequal numbers of both, and where a
+    cloud would get the number of another's sensor."""
+    if isinstance(clouds, PointCloud | o3d.geometry.PointCloud) or getattr(clouds, "ndim", 3) == 2:
+        raise ValueError("fuse takes a list of clouds, got a single one: give fuse([first, second, ...])")
+    parts = [cloud_attributes(cloud) for cloud in clouds]
+    if poses is not None:
+        if len(parts) != len(poses):
+            raise ValueError(f"{len(parts)} clouds but {len(poses)} poses: give one pose for each cloud")
+        checked = [check_pose(pose, f"pose {k}") for k, pose in enumerate(poses)]
+        parts = [_move(part, pose) for part, pose in zip(parts, checked, strict=True)]
+    taken = {int(number) for part in parts for number in np.unique(part.get("sensor", ()))}
+    unnumbered = [k for k, part in enumerate(parts) if "sensor" not in part and len(part["positions"])]
+    for k in unnumbered:
+        if k in taken:
+            raise ValueError(f"cloud {k} has no sensor number, and another has number {k}: give it one by from_points")
+        parts[k]["sensor"] = np.full(len(parts[k]["positions"]), k, np.int32)
+    if poses is None and len(unnumbered) > 1:
+        names = ", ".join(map(str, unnumbered[:MAX_LISTED_CLOUDS]))
+        rule = "have neither a pose nor a sensor number, so they are taken to be in one frame"
+        warnings.warn(f"clouds {names} {rule}: give poses=, np.eye(4) for each that is", stacklevel=2)
+    return _join([part for part in parts if len(part["positions"])])
+
+
+def _join(parts: Sequence[Attributes]) -> PointCloud:
     if not parts:
         return from_points(np.zeros((0, 3), np.float32))
     shapes = [{name: column.shape[1:] for name, column in part.items()} for part in parts]
@@ -100,19 +131,54 @@ def fuse(clouds: Iterable[PointCloud]) -> PointCloud:
     kept = [name for name in parts[0] if name in every and all(shape.get(name) == shapes[0][name] for shape in shapes)]
     if len(kept) < len(every):
         dropped = ", ".join(sorted(every - set(kept)))
-        warnings.warn(f"fuse drops {dropped}: not all {len(parts)} clouds have them in one width", stacklevel=2)
-    numbers = [np.asarray(part.get("sensor", np.zeros(len(part["positions"])))).reshape(-1) for part in parts]
+        warnings.warn(f"fuse drops {dropped}: not all {len(parts)} clouds have them in one width", stacklevel=3)
+    numbers = [np.asarray(part["sensor"]).reshape(-1) for part in parts]
     fused = {name: np.concatenate([part[name] for part in parts]) for name in kept}
     return from_attributes({**fused, "sensor": np.concatenate(numbers)})
 
 
-def down_sample(cloud: PointCloud, voxel_m: float) -> PointCloud:
+def _move(part: Attributes, pose: Pose) -> Attributes:
+    moved = {"positions": transform(pose, part["positions"].astype(np.float64))}
+    if "normals" in part:
+        moved["normals"] = part["normals"] @ pose[:3, :3].T.astype(part["normals"].dtype)
+    return {**part, **moved}
+
+
+def cloud_attributes(cloud: AnyCloud) -> Attributes:
+    """Return the attributes of a cloud of Open3D, tensor or legacy, or of an array (n, 3), or (n, 4) with intensity.
+
+    Raises ValueError for anything else; a warning names the covariances of a legacy cloud, which are left out."""
+    if isinstance(cloud, PointCloud):
+        named = attributes(cloud)
+        return named if "positions" in named else {**named, "positions": np.zeros((0, 3), np.float32)}
+    if isinstance(cloud, o3d.geometry.PointCloud):
+        named = {"positions": np.array(cloud.points)}
+        if cloud.has_normals():
+            named["normals"] = np.array(cloud.normals)
+        if cloud.has_colors():
+            named["colors"] = np.array(cloud.colors)
+        if cloud.has_covariances():
+            warnings.warn("the covariances of a legacy cloud are left out", stacklevel=3)
+        return named
+    points = np.asarray(cloud)
+    if points.ndim != 2 or points.shape[1] not in (3, 4) or points.dtype.kind not in "fiu":
+        hint = ": pass points.T?" if points.ndim == 2 and points.shape[0] in (3, 4) else ""
+        rule = "a cloud must be Open3D's or an array (n, 3) of x, y, z or (n, 4) with intensity"
+        raise ValueError(f"{rule}, got {type(cloud).__name__} {points.shape}{hint}")
+    if points.dtype not in (np.float32, np.float64):
+        points = points.astype(np.float64)
+    named = {"positions": points[:, :3]}
+    return named if points.shape[1] == 3 else {**named, "intensity": points[:, 3:]}
+
+
+def down_sample(cloud: AnyCloud, voxel_m: float) -> PointCloud:
     """Keep one point of each sensor in each cube of edge `voxel_m` (m), in their order, with all its attributes.
 
-    It is the point nearest to the mean of the sensor's points there, the first of equals. Sensors are thinned
-    separately, so that sets of sensors stay comparable."""
+    cloud: of any kind that `fuse` takes. It is the point nearest to the mean of the sensor's points there, the first of
+    equals. Sensors are thinned separately, so that sets of sensors stay comparable."""
     if not 0 < voxel_m < np.inf:
         raise ValueError(f"voxel_m must be above 0 m, got {voxel_m}")
+    cloud = _tensor_cloud(cloud)
     points = positions(cloud).astype(np.float64)
     if not len(points):
         return _select(cloud, np.zeros(0, bool))
@@ -128,17 +194,20 @@ def down_sample(cloud: PointCloud, voxel_m: float) -> PointCloud:
     return _select(cloud, keep)
 
 
-def crop(cloud: PointCloud, area: Area, height: float | None = None, *, floor: float = 0.0) -> PointCloud:
-    """Keep the points inside an area, at floor < z < height. area: a site, or xmin, ymin, xmax, ymax (m); height: by
-    default the site's own, else 4 m (paper section II-B). If the site slopes, z counts from its plane."""
+def crop(cloud: AnyCloud, area: Area, height: float | None = None, *, floor: float = 0.0) -> PointCloud:
+    """Keep the points inside an area, at floor < z < height.
+
+    cloud: of any kind that `fuse` takes; area: a site, or xmin, ymin, xmax, ymax (m); height: the site's by default,
+    else 4 m (paper section II-B). If the site slopes, z counts from its plane."""
     if np.isnan(floor):
         raise ValueError("floor must be a number of metres, got NaN")
+    cloud = _tensor_cloud(cloud)
     return _select(cloud, Crop.of(area, height).holds(positions(cloud), floor))
 
 
-def points_per_box(cloud: PointCloud | Points, boxes: Float[np.ndarray, "m 7"]) -> Int64[np.ndarray, " m"]:
-    """Number of points in each box, the paper's point density."""
-    return count_points(cloud if isinstance(cloud, np.ndarray) else positions(cloud), boxes)
+def points_per_box(cloud: AnyCloud, boxes: Float[np.ndarray, "m 7"]) -> Int64[np.ndarray, " m"]:
+    """Number of points in each box, the paper's point density. cloud: of any kind that `fuse` takes."""
+    return count_points(cloud_attributes(cloud)["positions"], boxes)
 
 
 def save(cloud: PointCloud, path: str | Path) -> None:
@@ -197,6 +266,10 @@ def load(path: str | Path) -> PointCloud:
     if "sensor" in columns and (own.dtype.kind not in "iu" or own.size != count):
         raise ValueError(f"{path}: sensor must be a whole number for each of {count} points: write it again")
     return from_attributes(sound)
+
+
+def _tensor_cloud(cloud: AnyCloud) -> PointCloud:
+    return cloud if isinstance(cloud, PointCloud) else from_attributes(cloud_attributes(cloud))
 
 
 def _select(cloud: PointCloud, keep: Mask) -> PointCloud:

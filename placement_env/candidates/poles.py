@@ -1,13 +1,15 @@
 """Poles of a city as mounts, and keep-out areas, from GeoJSON.
 
 Point features are poles, and so is every point of a MultiPoint; several in one feature are numbered from 1. Properties,
-all optional: name, height or max_height and min_height (m above the foot), price (in the catalogue's currency) or
-price_factor (of the price of one ordinary pole), existing (true: it stands already and costs nothing), capacity_kbit
-(of the link, per frame), origin (surveyed, mapped or drawn; surveyed when left out). Polygons and multipolygons with
-`keep_out: true` or `kind: "keep_out"` are keep-out areas, and in a file of keep-out areas all are. Other geometries are
-ignored, with a warning that counts them; other properties too, with a warning that names them and what they may mean.
-Sensors and parking bays of files that coview wrote (`layer`) are no poles, and its mounts cost as much as ordinary
-poles. An area whose longitude and latitude are exchanged is refused; a file whose areas are all far off is noted.
+all optional: name (else the first of `NAMES` that differs from pole to pole), height or max_height and min_height (m
+above the foot), price (in the catalogue's currency) or price_factor (of the price of one ordinary pole), existing
+(true: it stands already and costs nothing), capacity_kbit (of the link, per frame), origin (surveyed, mapped or drawn;
+surveyed when left out). Polygons and multipolygons with `keep_out: true` or `kind: "keep_out"` are keep-out areas, and
+in a file of keep-out areas all are. Other geometries are ignored, with a warning that counts them; other properties
+too, with a warning that names them and what they may mean. Sensors and parking bays of files that coview wrote
+(`layer`) are no poles, and its mounts cost as much as ordinary poles. An area whose longitude and latitude are
+exchanged is refused; a file whose areas are all far off is noted. Poles on the carriageway are left out, with a
+warning; within `SNAPPED_M` of its edge, where maps draw lanes too wide, they move there, with a warning too.
 
 Coordinates are longitude and latitude (RFC 7946, WGS84); altitude is ignored, as poles stand on the ground of the site.
 A collection with the member `coview_site`, such as a saved site, is in the site's metres, z that of the foot."""
@@ -17,6 +19,7 @@ import unicodedata
 import warnings
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from difflib import get_close_matches
 from itertools import compress
 from pathlib import Path
@@ -27,7 +30,7 @@ import shapely
 from shapely.geometry import shape
 
 from placement_env.candidates.sensor_catalogue import SensorCatalogue
-from toolkit.arrays import Float64
+from toolkit.arrays import Float64, Mask
 from toolkit.runtime.files import read_json, read_own_table
 from toolkit.sites.georeference import site_metres
 from toolkit.sites.site import Mount, Site
@@ -36,11 +39,16 @@ MOST_POLES = 5000
 SURROUNDINGS = 300.0  # m from the detection area within which a pole may stand
 SAME_PLACE = 0.1  # m between two poles that are one
 MIN_AREA_M2 = 0.01  # of a keep-out area
+SNAPPED_M = 1.0  # from the edge of the carriageway within which a pole on it moves there
+OFF_EDGE_M = 0.05  # that a moved pole is off the carriageway
+MAX_POLE_M = 60.0  # of sensors above the foot; the masts of motorways and stadiums are lower
+MAX_CHECKED_ANGLES = 16  # directions off the edge that are tried
+NAMES = ("ref", "id", "@id", "fid", "osm_id")  # keys that name a feature without a name, in this order
 ABOVE_GROUND = 20.0  # m from the ground beyond which a foot must be an altitude above the sea
 Json = dict[str, Any]
 _TABLES = read_own_table(__file__, "poles.toml")
 UNDERSTOOD: dict[str, str] = _TABLES["understood"]
-SILENT = {"capacity", "kind", "origin", "layer", "used"}  # understood, or written by coview itself
+SILENT = {"capacity", "kind", "origin", "layer", "used", *NAMES}  # understood, or written by coview itself
 
 
 def load_poles(path: str | Path, site: Site, catalogue: SensorCatalogue | None = None) -> tuple[Mount, ...]:
@@ -48,9 +56,9 @@ def load_poles(path: str | Path, site: Site, catalogue: SensorCatalogue | None =
 
     catalogue: whose currency their prices are in, and which prices an ordinary pole.
     Unnamed ones are called pole and their number in the file. Poles in a keep-out area of the file or on the
-    carriageway are left out, with a warning. Raises ValueError in one line if the file is damaged, has no pole, the
-    same one twice, names that look alike, one far from the site, or a price that is none; ImportError if the site's
-    map projection needs pyproj."""
+    carriageway are left out, with a warning; those near its edge move there. Raises ValueError in one line if the file
+    is damaged, has no pole, the same one twice, names that look alike, one far from the site, or a price that is none;
+    ImportError if the site's map projection needs pyproj."""
     collection, where = _read(Path(path)), str(path)
     features = list(_features(collection, where))
     poles: list[tuple[str, str, Json, list[float]]] = []  # place in the file, name, properties, coordinates
@@ -96,15 +104,48 @@ def load_poles(path: str | Path, site: Site, catalogue: SensorCatalogue | None =
     mounts = [_mount(own, name, foot, price, place) for (place, name, own, _), foot, price in rows]
     _check(mounts, site, where)
     spots, free = shapely.points(feet[:, :2]), np.ones(len(mounts), bool)
-    lanes = [shapely.Polygon(lane) for lane in site.lanes]
-    kept_out = list(_keep_out(collection, site, where))
-    for barring, said in ((kept_out, "in a keep-out area"), (lanes, "on the carriageway")):
-        barred = free & shapely.intersects(shapely.union_all(barring), spots)
+    carriageway = shapely.union_all([shapely.Polygon(lane) for lane in site.lanes])
+    kept_out = shapely.union_all(list(_keep_out(collection, site, where)))
+    mounts = _snap(mounts, carriageway, shapely.intersects(kept_out, spots), site, where)
+    spots = shapely.points([mount.position[:2] for mount in mounts])
+    for barring, said in ((kept_out, "in a keep-out area"), (carriageway, "on the carriageway")):
+        barred = free & shapely.intersects(barring, spots)
         free &= ~barred
         if barred.any():
             left = ", ".join(mount.name for mount in compress(mounts, barred))
             warnings.warn(f"{where}: left out, since they stand {said}: {left}", stacklevel=2)
     return tuple(compress(mounts, free))
+
+
+def _snap(mounts: Sequence[Mount], carriageway: shapely.Geometry, barred: Mask, site: Site, where: str) -> list[Mount]:
+    """Move the poles on the carriageway that are near its edge to it. barred: those that are left out in any case."""
+    moved, notes = list(mounts), []
+    for k, mount in enumerate(mounts):
+        spot = shapely.Point(mount.position[:2])
+        if barred[k] or not carriageway.intersects(spot):
+            continue
+        distance = float(carriageway.boundary.distance(spot))
+        beside = _step_off(spot, carriageway) if distance <= SNAPPED_M else None
+        if beside is not None:
+            foot = np.array([beside.x, beside.y, mount.position[2]])
+            foot[2] += float(site.ground(foot[:2])) - float(site.ground(mount.position[:2]))
+            moved[k] = replace(mount, position=foot)
+            notes.append(f"{mount.name} by {beside.distance(spot):.2f} m")
+    if notes:
+        said = "moved off the carriageway, whose edge is near"
+        warnings.warn(f"{where}: {said}: {', '.join(notes)}", stacklevel=3)
+    return moved
+
+
+def _step_off(spot: shapely.Point, carriageway: shapely.Geometry) -> shapely.Point | None:
+    """Return the place off the carriageway that is nearest to a spot on it, None within a hair's breadth of lanes."""
+    edge = shapely.get_point(shapely.shortest_line(carriageway.boundary, spot), 0)
+    for angle in np.linspace(0, 2 * np.pi, MAX_CHECKED_ANGLES, endpoint=False):
+        away = np.arctan2(edge.y - spot.y, edge.x - spot.x) + angle
+        beside = shapely.Point(edge.x + OFF_EDGE_M * np.cos(away), edge.y + OFF_EDGE_M * np.sin(away))
+        if not carriageway.intersects(beside):
+            return beside
+    return None
 
 
 def load_keep_out(path: str | Path, site: Site) -> tuple[shapely.Geometry, ...]:
@@ -166,7 +207,7 @@ def _list_placeless(collection: Json) -> list[int]:
 
 def _features(collection: Json, where: str) -> Iterator[tuple[str, str, Json, Json]]:
     """Yield place in the file, name, properties and geometry, but for the sensors and bays of a site."""
-    placeless = set(_list_placeless(collection))
+    placeless, keys = set(_list_placeless(collection)), _naming_keys(collection)
     for i, feature in enumerate(collection["features"]):
         place = f"{where}: features[{i}]"
         if i in placeless:
@@ -180,17 +221,36 @@ def _features(collection: Json, where: str) -> Iterator[tuple[str, str, Json, Js
             raise ValueError(f"{place}.properties must be an object {{...}}, got {str(properties)[:60]}")
         if properties.get("layer") not in ("sensor", "parking"):
             properties = {key: value for key, value in properties.items() if value is not None}
-            yield place, _pole_name(properties, feature, place) or f"pole{i:02}", properties, feature["geometry"]
+            yield place, _pole_name(properties, feature, keys, place) or f"pole{i:02}", properties, feature["geometry"]
 
 
-def _pole_name(properties: Json, feature: Json, place: str) -> str:
+def _naming_keys(collection: Json) -> list[str]:
+    """Keys of `NAMES` whose values differ among the features without a name, and from all names."""
+    rows = [_naming_values(feature) for feature in collection["features"] if isinstance(feature, dict)]
+    names = {row["name"] for row in rows if "name" in row}
+    values = {key: [row[key] for row in rows if key in row and "name" not in row] for key in NAMES}
+    return [key for key, used in values.items() if len(set(used)) == len(used) and not names & set(used)]
+
+
+def _naming_values(feature: Json) -> dict[str, str]:
+    """Values by which a feature may be named, as texts without blanks alone."""
+    properties = feature.get("properties")
+    values = {"id": feature.get("id")} | (properties if isinstance(properties, dict) else {})
+    texts = {key: str(values[key]) for key in ("name", *NAMES) if values.get(key) is not None}
+    return {key: text for key, text in texts.items() if text.strip()}
+
+
+def _pole_name(properties: Json, feature: Json, keys: Sequence[str], place: str) -> str:
     """Name or id of a feature as the file writes it, empty for none or blanks."""
-    name = properties.get("name", feature.get("id", ""))
-    if name is None:
-        return ""
-    if not isinstance(name, str | int | float) or isinstance(name, bool):
-        raise ValueError(f"{place}.properties.name must be a text or a number, got {str(name)[:60]}: write the name")
-    return str(name) if str(name).strip() else ""
+    values = {"id": feature.get("id")} | properties
+    for key in ("name", *keys):
+        name = values.get(key)
+        if name is not None and (not isinstance(name, str | int | float) or isinstance(name, bool)):
+            rule = f"{place}.properties.{key} must be a text or a number"
+            raise ValueError(f"{rule}, got {str(name)[:60]}: write the name")
+        if name is not None and str(name).strip():
+            return str(name)
+    return ""
 
 
 def _is_number(value: object) -> bool:
@@ -231,6 +291,9 @@ def _price_factor(properties: Json, catalogue: SensorCatalogue | None, where: st
         raise ValueError(f"{where}.properties.existing must be true or false, got {existing!r:.60}")
     if properties.get("layer") == "mount":  # of a site's file
         return 0.0 if existing else _number(properties, where, 1.0, "price")
+    for key in ("price", "price_factor"):
+        if (amount := _number(properties, where, 0.0, key)) < 0:
+            raise ValueError(f"{where}.properties.{key} must be at least 0, got {amount:g}")
     factor = _number(properties, where, 1.0, "price_factor")
     ordinary = None if catalogue is None else catalogue.pole_price
     if "price" in properties:
@@ -251,6 +314,14 @@ def _mount(properties: Json, name: str, foot: Float64[np.ndarray, "3"], price: f
     heights = _number(properties, where, min(3.0, top), "min_height"), top
     capacity = _number(properties, where, 2000.0, "capacity_kbit", "capacity")
     sensors, origin = _number(properties, where, 1.0, "max_sensors"), properties.get("origin", "surveyed")
+    for key in ("max_height", "height", "min_height"):
+        if key in properties and not 0 <= (height := _number(properties, where, 0.0, key)) <= MAX_POLE_M:
+            unit = f" (is it {height / 100:g} m, in centimetres?)" if MAX_POLE_M < height <= 100 * MAX_POLE_M else ""
+            rule = f"must be in m above the foot, 0 to {MAX_POLE_M:g}"
+            raise ValueError(f"{where}.properties.{key} {rule}, got {height:g}{unit}")
+    if not capacity > 0:
+        key = "capacity_kbit" if "capacity_kbit" in properties else "capacity"
+        raise ValueError(f"{where}.properties.{key} must be above 0 kbit per frame, got {capacity:g}")
     try:
         return Mount(name, foot, *heights, price, capacity, sensors, origin)  # type: ignore[arg-type]  # checked there
     except ValueError as error:

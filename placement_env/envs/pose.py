@@ -139,7 +139,7 @@ class _PoseTask(Task):
                 continue
             scenario = self._source.scenario(now.preparation, rig, (now.rig, objective.visibility))
             after = scenario.objective
-            illegal[row] = (~after.linked & (after.sent > objective.sent)).any()
+            illegal[row] = (~after.linked & (after.loads > objective.loads)).any()
             if not illegal[row]:
                 self._now[row], scenarios[row] = replace(now, rig=rig), scenario
         state.step(active, illegal, scenarios=scenarios)

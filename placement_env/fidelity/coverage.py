@@ -33,8 +33,9 @@ class SentData:
 
 def sent_per_frame(visibility: Visibility, scheme: Scheme, codec: Codec) -> Float64[np.ndarray, "C F"]:
     """kbit of each candidate in each frame. A box is sent for each object seen with `LEAST` points."""
-    seen = [np.bincount(visibility.frame[row >= LEAST], minlength=visibility.frames) for row in visibility.points]
-    boxes = np.array(seen, np.float64).reshape(len(visibility), visibility.frames) * scheme.sends_boxes
+    boxes = np.zeros((len(visibility), visibility.frames))
+    for row, points in zip(boxes, visibility.points if scheme.sends_boxes else (), strict=False):
+        row += np.bincount(visibility.frame[points >= LEAST], minlength=visibility.frames)
     points = scheme.sent_points(visibility).astype(np.float64)
     return np.asarray(scheme_codec(scheme, codec).bits(points=points, boxes=boxes) / 1000, np.float64)
 

@@ -1,13 +1,17 @@
 """A chosen set as it is mounted: its site, and each sensor for its installer, with links and materials."""
 
+import math
+import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from string import ascii_lowercase
 
 import numpy as np
 
 from placement_env.candidates.candidates import Candidates, aims
 from placement_env.candidates.sensor_catalogue import RATES, SensorCatalogue
+from placement_env.links import LINK_SHARE, ROUNDING_SHARE, describe_share, link_load
 from toolkit.arrays import Float64, Int64
 from toolkit.sensors.models import name_in_words
 from toolkit.sensors.sensor import Sensor
@@ -15,6 +19,8 @@ from toolkit.sites.georeference import bearing_deg, longitude_latitude
 from toolkit.sites.site import Mount, Site
 
 RATE = 10.0  # frames a second over a link
+POSE_NAME = re.compile(r"_\d+(\.\d+)?m_h-?\d+(\.\d+)?_t-?\d+(\.\d+)?_\w+")  # of a pool's candidate, after its pole
+LETTERED = re.compile(r" [a-z]{1,2}$")
 SAME_SPOT = 0.1  # m between the feet of mounts that count as one
 MBIT = 1000.0  # kbit
 
@@ -27,7 +33,8 @@ class PlannedSensor:
 
     x, y, z: position (m, site frame); longitude, latitude: degrees, None without a geographic reference; height: above
     the foot of its pole (m); bearing_deg: compass bearing of the optical axis, clockwise from north (+y of the site's
-    map); tilt_deg: below the horizon; kbit, peak_kbit: mean and maximum per frame; capacity_kbit: of its link."""
+    map); tilt_deg: below the horizon; kbit, peak_kbit: mean and maximum per frame; capacity_kbit: of its link;
+    load_kbit: that it takes up of it (`placement_env.links`)."""
 
     name: str
     pole: str
@@ -45,11 +52,15 @@ class PlannedSensor:
     kbit: float
     peak_kbit: float
     capacity_kbit: float
+    load_kbit: float
 
 
 @dataclass(frozen=True)
 class LinkLoad:
-    """Load of one pole's link at `RATE` frames a second, and its capacity."""
+    """Load of one pole's link at `RATE` frames a second, and its capacity.
+
+    mbit_s, peak_mbit_s, load_mbit_s: mean, largest frame, and what counts against the capacity, of which it is `share`:
+    see `placement_env.links`."""
 
     pole: str
     mbit_s: float
@@ -57,6 +68,7 @@ class LinkLoad:
     capacity_mbit_s: float
     share: float
     fits: bool
+    load_mbit_s: float
 
 
 @dataclass(frozen=True)
@@ -86,12 +98,14 @@ def format_sensors(
     *,
     kbit: Float64[np.ndarray, "k frames"],
     catalogue: SensorCatalogue | None = None,
+    link_share: float = LINK_SHARE,
 ) -> tuple[PlannedSensor, ...]:
     """Describe each sensor of a set for its installer, in the order of the set.
 
     chosen, moved: as for `mounted_site`, whose sensors have the same names; kbit: sent by each sensor, per frame;
-    catalogue: with names of models, None for their usual names. A mount is paid for with the first sensor on it.
-    Raises ValueError if their numbers differ; ImportError if the site's map needs pyproj."""
+    catalogue: with names of models, None for their usual names; link_share: of the frames, for the loads. A mount is
+    paid for with the first sensor on it. Raises ValueError if their numbers differ; ImportError if the site's map
+    needs pyproj."""
     sensors, mounts = _sensors(candidates, chosen, moved)
     if len(kbit) != len(sensors):
         raise ValueError(f"kbit must hold a row for each of {len(sensors)} sensors, got {len(kbit)}")
@@ -99,6 +113,7 @@ def format_sensors(
     places = [(None, None)] * len(sensors) if degrees is None else degrees.tolist()
     headings, tilts = aims(sensors)
     prices, mean_kbit = candidates.model_prices[np.asarray(chosen, np.int64)], kbit.mean(axis=1)
+    loads = link_load(kbit, link_share)
     return tuple(
         PlannedSensor(
             name=sensor.name,
@@ -115,6 +130,7 @@ def format_sensors(
             kbit=float(mean_kbit[i]),
             peak_kbit=float(kbit[i].max()),
             capacity_kbit=float(mount.capacity),
+            load_kbit=float(loads[i]),
         )
         for i, (sensor, mount) in enumerate(zip(sensors, mounts, strict=True))
     )
@@ -145,7 +161,48 @@ def _sensors(
             pose = f"{sensor.position[2] - mount.position[2]:.2f}m_h{heading % 360:.1f}_t{tilt:.1f}"
             name = stayed.get(sensor.digest) or f"{mount.name}_{pose}_{sensor.model.kind}"  # as in a pool
             sensors.append(replace(sensor, name=name))
-    return tuple(replace(sensor, name=sensor.name.replace("/", "-")) for sensor in sensors), tuple(mounts)
+    poles = [mount.name for mount in candidates.mounts]
+    names = name_by_poles([sensor.name for sensor in sensors], [mount.name for mount in mounts], poles)
+    return tuple(replace(sensor, name=name) for sensor, name in zip(sensors, names, strict=True)), tuple(mounts)
+
+
+def name_by_poles(names: Sequence[str], poles: Sequence[str], known: Sequence[str] = ()) -> tuple[str, ...]:
+    """Return the names that the sensors of a set have everywhere: their poles', with a, b, ... where several share one.
+
+    names: those that the sensors have; poles: of each; known: names of all poles. Only names of poses in a pool
+    (post07_6.0m_h90_t15_camera) and names of poles are replaced: d0 of a site stays. Names hold - for /, as a
+    recording's groups are named by them.
+
+    >>> name_by_poles(["P1_6.0m_h0_t5_camera", "P1_6.0m_h90_t5_camera", "d4"], ["P1", "P1", "P2"])
+    ('P1 a', 'P1 b', 'd4')
+    """
+    letters, plain = Counter[str](), [name.replace("/", "-") for name in names]
+    bases = {pole.replace("/", "-") for pole in (*known, *poles)}
+    by_pole = [
+        POSE_NAME.fullmatch(name.removeprefix(pole.replace("/", "-"))) is not None or LETTERED.sub("", name) in bases
+        for name, pole in zip(plain, poles, strict=True)
+    ]
+    several = Counter(pole for pole, replaced in zip(poles, by_pole, strict=True) if replaced)
+    settled = []
+    for name, pole, replaced in zip(plain, poles, by_pole, strict=True):
+        if replaced:
+            name = pole.replace("/", "-")
+            letters[pole] += 1
+            name += f" {_letter(letters[pole])}" if several[pole] > 1 else ""
+        settled.append(name)
+    return tuple(settled) if len(set(settled)) == len(settled) else tuple(plain)
+
+
+def _letter(number: int) -> str:
+    """Letters of a number from 1 on: a to z, then aa."""
+    more, last = divmod(number - 1, len(ascii_lowercase))
+    return (_letter(more) if more else "") + ascii_lowercase[last]
+
+
+def build_load(pole: str, mean: float, peak: float, load: float, capacity: float, *, limited: bool) -> LinkLoad:
+    """Load of one link from its amounts (Mbit/s). limited: as of `link_loads`."""
+    fits = load <= capacity * (1 + ROUNDING_SHARE) or not limited
+    return LinkLoad(pole, mean, peak, capacity, load / capacity, fits, load)
 
 
 def link_loads(sensors: tuple[PlannedSensor, ...], *, limited: bool) -> tuple[LinkLoad, ...]:
@@ -154,10 +211,24 @@ def link_loads(sensors: tuple[PlannedSensor, ...], *, limited: bool) -> tuple[Li
     loads = []
     for pole in dict.fromkeys(sensor.pole for sensor in sensors):
         here = [sensor for sensor in sensors if sensor.pole == pole]
-        sums = sum(sensor.kbit for sensor in here), sum(sensor.peak_kbit for sensor in here), here[0].capacity_kbit
-        mean, peak, capacity = (kbit * RATE / MBIT for kbit in sums)
-        loads.append(LinkLoad(pole, mean, peak, capacity, peak / capacity, peak <= capacity or not limited))
+        names = ("kbit", "peak_kbit", "load_kbit")
+        mean, peak, load = (sum(getattr(sensor, name) for sensor in here) * RATE / MBIT for name in names)
+        loads.append(build_load(pole, mean, peak, load, here[0].capacity_kbit * RATE / MBIT, limited=limited))
     return tuple(loads)
+
+
+def describe_narrow_links(loads: Sequence[LinkLoad], link_share: float = LINK_SHARE) -> str:
+    """Sentence on the links that cannot carry what is sent, with remedies; "" where each can."""
+    narrow = [load for load in loads if not load.fits]
+    if not narrow:
+        return ""
+    needs = [f"{load.pole} needs {load.load_mbit_s:.2f} of {load.capacity_mbit_s:.2f} Mbit/s" for load in narrow]
+    needed_kbit = math.ceil(max(load.load_mbit_s for load in narrow) * MBIT / RATE)
+    links = "The link is too narrow" if len(narrow) == 1 else f"{len(narrow)} links are too narrow"
+    return (
+        f"{links} for {describe_share(link_share)}: {', '.join(needs)}; plan with links of {needed_kbit} kbit per "
+        "frame (--capacity), allow each sensor less (--max-kbit), or send less (--scheme foreground or late)."
+    )
 
 
 def bill_of_rates(sensors: Sequence[PlannedSensor], catalogue: SensorCatalogue | None) -> tuple[MaterialItem, ...]:

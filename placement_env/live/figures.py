@@ -26,7 +26,8 @@ from placement_env.fidelity.coverage import sent_per_frame
 from placement_env.fidelity.preparation import Preparation
 from placement_env.fidelity.surrogate import Surrogate, resample_ap
 from placement_env.fidelity.visibility import Visibility
-from placement_env.handover.mounted import MBIT, RATE, LinkLoad
+from placement_env.handover.mounted import MBIT, RATE, LinkLoad, build_load
+from placement_env.links import ROUNDING_SHARE, link_load
 from placement_env.objective import Objective
 from toolkit.arrays import Bool, Float64, Int64
 
@@ -242,10 +243,11 @@ class Meter:
         setting, loads = self.preparation.setting, []
         kbit = sent_per_frame(seen, setting.fusion, setting.codec) * standing[:, None] * RATE / MBIT
         for mount in np.unique(candidates.mount).tolist():
-            frames, pole = kbit[candidates.mount == mount].sum(axis=0), candidates.mounts[mount]
-            most, capacity = float(frames.max(initial=0)), pole.capacity * RATE / MBIT
-            fits = most <= capacity or not setting.fusion.sends_points
-            loads.append(LinkLoad(pole.name, float(frames.mean()), most, capacity, most / capacity, fits))
+            rows, pole = kbit[candidates.mount == mount], candidates.mounts[mount]
+            mean, peak = float(rows.mean(axis=1).sum()), float(rows.max(axis=1, initial=0).sum())
+            load, capacity = float(link_load(rows, setting.link_share).sum()), pole.capacity * RATE / MBIT
+            limited = setting.fusion.sends_points
+            loads.append(build_load(pole.name, mean, peak, load, capacity, limited=limited))
         return tuple(loads)
 
 
@@ -256,6 +258,11 @@ def _list_problems(objective: Objective) -> tuple[str, ...]:
     per_mount, price = candidates.per_mount(every)[0], float(objective.price(every)[0])
     crowded = [m.name for m, count in zip(candidates.mounts, per_mount, strict=True) if count > m.max_sensors]
     said += [f"{name} carries more sensors than it may" for name in crowded]
+    if (loads := objective.shared_links) is not None:
+        sums = candidates.per_mount(every, loads)[0]
+        mounts = zip(candidates.mounts, sums, per_mount, strict=True)
+        narrow = [m.name for m, load, count in mounts if count > 1 and load > m.capacity * (1 + ROUNDING_SHARE)]
+        said += [f"the sensors on {name} together send more than its link carries" for name in narrow]
     if not objective.affordable(np.array([price]))[0]:
         said.append(f"it costs {price:g}, more than {objective.most_price:g}")
     return tuple(said)

@@ -33,7 +33,7 @@ from placement_env.live.variant import (
     Yard,
     check_area,
     check_name,
-    free_name,
+    name_on_pole,
 )
 from placement_env.objective import Score
 from placement_env.report.planning.plan_folder import PlanFolder, StatedFigure, is_plan_folder, read_plan_folder
@@ -254,8 +254,8 @@ class LivePlanner:
             model = model or next(iter(self.yard.models))
             if name is not None and name in {sensor.name for sensor in self.sensors}:
                 raise ValueError(f"there is a sensor {name!r} already: give another name")
-            name = check_name(name) if name else free_name(self.variant, f"{model} {1 + len(self.sensors)}")
             pole, variant = self.yard.stand(self.variant, mount)
+            name = check_name(name) if name else name_on_pole(self.variant, pole.name)
             self._check_room(variant, pole.name)
             up = pole.max_height if height is None else float(np.clip(height, pole.min_height, pole.max_height))
             x, y, _ = pole.position.tolist()
@@ -496,7 +496,7 @@ class LivePlanner:
                 self._check_room(_without(variant, sensor.name), sensor.mount)
                 return self._become(variant.with_sensor(sensor), f"{sensor.name} moved")
             self._check_room(variant, sensor.mount)
-            made = replace(sensor, name=free_name(variant, sensor.name))
+            made = replace(sensor, name=name_on_pole(variant, sensor.mount))
             return self._become(replace(variant, sensors=(*variant.sensors, made)), f"{made.name} added")
 
     def search(self, stop: Callable[[], bool] = lambda: False) -> Iterator[LiveAnswer]:
@@ -587,7 +587,7 @@ class LivePlanner:
         (sensor,) = self.yard.place([stock.sensors[candidate]]).sensors
         if taken is not None:
             return replace(sensor, name=taken.name, failed=taken.failed)
-        return replace(sensor, name=free_name(base, f"{sensor.model} {1 + len(base.sensors)}"))
+        return replace(sensor, name=name_on_pole(base, sensor.mount))
 
     def _improve(self, kind: str, base: Variant, sensor: LiveSensor) -> Suggestion:
         """Suggestion of a sensor, turned and tilted while that helps and makes no problem."""

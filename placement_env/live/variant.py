@@ -5,6 +5,7 @@ from collections import Counter, defaultdict
 from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, lru_cache
+from string import ascii_lowercase
 from typing import Any
 
 import numpy as np
@@ -335,6 +336,13 @@ def _find_step(steps: Float64[np.ndarray, " n"], value: float, period: float = m
 def _hang(sensor: LiveSensor, model: SensorModel, foot: float) -> Sensor:
     plain = Sensor(sensor.name, model, pose() @ model.body_SE3_sensor)
     return aim_sensor(plain, np.array([sensor.x, sensor.y, foot + sensor.height]), sensor.heading, sensor.tilt)
+
+
+def name_on_pole(variant: Variant, pole: str) -> str:
+    """Name of one more sensor on a pole: the pole's, with b, c, ... where another sensor has it."""
+    names, plain = {sensor.name for sensor in variant.sensors}, pole.replace("/", "-")[:LONGEST_NAME]
+    lettered = (f"{plain} {letter}" for letter in ascii_lowercase[1:])
+    return next((name for name in (plain, *lettered) if name not in names), free_name(variant, plain))
 
 
 def free_name(variant: Variant, wanted: str) -> str:

@@ -84,15 +84,15 @@ def failure_chart(intact: content.Judgement, failures: Sequence[content.FailureC
 def link_chart(links: Sequence[LinkLoad]) -> str:
     """Mbit/s of each link against its capacity."""
     with canvas.house_style():
-        text = f"{RATE:g} frames a second; bar: mean, line: largest frame, upright: capacity of the link"
+        text = f"{RATE:g} frames a second; bar: mean, line: load, upright: capacity of the link"
         figure, axes = row_axes("Load of the links", text, [each.pole for each in links], right=2.3)
-        loads = [max(each.mbit_s, each.peak_mbit_s) for each in links]
+        loads = [max(each.mbit_s, each.load_mbit_s) for each in links]
         near = [each.capacity_mbit_s for each in links if each.capacity_mbit_s <= 4 * max(loads, default=0.0)]
         low, high = canvas.pad_limits([*loads, *near])
         for row, each in enumerate(links):
             face, edge, hatch = (BAR, None, None) if each.fits else ("white", OUTCOME["missed"].colour, "xxxx")
             axes.barh(row, each.mbit_s, height=0.5, zorder=2, facecolor=face, edgecolor=edge, hatch=hatch)
-            axes.plot([each.mbit_s, each.peak_mbit_s], [row, row], color=INK, linewidth=1.4, zorder=3)
+            axes.plot([each.mbit_s, each.load_mbit_s], [row, row], color=INK, linewidth=1.4, zorder=3)
             if each.capacity_mbit_s <= high:
                 axes.plot([each.capacity_mbit_s] * 2, [row - 0.33, row + 0.33], color=INK, linewidth=2.4, zorder=3.2)
             state = f"{each.share:.0%}: {'fits' if each.fits else 'TOO MUCH'}"

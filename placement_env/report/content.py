@@ -4,7 +4,9 @@ Nothing in it depends on the clock, so the same question has the same plan, byte
 1000 bit; prices are in the plan's currency. AP and recall are at the plan's IoU unless a field says otherwise, always
 by the detector on traffic that no search saw. An undefined figure is None."""
 
-from dataclasses import asdict, dataclass, field, replace
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field, fields, is_dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +15,7 @@ from placement_env.candidates.candidates import Candidates
 from placement_env.cases import IoUs
 from placement_env.handover.ground import Ground, GroundShares
 from placement_env.handover.mounted import LinkLoad, MaterialItem, PlannedSensor
+from placement_env.links import LINK_SHARE
 from toolkit.arrays import Bool, Float32, Mask
 from toolkit.display import Card, Displayed, Table
 from toolkit.objects import Detections, Objects
@@ -55,7 +58,7 @@ class PlanOption:
     None if not judged; searches: those that found it; mean_ap: over IoU 0.7, 0.8 and 0.9. Three results are None unless
     the plan asks for them: left: with failed sensors, over the levels of traffic if there are several; over_levels:
     intact, over the levels; over_errors: over the error profiles, with failures and levels. All other figures are at
-    the first profile."""
+    the first profile. fits_links: whether the links carry what is sent in the frames that it was judged on."""
 
     sensors: tuple[str, ...]
     price: float
@@ -69,6 +72,7 @@ class PlanOption:
     over_levels: Judgement | None = None
     over_errors: Judgement | None = None
     poles: tuple[str, ...] = ()
+    fits_links: bool = True
 
     @property
     def counted(self) -> Judgement | None:
@@ -227,6 +231,12 @@ class Plan(Displayed):
     unknown: tuple[str, ...] = ()
     provenance: dict[str, object] = field(default_factory=dict)
 
+    @property
+    def link_share(self) -> float:
+        """Share of the frames in which links must carry what is sent."""
+        share = self.question.get("link_share", LINK_SHARE)
+        return share if isinstance(share, float) else LINK_SHARE
+
     def _card(self) -> Card:
         tables = {"sensors": self._list_sensors, "considered": self._list_options}
         return Card(f"Plan for {self.site}", (self.verdict.sentence,), tables)
@@ -277,3 +287,28 @@ class Planned(Displayed):
     def _card(self) -> Card:
         drawn = self.plan.chosen is not None
         return replace(self.plan._card(), drawing="placement_env.report.maps:draw_planned" if drawn else "")
+
+
+def replace_texts(value: Any, change: Callable[[str], str]) -> Any:
+    """Return a value with all its texts changed, except drawings."""
+    if isinstance(value, str):
+        return change(value)
+    if isinstance(value, Mapping):
+        return {replace_texts(key, change): replace_texts(each, change) for key, each in value.items()}
+    if isinstance(value, tuple | list):
+        changed_rows = (replace_texts(each, change) for each in value)
+        return list(changed_rows) if isinstance(value, list) else tuple(changed_rows)
+    if is_dataclass(value) and not isinstance(value, type):
+        changed = {each.name: replace_texts(getattr(value, each.name), change) for each in fields(value)}
+        return replace(value, **changed)
+    return value
+
+
+def rename(plan: Plan, names: Mapping[str, str]) -> Plan:
+    """Return a plan with sensors renamed in all its texts. names: new ones by old ones, which are whole words there."""
+    if not names:
+        return plan
+    longest_first = "|".join(map(re.escape, sorted(names, key=len, reverse=True)))
+    words = re.compile(rf"(?<![\w-])(?:{longest_first})(?!\w)")
+    renamed: Plan = replace_texts(plan, lambda text: names.get(text) or words.sub(lambda word: names[word[0]], text))
+    return renamed

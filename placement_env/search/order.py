@@ -15,6 +15,7 @@ from placement_env.candidates.candidates import aims
 from placement_env.classes import join_names
 from placement_env.fidelity.preparation import BY_LEVELS, Preparation, check_scorable
 from placement_env.fidelity.table import hash_site
+from placement_env.links import describe_share
 from placement_env.objective import Objective, Score
 from placement_env.protocol import Doubting, FidelityName
 from placement_env.search.checkpoint import NOWHERE, Checkpoint, find_unfinished, unfinished
@@ -386,10 +387,11 @@ def describe_empty(objective: Objective) -> str:
     """Likely reasons for an empty answer, with remedies."""
     linked = objective.linked
     if not linked.any():
-        least, most = float(objective.sent.min()), float(objective.candidates.capacity.max())
+        frames = describe_share(objective.setting.link_share)
+        least, most = float(objective.loads.min()), float(objective.candidates.capacity.max())
         return (
-            f"none of the {len(linked)} candidates fits its link: they send {least:.0f} kbit per frame or more, and no "
-            f"link carries more than {most:.0f}: give mounts more, or say --scheme late, which sends boxes"
+            f"none of the {len(linked)} candidates fits its link: in {frames} they send up to {least:.0f} kbit or "
+            f"more, and no link carries more than {most:.0f}: give mounts more, or say --scheme late, which sends boxes"
         )
     alone = objective.scores(np.eye(len(linked), dtype=np.bool_)[linked])
     if float(alone.ap.max()) <= 0:
@@ -414,18 +416,18 @@ def check_present(objective: Objective) -> None:
 
 def describe_exclusions(objective: Objective, max_kbit: float | None = None, currency: str = "") -> tuple[str, ...]:
     """Sentences on what excludes candidates, with their number and the requirement of the least demanding one."""
-    candidates, sent, linked = objective.candidates, objective.sent, objective.linked
-    count, reasons = len(candidates), []
+    candidates, sent, linked = objective.candidates, objective.loads, objective.linked
+    count, reasons, frames = len(candidates), [], describe_share(objective.setting.link_share)
     if not linked.all():
         least = int(np.flatnonzero(~linked)[np.argmin(sent[~linked])])
         reasons.append(
-            f"The links exclude {int((~linked).sum())} of {count} candidates: the least that any of these sends is "
-            f"{sent[least]:.1f} kbit per frame, over a link of {candidates.capacity[least]:g} kbit."
+            f"The links exclude {int((~linked).sum())} of {count} candidates: the least that any of these sends in "
+            f"{frames} is up to {sent[least]:.1f} kbit, over a link of {candidates.capacity[least]:g} kbit."
         )
     if max_kbit is not None and (sent > max_kbit).any():
         reasons.append(
             f"The limit of {max_kbit:g} kbit per sensor and frame excludes {int((sent > max_kbit).sum())} of {count} "
-            f"candidates: the least that any candidate sends is {sent.min():.1f} kbit."
+            f"candidates: the least that any candidate sends in {frames} is up to {sent.min():.1f} kbit."
         )
     affordable = objective.affordable(candidates.prices)
     if not affordable.all():
@@ -452,8 +454,8 @@ def explain_kept(
             why = "no pose on it sees the detection area"
         elif not objective.linked[own].any():
             why = f"each pose sends more than its link of {candidates.capacity[own[0]]:g} kbit per frame carries"
-        elif (objective.sent[own] > max_kbit).all():
-            why = f"each pose sends {objective.sent[own].min():.1f} kbit per frame or more; {max_kbit:g} are allowed"
+        elif (objective.loads[own] > max_kbit).all():
+            why = f"each pose sends {objective.loads[own].min():.1f} kbit per frame or more; {max_kbit:g} are allowed"
         elif not objective.affordable(candidates.prices[own]).any():
             why = f"a sensor there costs {cost(float(candidates.prices[own].min()))}"
         elif not alone[own].any():

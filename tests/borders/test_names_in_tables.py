@@ -29,6 +29,7 @@ def planned(name: str) -> PlannedSensor:
         kbit=310.0,
         peak_kbit=402.0,
         capacity_kbit=2000.0,
+        load_kbit=390.0,
     )
 
 

@@ -31,7 +31,7 @@ SITE = Site(
 )
 PLACE = (0.0, 9.0, 5.0, 11.58, 48.15, 5.0)
 SENSOR = PlannedSensor(
-    "n", "north; 信号灯", *PLACE, 157.0, 11.4, "depth-camera", 1500.0, 0.5, 412.3, 500.0, 2000.0
+    "n", "north; 信号灯", *PLACE, 157.0, 11.4, "depth-camera", 1500.0, 0.5, 412.3, 500.0, 2000.0, 480.0
 )  # fmt: skip
 
 

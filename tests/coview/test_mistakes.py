@@ -153,7 +153,7 @@ def test_an_argument_is_refused_before_an_old_answer(line, said, refused, record
         ("surrogate --out s.json", "there is no site to fit to: name one, or say --random-sites 8"),
         ("stress tjunction", "tjunction is a site, no recording"),
         ("fuse nowhere.pcd --out f.ply", "give cloud files and --poses, or --argoverse LOG"),
-        ("serch tjunction", "unknown command 'serch': choose among demo, site"),
+        ("serch tjunction", "unknown command 'serch': did you mean search?"),
     ],
 )
 def test_what_a_mistake_is_told(line, said, refused, recording, clouds):

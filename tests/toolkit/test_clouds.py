@@ -205,3 +205,62 @@ def rich_cloud(n=60, seed=0, *left_out):
         "ring": rng.integers(0, 64, (n, 1)).astype(np.uint16),
     }
     return from_attributes({name: column for name, column in made.items() if name not in left_out})
+
+
+class TestFusingCloudsOfAnyKind:
+    """`fuse` takes tensor clouds, legacy clouds and arrays, in their sensors' frames where poses are given."""
+
+    FAR = pose(500_000.25, 5_400_000.5, 120.0, yaw=0.7)
+
+    def test_poses_move_points_in_float64_and_turn_normals(self):
+        points = np.random.default_rng(0).uniform(-20, 20, (30, 3))
+        legacy = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points))
+        legacy.normals = o3d.utility.Vector3dVector(np.tile([1.0, 0.0, 0.0], (30, 1)))
+        theirs: Any = o3d.geometry.PointCloud(legacy).transform(self.FAR)
+        fused = fuse([legacy], [self.FAR])
+        np.testing.assert_allclose(positions(fused), np.asarray(theirs.points), atol=1e-6)
+        np.testing.assert_allclose(fused.point.normals.numpy(), np.asarray(theirs.normals), atol=1e-6)
+
+    def test_clouds_without_a_number_get_their_place(self):
+        points = np.ones((2, 3), np.float32)
+        legacy = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points))
+        tensors = o3d.t.geometry.PointCloud(o3d.core.Tensor(points))
+        fused = fuse([points, legacy, tensors, from_points(points, 7)], [np.eye(4)] * 4)
+        assert sensor_numbers(fused).tolist() == [0, 0, 1, 1, 2, 2, 7, 7]
+        with pytest.raises(ValueError, match="cloud 1 has no sensor number, and another has number 1"):
+            fuse([from_points(points, 1), points], [np.eye(4)] * 2)
+
+    def test_a_fourth_column_is_the_intensity(self):
+        points = np.array([[1, 2, 3, 0.5], [4, 5, 6, 0.25]], np.float32)
+        fused = fuse([points])
+        assert attributes(fused)["intensity"].ravel().tolist() == [0.5, 0.25]
+        assert positions(fused).tolist() == points[:, :3].tolist()
+
+    def test_clouds_in_sensor_frames_are_not_heaped_in_silence(self):
+        points = np.ones((2, 3))
+        with pytest.warns(UserWarning, match="clouds 0, 2 have neither a pose nor a sensor number"):
+            fuse([points, from_points(points, 5), points])
+
+    @pytest.mark.parametrize(
+        ("clouds", "poses", "said"),
+        [
+            ([np.ones((2, 3))], [np.eye(4)] * 2, "1 clouds but 2 poses"),
+            ([np.ones((2, 3))], [np.zeros((4, 4))], "pose 0 must"),
+            (np.ones((5, 3)), None, "a list of clouds"),
+            (from_points(np.ones((5, 3))), None, "a list of clouds"),
+            ([np.ones((3, 9))], None, r"\(3, 9\): pass points.T"),
+            (["north.ply"], None, "a cloud must be Open3D's or an array"),
+            ([np.ones((5, 7))], None, r"got ndarray \(5, 7\)"),
+        ],
+    )
+    def test_what_is_no_list_of_clouds_is_refused(self, clouds, poses, said):
+        with pytest.raises(ValueError, match=said):
+            fuse(clouds, poses)
+
+    def test_arrays_and_legacy_clouds_are_cropped_thinned_and_counted(self):
+        points = np.array([[1.0, 1.0, 1.0], [1.1, 1.0, 1.0], [90.0, 0.0, 1.0]])
+        legacy = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points))
+        for cloud in (points, legacy, from_points(points)):
+            np.testing.assert_array_equal(positions(crop(cloud, AREA)), points[:2])
+            assert len(positions(down_sample(cloud, 1.0))) == 2
+            assert points_per_box(cloud, np.array([[1.0, 1, 1, 2, 2, 2, 0]])).tolist() == [2]

@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from toolkit.arrays import Float32, Float64, Pose
-from toolkit.geometry import MAX_COORDINATE_M, check_pose, invert, transform
+from toolkit.geometry import MAX_COORDINATE_M, check_pose, invert
 from toolkit.point_columns import Attributes, find_axes, name_attributes, warn_of_offset
 from toolkit.runtime import files
 
@@ -54,20 +54,18 @@ def fuse_files(paths: Sequence[str | Path], poses: Sequence[Pose]) -> "PointClou
 
     if len(paths) != len(poses):
         raise ValueError(f"{len(paths)} cloud files but {len(poses)} poses: give one pose for each file")
+    checked = [check_pose(pose, f"pose of {path}") for path, pose in zip(paths, poses, strict=True)]
     parts = []
-    for number, (path, pose) in enumerate(zip(paths, poses, strict=True)):
-        checked, recorded = check_pose(pose, f"pose of {path}"), _finite(read_recorded(path))
+    for number, path in enumerate(paths):
+        recorded = _finite(read_recorded(path))
         returned = (recorded["positions"] != 0).any(axis=1)
         if nothing := int((~returned).sum()):
             warnings.warn(f"{path}: {nothing} points at 0 0 0, of no return, are left out", stacklevel=2)
             recorded = {name: column[returned] for name, column in recorded.items()}
         if rounded := describe_rounding(recorded["positions"]):
             warnings.warn(f"{path}: {rounded}", stacklevel=2)
-        placed = {"positions": transform(checked, recorded.pop("positions"))}
-        if "normals" in recorded:
-            placed["normals"] = recorded.pop("normals") @ checked[:3, :3].T.astype(np.float32)
-        parts.append(from_attributes(placed | recorded, number))
-    return fuse(parts)
+        parts.append(from_attributes(recorded, number))
+    return fuse(parts, checked)
 
 
 def crop_area(

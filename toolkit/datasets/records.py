@@ -15,14 +15,15 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from toolkit.arrays import Float64, Int64, Pose, Shaped
+from toolkit.class_names import CATEGORIES
 from toolkit.datasets.cloud_files import check_extent, describe_rounding, read_recorded
 from toolkit.datasets.origins import Middles, find_far_middle, translation
 from toolkit.datasets.point_times import is_time, parse_point_times
 from toolkit.frame import DisplayedRecording, Frame, Frames, OtherObjects, RecordingView, SensorCloud
 from toolkit.geometry import MAX_COORDINATE_M, check_pose, invert, pose, transform
-from toolkit.objects import LABELS, Detections, Objects, label_index
+from toolkit.objects import LABELS, Detections, Objects
 from toolkit.point_files import pcd_bytes
-from toolkit.runtime.files import parse_json, read_bytes, read_own_table, replace_infinite, write_bytes, write_text
+from toolkit.runtime.files import parse_json, read_bytes, replace_infinite, write_bytes, write_text
 from toolkit.sites.site import Site
 
 Unchecked = Any  # a value of a file
@@ -206,8 +207,6 @@ TILTED = "boxes tilted by more than 20 degrees, of which only the heading is kep
 MIN_LEVEL = np.cos(np.deg2rad(8.0))  # cosine of a road's slope, which tilts a vehicle's frame
 MIN_UPRIGHT = np.cos(np.deg2rad(20.0))  # cosine of the tilt of a road user's box
 
-_NAMES = read_own_table(__file__, "classes.toml")
-CATEGORIES = {name: label_index(label) for label, names in _NAMES.items() for name in names}
 COMMON_NAMES = {"vehicle": "Car", "cyclist": "Cyclist", "pedestrian": "Pedestrian", "heavy": "Truck"}  # when written
 
 
@@ -502,6 +501,7 @@ def get_intensity(cloud: SensorCloud) -> np.ndarray:
 
 _VERSION = 1
 _SIZES = ("x", "y", "z", "length", "width", "height")
+_FORM = f'{{"coview": "boxes", "version": {_VERSION}, "samples": [{{"name", "objects": [...]}}]}}'
 
 
 def boxes_record(
@@ -537,7 +537,7 @@ def read_entries(path: str | Path) -> dict[str, Unchecked]:
     with named_damage(path, "file of boxes"):
         content = load_json(path)
         if not isinstance(content, dict) or (content.get("coview"), content.get("version")) != ("boxes", _VERSION):
-            raise ValueError(f"it must say coview boxes, version {_VERSION}: see docs/how-to/labels.md")
+            raise ValueError(f"its form must be {_FORM}, got {_describe_form(content)}")
         if (frame := content.get("frame", "world")) != "world":
             raise ValueError(f"its boxes must be in the frame world, got {str(frame)[:40]!r}: move them by poses.json")
         entries = as_list(entry(content, "samples"), "samples")
@@ -545,6 +545,22 @@ def read_entries(path: str | Path) -> dict[str, Unchecked]:
         if len(named) < len(entries):
             raise ValueError("two of its samples have one name")
         return named
+
+
+def _describe_form(content: Unchecked) -> str:
+    """Describe what a file holds in place of our boxes, and the layout that takes it."""
+    if isinstance(content, list):
+        rows = f"a list of {len(content)} rows"
+        keyed = bool(content) and isinstance(content[0], dict) and "psr" in content[0]
+        return f"{rows} of SUSTechPOINTS: give --layout sustech" if keyed else rows
+    if not isinstance(content, dict):
+        return str(content)[:40]
+    if "openlabel" in content:
+        return "OpenLABEL: give --layout openlabel"
+    if content.get("coview") == "boxes":
+        return f"version {content.get('version')!r:.20}"
+    keys = ", ".join(map(str, content))
+    return f"an object with the entries {keys[:80]}" if keys else "an empty object"
 
 
 def parse_objects(path: str | Path, each: Unchecked, problems: Problems) -> Labelled:

@@ -106,6 +106,11 @@ def resolve_detector(name: str) -> Any:
     """Import what `package.module:callable` names, also from the current folder. Raises ValueError in one line."""
     if not re.fullmatch("[^:]+:[^:]+", name):
         raise ValueError(f"a detector to import must be named package.module:callable, got {name!r}")
+    module, _, attribute = name.partition(":")
+    if module.endswith(".py") or "/" in module or "\\" in module:
+        folder, stem = Path(module).parent, Path(module).name.removesuffix(".py")
+        remedy = f"write {stem}:{attribute}" if folder == Path() else f"run it in {folder}, as {stem}:{attribute}"
+        raise ValueError(f"detector {name} must be named as Python imports it, not by its file: {remedy}")
     if os.getcwd() not in sys.path:
         sys.path.append(os.getcwd())  # modules of the current folder are found last
     try:

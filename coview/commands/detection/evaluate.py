@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal
 from tyro.conf import Positional
 
 from coview import arguments
-from coview.detectors import CLUSTER, check_detector, recording_detector
+from coview.detectors import check_detector, recording_detector
 from coview.outputs import OK, Writing, check_folder, claim, print_result
 from coview.progress_bar import progress_bar
 from coview.recordings import Opening
@@ -69,8 +69,9 @@ class Subject:
     """Detector and sensors to score."""
 
     detector: str | None = None
-    """Detector: cluster, voxelnet, general, a file of weights or in ONNX, or package.module:callable; +background drops
-    what stands, +phases4 detects on four shifted grids, +bfloat16 in coarser numbers."""
+    """Detector: voxelnet (the site's network, or general), cluster, general, a file of weights or in ONNX, or
+    package.module:callable; +background drops what stands, +phases4 detects on four shifted grids, +bfloat16 in coarser
+    numbers."""
     calibrate: str | None = None
     """Reference, as in coview calibrate, to find the sensors' poses by first, or together."""
     errors: str = "paper"
@@ -92,8 +93,8 @@ def evaluate(
 ) -> int:
     """Score fusion schemes and sensor sets on a recording: the paper's first table, as text, JSON and PR curves.
 
-    Beside it stands what the detector's threshold is worth, class by class. The usual detector is cluster at a known
-    site, general elsewhere. Without a known site all clouds are fused at once.
+    A second table shows, class by class, what the detector's threshold yields. The usual detector is the network of the
+    site's sensors, elsewhere general. Without a known site all clouds are fused at once.
 
     Example: coview evaluate tjunction.hdf5 --schemes early late --sensors 0,2,5 all --iou 0.7 0.8
 
@@ -129,7 +130,8 @@ def evaluate(
             check_folder(out, holds=name, inputs=inputs, overwrite=overwrite)
 
     sets = [arguments.sensor_set(chosen) for chosen in rules.sensors]
-    check_detector(subject.detector or CLUSTER, place)
+    if subject.detector is not None:
+        check_detector(subject.detector, place)
     surface = None if subject.calibrate in (None, TOGETHER) else read_surface(subject.calibrate)
     with ExitStack() as stack:
         recording = opened = stack.enter_context(opening.open(dataset))
@@ -172,7 +174,8 @@ def evaluate(
             )
         found = replace(found, poses=poses)
         save_evaluation(found, out)
-    text = f"{found.text()}\nwritten to {out}/table.json, PR curves beside it"
+    usual = "" if subject.detector else f"detector {getattr(detect, 'name', 'general')}, as --detector is left out\n\n"
+    text = f"{usual}{found.text()}\nwritten to {out}/table.json, PR curves beside it"
     print_result(found.as_dict(), text, as_json=writing.json)
     return OK
 

@@ -17,6 +17,7 @@ from placement_env.candidates.candidates import NoCandidates
 from placement_env.candidates.poles import load_keep_out
 from placement_env.candidates.sensor_catalogue import load_sensor_catalogue
 from placement_env.cases import USUAL_CASES, Cases, iou_text
+from placement_env.links import LINK_SHARE
 from placement_env.report.planning.plan_folder import CONTENT, found_nothing
 from placement_env.report.planning.question import USUAL_SENSORS, Question, Stock
 from placement_env.setting import Setting
@@ -40,7 +41,7 @@ class Goal:
     min_ap: float | None = None
     """Required AP; the answer is the cheapest set that reaches it."""
     max_kbit: float | None = None
-    """Maximum data (kbit) that a sensor may send per frame."""
+    """Maximum data (kbit) that a sensor may send per frame, in --link-share of the frames."""
     confidence: float = 0.95
     """Confidence, at the end of a comparison, that no set of as many sensors is better by more than 0.01."""
     width: float | None = None
@@ -72,6 +73,8 @@ class StockOptions:
     """Names of poles that must carry a sensor."""
     capacity: float | None = None
     """Capacity of every link (kbit per frame), in place of the poles' own."""
+    link_share: float = LINK_SHARE
+    """Share of the frames in which every link must carry what is sent."""
     scheme: str = "early"
     """Fusion scheme: early, late, hybrid or foreground."""
     codec: str = "paper"
@@ -138,7 +141,8 @@ def plan(
     check = partial(check_folder, out, holds=CONTENT, inputs=inputs, writes=PLAN_FILES, kind=PLAN_KIND)
     asked = (site, goal, stock, classes, cases, run)
     most_price = math.inf if goal.money is None else goal.money
-    setting = replace(stock.setting(site, classes, cases, run), most_price=most_price, keep=stock.keep)
+    setting = stock.setting(site, classes, cases, run)
+    setting = replace(setting, most_price=most_price, keep=stock.keep, link_share=stock.link_share)
     sensors = USUAL_SENSORS if goal.budget is None and goal.money is None else goal.budget
     question = Question(setting, run, sensors, goal.min_ap, goal.max_kbit, goal.confidence, goal.width, goal.drawings)
     with suppress(NoCandidates):  # the plan says why there are none

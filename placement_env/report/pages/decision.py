@@ -7,7 +7,8 @@ from placement_env.analysis.intervals import AP_TOLERANCE, BLOCK_FRAMES, FEWEST_
 from placement_env.cases import iou_text
 from placement_env.classes import join_names
 from placement_env.handover.ground import Ground
-from placement_env.handover.mounted import RATE
+from placement_env.handover.mounted import RATE, describe_narrow_links
+from placement_env.links import describe_share
 from placement_env.report import content
 from placement_env.report.maps import plan_view
 from placement_env.report.pages.document import (
@@ -75,7 +76,9 @@ def _describe_build(plan: content.Plan, chosen: content.PlanOption) -> str:
         allowed += f" {join_names(keep)} had to carry a sensor, as asked."
     cost = describe_money(chosen.price, plan.currency)
     price = f"The price is {cost if plan.currency else cost.replace('the price', 'that', 1)}."
-    return f"Build {things} {where}. {price}{allowed}{_compare_with_best(plan, chosen)}"
+    narrow = describe_narrow_links(plan.links, plan.link_share)
+    answer = f"Build {things} {where}. {price}{allowed}{_compare_with_best(plan, chosen)}"
+    return f"{narrow} With wider links: {answer[0].lower()}{answer[1:]}" if narrow else answer
 
 
 def _compare_with_best(plan: content.Plan, chosen: content.PlanOption) -> str:
@@ -147,11 +150,12 @@ def _describe_links(plan: content.Plan) -> Fact | None:
     if not plan.links:
         return None
     narrow, full = [each.pole for each in plan.links if not each.fits], max(plan.links, key=lambda each: each.share)
-    load = f"{number(full.peak_mbit_s, 2)} of {number(full.capacity_mbit_s, 2)} Mbit/s at {RATE:g} frames a second"
+    load = f"{number(full.load_mbit_s, 2)} of {number(full.capacity_mbit_s, 2)} Mbit/s at {RATE:g} frames a second"
     less = _describe_cheaper_scheme(plan)
     if narrow:
         return Fact("Links", f"Too narrow at {join_names(narrow)}; {full.pole} needs {load}.{less}", alarm=True)
-    return Fact("Links", f"Every link carries its load. The fullest, {full.pole}, needs {load}.{less}")
+    frames = describe_share(plan.link_share)
+    return Fact("Links", f"Every link carries {frames}. The fullest, {full.pole}, needs {load}.{less}")
 
 
 def _describe_cheaper_scheme(plan: content.Plan) -> str:

@@ -13,12 +13,13 @@ import tempfile
 import unicodedata
 import warnings
 from base64 import b64decode, b64encode
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, fields, is_dataclass, replace
 from pathlib import Path
 from shutil import copyfile
-from typing import Any, ClassVar
+from typing import ClassVar
 
+from placement_env.handover.mounted import name_by_poles
 from placement_env.report import content
 from placement_env.report.pages.scene import Scene
 from toolkit.display import describe_count
@@ -305,20 +306,6 @@ def interval_text(judged: content.Judgement) -> str:
     return "no interval" if math.isnan(judged.low) else f"{number(judged.low)}–{number(judged.high)}"
 
 
-def _replace_texts(value: Any, change: Callable[[str], str]) -> Any:
-    """Return a value with all its texts changed, except drawings."""
-    if isinstance(value, str):
-        return change(value)
-    if isinstance(value, Mapping):
-        return {_replace_texts(key, change): _replace_texts(each, change) for key, each in value.items()}
-    if isinstance(value, tuple | list):
-        return tuple(_replace_texts(each, change) for each in value)
-    if is_dataclass(value) and not isinstance(value, type):
-        changed = {each.name: _replace_texts(getattr(value, each.name), change) for each in fields(value)}
-        return replace(value, **changed)
-    return value
-
-
 def settle_names(plan: content.Plan, site: Site) -> tuple[content.Plan, Site, str]:
     """Number the poles and sensors whose names hold letters that no font here can set, in all texts of a plan and on
     its site; return a note of them, empty for none."""
@@ -342,7 +329,7 @@ def settle_names(plan: content.Plan, site: Site) -> tuple[content.Plan, Site, st
     said = ", ".join(f"{name!r} is {number}" for name, number in numbers.items())
     remedy = "install a font that has them, such as Noto Sans"
     warnings.warn(f"no font here can set the letters {letters}, so in the report {said}: {remedy}", stacklevel=3)
-    return _replace_texts(plan, number_all), replace(site, mounts=mounts, sensors=mounted), note
+    return content.replace_texts(plan, number_all), replace(site, mounts=mounts, sensors=mounted), note
 
 
 def drop_unset(document: Document) -> Document:
@@ -357,29 +344,21 @@ def drop_unset(document: Document) -> Document:
     note = Paragraph(f"No font here can set {codes}: {UNSET} stands for them. Install one that can, such as Noto Sans.")
     sections = (replace(head, blocks=(*head.blocks, note)), *rest)
     logo = document.logo
-    shown = _replace_texts(replace(document, sections=sections, logo=""), lambda text: replace_letters(text, unset))
+    shown = content.replace_texts(
+        replace(document, sections=sections, logo=""), lambda text: replace_letters(text, unset)
+    )
     return replace(shown, logo=logo)
 
 
 def use_pole_names(plan: content.Plan, site: Site) -> tuple[content.Plan, Site]:
-    """Call the sensors of a pool by their poles, in all texts of a plan and on its site. Sensors of the chosen set that
-    share a pole are numbered; other aims than the chosen ones are marked."""
+    """Call the sensors of a pool that are not in the chosen set by their poles too, in all texts of a plan. Those on a
+    pole of the chosen set have another aim, which is marked."""
+    chosen = {sensor.name for sensor in plan.sensors}
+    used = {sensor.pole for sensor in plan.sensors}
     poles = {name: pole for each in plan.considered for name, pole in zip(each.sensors, each.poles, strict=False)}
-    poles |= {sensor.name: sensor.pole for sensor in plan.sensors}
     names = {}
     for name, pole in poles.items():
-        alike = [sensor.name for sensor in plan.sensors if sensor.pole == pole]
-        if name in alike:
-            names[name] = pole if len(alike) == 1 else f"{pole} ({alike.index(name) + 1})"
-        else:
-            names[name] = f"{pole} (other aim)" if alike else pole
-    names = {name: each for name, each in names.items() if name.startswith(f"{poles[name].replace('/', '-')}_")}
-    if not names:
-        return plan, site
-    long_first = "|".join(map(re.escape, sorted(names, key=len, reverse=True)))
-
-    def rename(text: str) -> str:
-        return names.get(text) or re.sub(long_first, lambda found: names[found[0]], text)
-
-    sensors = tuple(replace(each, name=names.get(each.name, each.name)) for each in site.sensors)
-    return _replace_texts(plan, rename), replace(site, sensors=sensors)
+        (short,) = name_by_poles([name], [pole])
+        if name not in chosen and short != name:
+            names[name] = f"{short} (other aim)" if pole in used else short
+    return content.rename(plan, names), site

@@ -11,6 +11,7 @@ from placement_env.cases import IoUs, iou_text
 from placement_env.classes import join_names
 from placement_env.handover.ground import Ground
 from placement_env.handover.mounted import RATE
+from placement_env.links import describe_share
 from placement_env.report import charts, content
 from placement_env.report.maps import blind_map, coverage_map, density_map
 from placement_env.report.pages.decision import decision_section
@@ -181,12 +182,14 @@ def links_section(plan: content.Plan) -> Content:
         f"{describe_count(len(narrow), 'link')} of {len(plan.links)} cannot carry what is sent: {join_names(narrow)}."
         if narrow
         else f"Every link carries what is sent; the fullest, at {fullest.pole}, is used to {percent(fullest.share)}: "
-        f"its largest frames need {number(fullest.peak_mbit_s, 2)} of {number(fullest.capacity_mbit_s, 2)} Mbit/s."
+        f"it needs {number(fullest.load_mbit_s, 2)} of {number(fullest.capacity_mbit_s, 2)} Mbit/s."
     )
-    loads = [Column(name, "Mbit/s", 2) for name in ("mean", "largest frame", "capacity")]
+    loads = [Column(name, "Mbit/s", 2) for name in ("mean", "load", "largest frame", "capacity")]
     columns = (*text_columns("Pole"), *loads, Column("used", "%"), *text_columns("fits"))
+    rule = f"what is sent does not exceed in {describe_share(plan.link_share)}"
     rows = [
-        (e.pole, e.mbit_s, e.peak_mbit_s, e.capacity_mbit_s, e.share, "yes" if e.fits else "no") for e in plan.links
+        (e.pole, e.mbit_s, e.load_mbit_s, e.peak_mbit_s, e.capacity_mbit_s, e.share, "yes" if e.fits else "no")
+        for e in plan.links
     ]
     each = "; ".join(f"{e.pole}: {number(e.mbit_s, 2)} of {number(e.capacity_mbit_s, 2)}" for e in plan.links)
     drawing = Drawing(
@@ -194,7 +197,8 @@ def links_section(plan: content.Plan) -> Content:
         f"All links together carry {number(total, 2)} Mbit/s to the fusion centre.",
         f"Mbit/s of each link against its capacity: {each}",
     )
-    return say(conclusion, drawing, *table(f"Load at {RATE:g} frames a second", columns, rows))
+    caption = f"Load at {RATE:g} frames a second. A link must carry its load, which {rule}"
+    return say(conclusion, drawing, *table(caption, columns, rows))
 
 
 def materials_section(plan: content.Plan) -> Content:

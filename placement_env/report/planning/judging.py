@@ -123,6 +123,10 @@ class Judge:
         """Outcomes of one set in every frame."""
         return self.detected.outcomes([chosen], range(self.frames))[chosen]
 
+    def kbit(self, chosen: tuple[int, ...]) -> Float64[np.ndarray, "k frames"]:
+        """kbit that each sensor of one set sends in every frame."""
+        return np.array([outcome.bits for outcome in self.outcomes(chosen)], np.float64).T / 1000
+
     def judge(
         self, sets: Bool[np.ndarray, "n C"], cases: Cases | None = None, *, progress: Report | None = None
     ) -> list[Judgement]:
@@ -328,7 +332,7 @@ class _Options:
     """Options of a choice, which are judged when they are asked for."""
 
     def __init__(self, objective: Objective, found: Entrants, judge: Judge) -> None:
-        self.found, self.judge = found, judge
+        self.objective, self.found, self.judge = objective, found, judge
         self.draws: dict[int, Resamples] = {}
         self.options: list[PlanOption] = []
         for i, score in enumerate(map(objective.score, map(np.flatnonzero, found.sets))):
@@ -346,7 +350,9 @@ class _Options:
         mean_ap = self.judge.evaluator.mean_ap(self.found.sets[new], np.arange(self.judge.frames)).tolist()
         judged_sets, draws = self.judge.judge_cases(self.found.sets[new])
         for i, judged, mean, drawn in zip(new, judged_sets, mean_ap, draws, strict=True):
-            self.options[i] = replace(self.options[i], mean_ap=mean, **judged._asdict())
+            members = tuple(np.flatnonzero(self.found.sets[i]).tolist())
+            fits = self.objective.fits_links(members, self.judge.kbit(members))
+            self.options[i] = replace(self.options[i], mean_ap=mean, fits_links=fits, **judged._asdict())
             self.draws[i] = drawn
 
 
@@ -416,7 +422,7 @@ def _find_cheapest(known: _Options, min_ap: float, run: Run) -> int | None:
         if likely[i] >= min_ap - DOUBT:
             known.judge_rows([i])
             counted = known.options[i].counted
-            if counted is not None and counted.ap >= min_ap:
+            if counted is not None and counted.ap >= min_ap and known.options[i].fits_links:
                 return i
         if report is not None:
             report(done)
@@ -428,9 +434,12 @@ def _thrift(option: PlanOption) -> tuple[float, int, float, float]:
 
 
 def choose(options: Sequence[PlanOption], draws: Mapping[int, Resamples]) -> tuple[int, tuple[int, ...]]:
-    """Return the index of the best option, and those that cannot be told from it, itself too, cheap ones first. draws:
-    resampled AP of each judged option, on the same frames."""
+    """Return the index of the best option, and those that cannot be told from it, itself too, cheap ones first. Options
+    whose links are too narrow are left out, unless all are. draws: resampled AP of each judged option, on the same
+    frames."""
     judged = {i: counted for i in sorted(draws) if (counted := options[i].counted) is not None}
+    carried = {i: counted for i, counted in judged.items() if options[i].fits_links}
+    judged = carried or judged
     highest = max(each.ap for each in judged.values())
     close = [i for i, each in judged.items() if each.ap >= highest - NEAR_TIE]
     best = min(close, key=lambda i: (-(options[i].mean_ap or 0.0), *_thrift(options[i])))

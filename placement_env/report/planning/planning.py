@@ -300,12 +300,21 @@ def build_plan(findings: Findings, final: judging.Judge, ground: Ground) -> cont
     members = choice.members
     chosen = ChosenSet(members, choice.option.sensors, final, objective, question.run)
     ((judged,), _) = final.judge_cases(choice.sets[choice.chosen][None], chosen.stage)
-    outcomes = final.outcomes(members)
-    kbit = float(np.mean([outcome.bits.sum() for outcome in outcomes])) / 1000
-    option = replace(choice.option, **judged._asdict(), kbit=kbit, kbit_per_sensor=kbit / len(members))
+    each_kbit = final.kbit(members)
+    kbit = float(each_kbit.sum(axis=0).mean())
+    fits = objective.fits_links(members, each_kbit)
+    per_sensor = kbit / len(members)
+    option = replace(choice.option, **judged._asdict(), kbit=kbit, kbit_per_sensor=per_sensor, fits_links=fits)
     scored = score_boxes(final, members)
-    each_kbit = np.array([outcome.bits for outcome in outcomes], np.float64).T / 1000
-    sensors = mounted.format_sensors(site, candidates, members, kbit=each_kbit, catalogue=question.stock.catalogue)
+    sensors = mounted.format_sensors(
+        site,
+        candidates,
+        members,
+        kbit=each_kbit,
+        catalogue=question.stock.catalogue,
+        link_share=question.setting.link_share,
+    )
+    links = mounted.link_loads(sensors, limited=question.setting.fusion.sends_points)
     detector: str = detector_origin(final.detected.detector)["detector"]
     considered = sorted(
         choice.options, key=lambda each: (not each.counted, -(each.counted.ap if each.counted else each.predicted))
@@ -318,7 +327,7 @@ def build_plan(findings: Findings, final: judging.Judge, ground: Ground) -> cont
         iou=question.cases.threshold,
         scheme=question.setting.fusion.name,
         currency=question.currency,
-        verdict=sentences.build_verdict(question, choice.option, option, findings.excluded, choice.rule),
+        verdict=sentences.build_verdict(question, choice.option, option, findings.excluded, choice.rule, links=links),
         chosen=option,
         best=choice.options[choice.best],
         confidence=choice.confidence,
@@ -338,7 +347,7 @@ def build_plan(findings: Findings, final: judging.Judge, ground: Ground) -> cont
         class_ap=(*final.by_class(members), *final.by_other_class(members)),
         worth=chosen.worth(),
         failures=chosen.failures(),
-        links=mounted.link_loads(sensors, limited=question.setting.fusion.sends_points),
+        links=links,
         materials=mounted.bill_of_materials(sensors),
         running=mounted.bill_of_rates(sensors, question.stock.catalogue),
         order=chosen.order(),
@@ -354,7 +363,8 @@ def build_plan(findings: Findings, final: judging.Judge, ground: Ground) -> cont
     )
     count, fidelity = findings.found.considered, objective.fidelity
     why = sentences.explain_choice(question, plan, choice.option, choice.rule, considered=count, fidelity=fidelity)
-    return replace(plan, why=why)
+    planned = zip(members, sensors, strict=True)
+    return content.rename(replace(plan, why=why), {candidates.sensors[c].name: sensor.name for c, sensor in planned})
 
 
 @dataclass(frozen=True, eq=False)
@@ -581,7 +591,7 @@ def _keep_buildable(
 
 def find_buildable(objective: Objective, max_kbit: float | None) -> Int64[np.ndarray, " n"]:
     """Candidates that may be built alone and send at most `max_kbit`, which is still allowed."""
-    return np.flatnonzero(objective.allowed([]) & (objective.sent <= (np.inf if max_kbit is None else max_kbit)))
+    return np.flatnonzero(objective.allowed([]) & (objective.loads <= (np.inf if max_kbit is None else max_kbit)))
 
 
 def _refuse(question: Question, reasons: tuple[str, ...], candidates: Candidates | None = None) -> content.Planned:

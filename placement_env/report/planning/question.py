@@ -93,10 +93,10 @@ class Question:
     compared and the answer is judged; searches know only the sensors' own noise. run: its seed is that of the first of
     three parts of traffic; its frames are those of each part, None for `PART_FRAMES`. sensors: largest number, None for
     as many as the money buys; min_ap: AP that the cheapest set must reach, None for the best set within the budget;
-    max_kbit: most that one sensor may send in the average frame; confidence: that no set of as many sensors is better
-    by more than 0.01, at which a comparison ends; width: widest interval of the stated AP, for which the last part of
-    the traffic gets as many frames as it takes, None for a fixed number; drawings: of what no map knows at the site,
-    over which sets are searched, compared and judged.
+    max_kbit: most that one sensor may send in the setting's `link_share` of frames; confidence: that no set of as many
+    sensors is better by more than 0.01, at which a comparison ends; width: widest interval of the stated AP, for which
+    the last part of the traffic gets as many frames as it takes, None for a fixed number; drawings: of what no map
+    knows at the site, over which sets are searched, compared and judged.
 
     Raises ValueError in one line if a field does not fit."""
 
@@ -195,6 +195,7 @@ class Question:
             "site": self.site.name,
             **{name: getattr(self, name) for name in ("sensors", "money", "currency", "min_ap", "max_kbit")},
             "keep": list(setting.keep),
+            "link_share": setting.link_share,
             "capacity_kbit": stock.capacity_kbit,
             "classes": list(counted.names),
             "class_weights": list(counted.weights),

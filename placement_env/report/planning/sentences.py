@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from placement_env.analysis.intervals import describe_interval
 from placement_env.cases import iou_text
 from placement_env.classes import VEHICLES, join_names
+from placement_env.handover.mounted import LinkLoad, describe_narrow_links
 from placement_env.report.content import TEXTS, BreakdownRow, Judgement, Plan, PlanOption, Verdict
 from placement_env.report.planning.judging import Rule
 from placement_env.report.planning.question import Question
@@ -47,9 +48,16 @@ def describe_cases(question: Question) -> str:
 
 
 def build_verdict(
-    question: Question, compared: PlanOption, final: PlanOption, excluded: tuple[str, ...], rule: Rule = "best"
+    question: Question,
+    compared: PlanOption,
+    final: PlanOption,
+    excluded: tuple[str, ...],
+    rule: Rule = "best",
+    *,
+    links: Sequence[LinkLoad] = (),
 ) -> Verdict:
-    """The answer in words. compared, final: the chosen set when sets were compared, and in the final traffic."""
+    """The answer in words. compared, final: the chosen set when sets were compared, and in the final traffic; links:
+    their loads there."""
     judged = final.counted
     if judged is None:
         raise ValueError("the chosen set is not judged: judge it first")
@@ -61,14 +69,16 @@ def build_verdict(
         f"{describe_cases(question)} at IoU {iou_text(question.cases.threshold)} with {count} for {price}"
     )
     least = question.min_ap
+    narrow = describe_narrow_links(links, question.setting.link_share)
     if least is None:
         what = "cheapest set that cannot be told from the best" if rule == "as good" else "best set"
-        return Verdict(None, f"The {what} found within the budget has {result}.")
+        return Verdict(None, " ".join(filter(None, (narrow, f"The {what} found within the budget has {result}."))))
     if judged.ap >= least:
         unsure = "the interval reaches below it, so more traffic may say otherwise"
         sure = "the whole interval lies above it" if judged.low >= least else unsure
-        return Verdict(True, f"The requirement of AP {least:g} is met: {result}; {sure}.")
-    reasons = explain_shortfall(question, compared, judged, excluded)
+        met = f"The requirement of AP {least:g} is met: {result}; {sure}."
+        return Verdict(True, " ".join(filter(None, (narrow, met))))
+    reasons = (*([narrow] if narrow else []), *explain_shortfall(question, compared, judged, excluded))
     return Verdict(False, f"The requirement of AP {least:g} is not met: the best set found has {result}.", reasons)
 
 

@@ -175,7 +175,15 @@ BOW = [[0.0, 6.0], [9.0, 9.0], [9.0, 6.0], [0.0, 9.0]]
         ([point([0.0, float("nan")])], "must be two or three finite numbers"),
         ([point([0.0, 10.0], height="8 m")], r"features\[0\].properties.height must be a finite number, got '8 m'"),
         ([point([0.0, 10.0], min_height=9, max_height=5)], r"features\[0\] \(pole 'pole00'\): mount.min_height"),
-        ([point([0.0, 10.0], capacity_kbit=0)], "capacity > 0"),
+        ([point([0.0, 10.0], capacity_kbit=0)], "capacity_kbit must be above 0 kbit per frame, got 0"),
+        (
+            [point([0.0, 10.0], height=500)],
+            r"properties.height must be in m above the foot, 0 to 60, got 500 \(is it 5 m",
+        ),
+        ([point([0.0, 10.0], max_height=8000)], "max_height must be in m above the foot, 0 to 60, got 8000$"),
+        ([point([0.0, 10.0], min_height=-1)], "min_height must be in m above the foot, 0 to 60, got -1"),
+        ([point([0.0, 10.0], price_factor=-2)], "price_factor must be at least 0, got -2"),
+        ([point([0.0, 10.0], price=-5)], "price must be at least 0, got -5"),
         ([point([0.0, 10.0], max_sensors=1.5)], "max_sensors must be a whole number from 1 up, got 1.5"),
         ([point([0.0, 10.0], max_sensors=0)], "max_sensors must be a whole number from 1 up, got 0"),
         ([{"type": "Feature", "properties": {}, "geometry": None}], r"features\[0\].geometry must be an object"),
@@ -334,7 +342,7 @@ def test_properties_are_guessed_named_once_and_cut():
     assert list_unknown([known | {"keep_out": True, "kind": "x", "layer": "mount", "used": False}]) == ""
     assert list_unknown([]) == ""
     poles = [{"Price": 1, "fid": 3}, {"fid": 4, "Price": 2}, {"colour": "red"}]
-    assert list_unknown(poles) == "Price: price (in the catalogue's currency)?, fid, colour"
+    assert list_unknown(poles) == "Price: price (in the catalogue's currency)?, colour"
     areas = [{"building": "yes", "Height": 9, "KeepOut": True}]
     assert list_unknown(areas, areas=True) == "KeepOut: keep_out (true or false, of a polygon)?"
     assert len(list_unknown([{"x" * 500: 1}])) == 60
@@ -348,3 +356,59 @@ def test_a_whole_city_of_poles_is_refused_and_a_quarter_is_read(site, tmp_path):
     near = [[0.0, 10.0], [5.0, 10.0], [5.05, 10.0], [9.0, 10.0], [9.0, 10.05]]
     with pytest.raises(ValueError, match="poles 'pole01' and 'pole02' stand at the same place"):
         load_poles(local(tmp_path, *map(point, near)), site)
+
+
+class TestNamesOfOtherTools:
+    """Poles without a name are named by what OpenStreetMap's, QGIS's and PostGIS's exports number them with."""
+
+    def names(self, folder, site, *features):
+        return [mount.name for mount in load_poles(local(folder, *features), site)]
+
+    @pytest.mark.parametrize("key", ["ref", "id", "@id", "fid", "osm_id"])
+    def test_a_key_that_differs_names_poles(self, key, site, tmp_path):
+        rows = [point([0.0, 10.0], **{key: 7}), point([5.0, 10.0], **{key: "node/8"}), point([9.0, 10.0], name="L")]
+        assert self.names(tmp_path, site, *rows) == ["7", "node/8", "L"]
+
+    def test_a_key_that_repeats_itself_names_none(self, site, tmp_path):
+        rows = [point([0.0, 10.0], ref="1", fid=3), point([5.0, 10.0], ref="1", fid=4)]
+        assert self.names(tmp_path, site, *rows) == ["3", "4"]
+        rows = [point([0.0, 10.0], ref="1"), point([5.0, 10.0], name="1")]
+        assert self.names(tmp_path, site, *rows) == ["pole00", "1"]
+
+    def test_the_feature_has_an_id_too(self, site, tmp_path):
+        rows = [{**point([0.0, 10.0]), "id": "way/5"}, point([5.0, 10.0], name="  ", ref="12/3")]
+        assert self.names(tmp_path, site, *rows) == ["way/5", "12/3"]
+
+
+class TestPolesNearTheEdgeOfLanes:
+    """Maps draw lanes too wide: a lamp up to 1 m within them stands at the kerb; the road of `site` ends at y = 4."""
+
+    def load(self, folder, site, *features):
+        with warnings.catch_warnings(record=True) as noted:
+            warnings.simplefilter("always")
+            mounts = load_poles(local(folder, *features), site)
+        return mounts, [str(note.message) for note in noted]
+
+    def test_they_move_to_the_edge_with_a_note(self, site, tmp_path):
+        rows = [point([0.0, 3.2], name="A"), point([5.0, -3.5], name="B"), point([7.0, 0.0], name="C")]
+        mounts, notes = self.load(tmp_path, site, *rows)
+        assert [mount.name for mount in mounts] == ["A", "B"]
+        np.testing.assert_allclose([mount.position[:2] for mount in mounts], [[0, 4.05], [5, -4.05]], atol=1e-6)
+        lanes = shapely.union_all([shapely.Polygon(lane) for lane in site.lanes])
+        assert not any(lanes.intersects(shapely.Point(mount.position[:2])) for mount in mounts)
+        for mount in mounts:
+            np.testing.assert_allclose(mount.position[2], site.ground(mount.position[:2]), atol=1e-6)
+        assert notes[0].endswith("moved off the carriageway, whose edge is near: A by 0.85 m, B by 0.55 m")
+        assert notes[1].endswith("left out, since they stand on the carriageway: C")
+
+    def test_the_seam_of_two_lanes_is_no_edge(self, site, tmp_path):
+        halves = [np.array([[-90.0, a], [90.0, a], [90.0, b], [-90.0, b]]) for a, b in ((-4.0, 0.0), (0.0, 4.0))]
+        mounts, notes = self.load(tmp_path, replace(site, lanes=tuple(halves)), point([0.0, 0.2]), point([0.0, 9.0]))
+        assert len(mounts) == 1
+        assert "left out" in notes[0]
+
+    def test_those_in_a_keep_out_area_stay_out(self, site, tmp_path):
+        barred = polygon([[-2.0, 2.0], [2.0, 2.0], [2.0, 6.0], [-2.0, 6.0]], keep_out=True)
+        mounts, notes = self.load(tmp_path, site, point([0.0, 3.5], name="A"), point([0.0, 9.0], name="B"), barred)
+        assert [mount.name for mount in mounts] == ["B"]
+        assert notes[0].endswith("left out, since they stand in a keep-out area: A")

@@ -36,7 +36,7 @@ SITE = Site(
 )
 NORTH = PlannedSensor(
     "n", "north", 0.0, 9.0, 5.0, 13.39996, 52.505027, 5.0, 359.96, 11.459, "depth-camera",
-    1500.0, 0.5, 412.345, 500.0, 2000.0,
+    1500.0, 0.5, 412.345, 500.0, 2000.0, 480.0,
 )  # fmt: skip
 SOUTH = replace(NORTH, name="s", pole="south", y=-9.0, longitude=None, latitude=None, bearing_deg=0.04, tilt_deg=-0.04)
 

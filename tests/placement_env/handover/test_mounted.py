@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from string import ascii_lowercase
 
 import numpy as np
 import pytest
@@ -41,8 +42,8 @@ def chosen(candidates) -> list[int]:
 
 def test_sets_as_mounted_with_names_prices_and_places(candidates, chosen):
     north, east = mounted.format_sensors(SITE, candidates, chosen, **KBIT)
-    assert (north.name, north.pole, north.model) == ("north_4.0m_h270_t15_camera", "north", "depth-camera")
-    assert (east.name, east.pole, east.model) == ("e-1_4.0m_h180_t15_lidar", "e/1", "spinning-lidar")
+    assert (north.name, north.pole, north.model) == ("north", "north", "depth-camera")
+    assert (east.name, east.pole, east.model) == ("e-1", "e/1", "spinning-lidar")
     assert (north.x, north.y, north.z, north.height) == (0.0, 12.0, 4.5, 4.0)
     # y of the site points to the map's west: 12 m along it from (3, 4) is 9 m west and 4 m north of the map's zero
     (degrees,) = inverse_project(np.array([[-9.0, 4.0]]), CENTRE)
@@ -62,9 +63,9 @@ def test_sensors_that_were_moved_or_roam(candidates, chosen):
     first, second = (candidates.sensors[c] for c in chosen)
     moved = (aim_sensor(first, np.array([0.0, 12.0, 6.75]), math.radians(-84.5), math.radians(7.0)), second)
     north, east = mounted.format_sensors(SITE, candidates, chosen, moved, **KBIT)
-    assert (north.name, north.pole, north.height) == ("north_6.25m_h275.5_t7.0_camera", "north", 6.25)
+    assert (north.name, north.pole, north.height) == ("north", "north", 6.25)
     assert (north.bearing_deg, north.tilt_deg) == pytest.approx((84.5, 7.0))
-    assert (east.name, east.height) == ("e-1_4.0m_h180_t15_lidar", 4.0)  # it stayed where it was
+    assert (east.name, east.height) == ("e-1", 4.0)  # it stayed where it was
     site = mounted.mounted_site(SITE, candidates, chosen, moved)
     assert [s.name for s in site.sensors] == [north.name, east.name]
     assert np.array_equal(site.sensors[0].pose, moved[0].pose)
@@ -73,7 +74,7 @@ def test_sensors_that_were_moved_or_roam(candidates, chosen):
     assert (there.pole, there.name) == ("e/1", "e-1_5.00m_h0.0_t0.0_camera")
     assert [mount.name for mount in mounted.unused_mounts(candidates, chosen[:1], away)] == ["north"]
     site = mounted.mounted_site(SITE, candidates, np.array(chosen))
-    assert [sensor.name for sensor in site.sensors] == ["north_4.0m_h270_t15_camera", "e-1_4.0m_h180_t15_lidar"]
+    assert [sensor.name for sensor in site.sensors] == ["north", "e-1"]
     assert site == replace(SITE, sensors=site.sensors)
     assert mounted.unused_mounts(candidates, chosen) == ()
     assert mounted.unused_mounts(candidates, []) == (NORTH, EAST)
@@ -142,3 +143,22 @@ def test_bills_of_prices_and_links_add_up(sensors):
         *(mounted.MaterialItem("eye", 2, 10.0, 20.0), mounted.MaterialItem("wide eye", 1, 20.0, 20.0)),
         *(mounted.MaterialItem("pole", 2, 0.5, 1.0), mounted.MaterialItem("pole", 1, 3.0, 3.0)),
     )
+
+
+LETTERS = (*ascii_lowercase, "aa", "ab")
+
+
+@pytest.mark.parametrize(
+    ("names", "poles", "expected"),
+    [
+        (["L/1_6.0m_h0_t5_camera", "L2_4.5m_h22.5_t-5_lidar0"], ["L/1", "L2"], ("L-1", "L2")),
+        (["L_6.0m_h0_t5_camera", "M_6.0m_h0_t5_camera", "L_6.0m_h9_t5_camera"], ["L", "M", "L"], ("L a", "M", "L b")),
+        (["d0", "d1"], ["L", "L"], ("d0", "d1")),
+        (["L b", "d1"], ["M", "L"], ("M", "d1")),  # carried from L to M
+        (["L a_6.0m_h0_t5_camera", "L_6.0m_h0_t5_camera", "L_6.0m_h9_t5_camera"], ["L a", "L", "L"], None),
+        ([f"L_6.0m_h{k}_t5_camera" for k in range(28)], ["L"] * 28, tuple(f"L {c}" for c in LETTERS)),
+        (["Ecke_6.0m", "L_h0_t5_camera"], ["Ecke", "L"], ("Ecke_6.0m", "L_h0_t5_camera")),
+    ],
+)
+def test_sensors_are_named_by_their_poles(names, poles, expected):
+    assert mounted.name_by_poles(names, poles, ["L", "M"]) == (expected or tuple(names))

@@ -51,7 +51,9 @@ def schemes(names):
 
 
 def links(names):
-    return link_chart([LinkLoad(name, 3.0 + k, 4.0 + k, 20.0, (3.0 + k) / 20, k < 17) for k, name in enumerate(names)])
+    return link_chart(
+        [LinkLoad(name, 3.0 + k, 4.0 + k, 20.0, (3.0 + k) / 20, k < 17, 3.5 + k) for k, name in enumerate(names)]
+    )
 
 
 def worth(names):
@@ -121,14 +123,14 @@ def test_bars_are_as_long_as_the_ap_and_lines_as_the_interval(monkeypatch):
     assert axes.get_ylim() == (1.5, -0.5)  # the first row on top
     texts, _ = shown(monkeypatch, lambda: scheme_chart([SchemeFigures("late", 0.8, judged(), 12.25)]))
     assert {"late, IoU 0.8", "0.900, N = 412; 12.25 kbit/sensor"} <= set(texts)
-    fits, not_so = LinkLoad("p", 3.0, 4.0, 20.0, 0.15, True), LinkLoad("q", 25.0, 30.0, 20.0, 1.25, False)
+    fits, not_so = LinkLoad("p", 3.0, 4.0, 20.0, 0.15, True, 3.0), LinkLoad("q", 25.0, 40.0, 20.0, 1.25, False, 30.0)
     texts, figure = shown(monkeypatch, lambda: link_chart([fits, not_so]))
     (axes,) = figure.axes
     assert widths(axes) == [3.0, 25.0]
     assert [bar.get_hatch() is not None for bar in axes.patches] == [False, True]
     assert {"3 of 20 Mbit/s, 15%: fits", "25 of 20 Mbit/s, 125%: TOO MUCH", "Mbit/s"} <= set(texts)
     assert axes.get_xlim()[1] == pytest.approx(33)
-    _, figure = shown(monkeypatch, lambda: link_chart([LinkLoad("p", 3.0, 4.0, 1e9, 0.0, True)]))
+    _, figure = shown(monkeypatch, lambda: link_chart([LinkLoad("p", 3.0, 4.0, 1e9, 0.0, True, 4.0)]))
     assert figure.axes[0].get_xlim()[1] == pytest.approx(4.4)
 
 

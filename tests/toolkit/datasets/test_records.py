@@ -3,6 +3,7 @@ import json
 import numpy as np
 import pytest
 
+from toolkit.class_names import CATEGORIES
 from toolkit.datasets import records
 from toolkit.datasets.recordings import Part
 from toolkit.frame import AWAY, Frame, SensorCloud
@@ -92,7 +93,7 @@ def test_labels_doubled_impossible_or_without_counts():
 
 
 def test_kinds_points_and_times_are_the_same_everywhere():
-    assert [records.CATEGORIES[name] for name in ("car", "van", "bus", "cyclist", "person_sitting")] == [0, 0, 3, 1, 2]
+    assert [CATEGORIES[name] for name in ("car", "van", "bus", "cyclist", "person_sitting")] == [0, 0, 3, 1, 2]
     assert [records.track_number(" 17 "), records.track_number("-3")] == [17, -3]
     assert records.track_number("b1d0-44") == records.track_number("b1d0-44") != records.track_number("b1d0-45")
     assert records.track_number("9" * 30) >= 0

@@ -61,8 +61,8 @@ def plan_folder(tmp_path_factory):
     (folder / "poles.geojson").write_text(json.dumps({**collection, "features": features}))
     (folder / "keep-out.geojson").write_text(json.dumps({**collection, "features": [area]}))
     (folder / "sensors.toml").write_text(CATALOGUE)
-    files = ("--candidates", "poles.geojson", "--sensors", "sensors.toml", "--keep-out", "keep-out.geojson")
-    files = [folder / each if each.endswith(("geojson", "toml")) else each for each in files]
+    poles_file, sensors_file, areas_file = (folder / f for f in ("poles.geojson", "sensors.toml", "keep-out.geojson"))
+    files = ("--candidates", poles_file, "--sensors", sensors_file, "--keep-out", areas_file)
     line = ("plan", "tjunction", *OPTIONS, *files, "--frames", 3, "--workers", 1, "--cache", folder / "cache")
     assert run_line([*map(str, line), "--out", str(folder / "plan")]) == 0
     return folder / "plan"

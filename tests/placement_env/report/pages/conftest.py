@@ -41,6 +41,7 @@ def example_plan(site, ground):
             kbit=310.5 + i,
             peak_kbit=402.0 + i,
             capacity_kbit=2000.0,
+            load_kbit=390.0 + i,
         )
         for i, s in enumerate(s for s in site.sensors if s.name in CHOSEN)
     )
@@ -99,7 +100,7 @@ def example_plan(site, ground):
         worth=worth,
         failures=failures,
         links=tuple(
-            LinkLoad(s.pole, 3.12, 4.02, 20.0 if i else 4.0, 0.156 if i else 0.78, bool(i))
+            LinkLoad(s.pole, 3.12, 4.02, 20.0 if i else 3.0, 0.195 if i else 1.3, bool(i), 3.9)
             for i, s in enumerate(sensors)
         ),
         materials=(MaterialItem("depth camera", 4, 0.5, 2.0), MaterialItem("pole with power and link", 4, 1.0, 4.0)),

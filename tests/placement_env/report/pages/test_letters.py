@@ -6,8 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from placement_env.report.content import Planned
-from placement_env.report.pages.document import _replace_texts
+from placement_env.report.content import Planned, replace_texts
 from placement_env.report.pages.report import write_report
 from toolkit.plots import fonts
 
@@ -19,7 +18,7 @@ def planned(example, monkeypatch) -> Iterator[Planned]:
     """The example with other names of poles, on a computer without fonts of its own."""
     monkeypatch.setattr(fonts, "list_system_fonts", lambda: ())
     fonts._choose.cache_clear()
-    plan = _replace_texts(example.plan, lambda text: re.sub("|".join(NAMES), lambda found: NAMES[found[0]], text))
+    plan = replace_texts(example.plan, lambda text: re.sub("|".join(NAMES), lambda found: NAMES[found[0]], text))
     (mount, *others) = example.site.mounts
     yield replace(
         example,

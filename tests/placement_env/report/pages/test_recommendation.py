@@ -31,12 +31,16 @@ def facts(plan, example):
 
 def test_the_decision_comes_first_in_the_words_of_an_operator(example):
     section, said = facts(example.plan, example)
-    assert section.conclusion == (
-        "Build 4 depth cameras on poles post00, post01, post02 and post03. The price is 6 EUR."
+    answer = "uild 4 depth cameras on poles post00, post01, post02 and post03. The price is 6 EUR."
+    assert section.conclusion.startswith(
+        "The link is too narrow for 95 % of the frames: post00 needs 3.90 of 3.00 Mbit/s"
     )
+    assert section.conclusion.endswith(f" With wider links: b{answer}")
+    wide, _ = facts(replace(example.plan, links=example.plan.links[1:]), example)
+    assert wide.conclusion == f"B{answer}"
     assert said["Asked for"] == example.plan.verdict.sentence
     assert said["One failure"] == "At worst, if d3 fails, 325 of 412 are still found."
-    assert said["LINKS"] == "Too narrow at post00; post00 needs 4.02 of 4.00 Mbit/s at 10 frames a second."
+    assert said["LINKS"] == "Too narrow at post00; post00 needs 3.90 of 3.00 Mbit/s at 10 frames a second."
     assert said["How sure"].startswith("AP 0.962, 95% interval 0.932–0.992, from 60 frames")
     assert "d3 first" in said["Next"]
     view, explained = section.blocks[1:]
@@ -48,7 +52,7 @@ def test_the_decision_comes_first_in_the_words_of_an_operator(example):
     assert section.conclusion.endswith("Allowed were at most 9 EUR and at most 4 sensors.")
     assert section.blocks[1].caption.endswith("; 1 pole that could carry one stays free.")
     assert said["ASKED FOR"] == "No. Links are too small."
-    assert said["Links"].startswith("Every link carries its load. The fullest, post01, needs 4.02 of 20.00 Mbit/s")
+    assert said["Links"].startswith("Every link carries 95 % of the frames. The fullest, post01, needs 3.90 of 20.00")
 
 
 def test_what_is_found_missed_unseen_and_lost_is_said_in_road_users(example):
@@ -76,26 +80,21 @@ def test_what_is_found_missed_unseen_and_lost_is_said_in_road_users(example):
     assert said["Next"].startswith("Plan again with --classes")
 
 
-def test_sensors_of_a_pool_are_called_by_their_poles(example):
+def test_sensors_beside_the_chosen_set_are_called_by_their_poles(example):
     first, *others = example.plan.sensors
-    long, aside = "post00_5.2m_h45_t20_camera", "post00_5.2m_h90_t20_camera"
-    chosen = replace(example.plan.chosen, sensors=(long, *CHOSEN[1:]), poles=("post00", "p", "p", "p"))
-    other = replace(chosen, sensors=(aside,), poles=("post00",))
+    aside, elsewhere = "post00_5.2m_h90_t20_camera", "post07_5.2m_h90_t20_camera"
+    chosen = replace(example.plan.chosen, sensors=("post00", *CHOSEN[1:]), poles=("post00", "p", "p", "p"))
+    other = replace(chosen, sensors=(aside, elsewhere), poles=("post00", "post07"))
+    why = (f"The set of {aside} and {elsewhere} is worse; x{aside} is another word.",)
     plan = replace(
-        example.plan,
-        sensors=(replace(first, name=long), *others),
-        chosen=chosen,
-        considered=(chosen, other),
-        why=(f"The failure of {long} hurts most.",),
+        example.plan, sensors=(replace(first, name="post00", pole="post00"), *others), chosen=chosen, why=why
     )
-    site = replace(example.site, sensors=(replace(example.site.sensors[0], name=long), *example.site.sensors[1:]))
-    named, at = use_pole_names(plan, site)
+    plan = replace(plan, considered=(chosen, other))
+    named, site = use_pole_names(plan, example.site)
     assert named.chosen.sensors == ("post00", *CHOSEN[1:])
-    assert named.considered[1].sensors == ("post00 (other aim)",)
-    assert named.why == ("The failure of post00 hurts most.",)
-    assert [sensor.name for sensor in at.sensors] == [sensor.name for sensor in named.sensors]
-    both = replace(plan, sensors=(*plan.sensors[:1], replace(plan.sensors[1], name=aside, pole="post00"), *others[1:]))
-    assert use_pole_names(both, example.site)[0].sensors[1].name == "post00 (2)"
+    assert named.considered[1].sensors == ("post00 (other aim)", "post07")
+    assert named.why == (f"The set of post00 (other aim) and post07 is worse; x{aside} is another word.",)
+    assert site is example.site
     assert use_pole_names(example.plan, example.site) == (example.plan, example.site)
 
 
@@ -152,11 +151,12 @@ def test_bills_schedules_and_links_are_listed(example):
     section = read(report.links_section, example.plan)
     assert section.conclusion == "1 link of 4 cannot carry what is sent: post00."
     assert section.blocks[0].caption.startswith("All links together carry 12.48 Mbit/s")
-    assert [cell.text for cell in section.blocks[1].rows[0]] == ["post00", "3.12", "4.02", "4.00", "78.0", "no"]
+    assert [cell.text for cell in section.blocks[1].rows[0]] == [
+        *("post00", "3.12", "3.90", "4.02", "3.00", "130.0", "no")
+    ]
     fine = read(report.links_section, replace(example.plan, links=example.plan.links[1:]))
     assert fine.conclusion == (
-        "Every link carries what is sent; the fullest, at post01, is used to 16%: its largest frames need 4.02 of "
-        "20.00 Mbit/s."
+        "Every link carries what is sent; the fullest, at post01, is used to 20%: it needs 3.90 of 20.00 Mbit/s."
     )
     section = read(report.materials_section, example.plan)
     assert section.conclusion == (

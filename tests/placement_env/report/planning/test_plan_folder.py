@@ -49,7 +49,7 @@ def test_everything_comes_back(question, folder):
     assert [(m.name, m.price, m.capacity) for m in again.mounts] == [(m.name, m.price, m.capacity) for m in pool.mounts]
     assert {mount.capacity for mount in again.mounts} == {1234.0}
     np.testing.assert_allclose([s.pose for s in again.sensors], [s.pose for s in pool.sensors], atol=1e-9)
-    assert [sensor.name for sensor in after.place.sensors] == [pool.sensors[k].name for k in (3, 500)]
+    assert [sensor.name for sensor in after.place.sensors] == [pool.mounts[pool.mount[k]].name for k in (3, 500)]
     assert (found.stated.ap, found.stated.errors, found.stated.predicted) == (0.75, "typical", 0.7)
     assert math.isnan(found.stated.low)
 

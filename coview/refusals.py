@@ -1,0 +1,151 @@
+"""Refusals of the argument parser, in one line as all others: the rule, what was typed, and what helps."""
+
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from difflib import get_close_matches
+from typing import Any
+
+from toolkit.class_names import check_classes
+from toolkit.objects import LABELS
+
+COMMANDS_OF_COMMANDS = ("site",)
+_KINDS = {"FLOAT": ("a number", "numbers"), "INT": ("a whole number", "whole numbers"), "PATH": ("a path", "paths")}
+
+
+def describe_near(word: str, known: Sequence[str]) -> str:
+    """Question for the word that was meant, or nothing.
+
+    >>> describe_near("evaluat", ["detect", "evaluate"])
+    ': did you mean evaluate?'
+    """
+    near = get_close_matches(word, known, 1, 0.6)
+    return f": did you mean {near[0]}?" if near else ""
+
+
+@contextmanager
+def recorded_refusals() -> Iterator[list[Any]]:
+    """Yield a list to which the parser adds its refusals, as events. It stays empty if tyro no longer reports them:
+    its module of errors is private, and its own text is shown then."""
+    events: list[Any] = []
+    try:
+        from tyro._errors import on_parse_error
+    except ImportError:
+        yield events
+        return
+    with on_parse_error(events.append):
+        yield events
+
+
+def describe_refusal(event: Any, text: str, words: Sequence[str]) -> str | None:
+    """Describe a refusal of the parser in one line; None for one of an unknown kind.
+
+    text: what the parser printed; words: the command line."""
+    command = "coview" if words[0].startswith("-") else words[0]
+    if type(event).__name__ == "MissingArgs" and words[0] in COMMANDS_OF_COMMANDS:
+        command = " ".join(words[:2])
+    try:
+        return _DESCRIPTIONS[type(event).__name__](event, _plain(text), command)
+    except (KeyError, AttributeError, TypeError, IndexError):
+        return None
+
+
+def _plain(text: str) -> str:
+    lines = (line.strip("│╭╮╰╯─ ") for line in text.splitlines())
+    return " ".join(line for line in lines if line)
+
+
+def _describe_unknown(event: Any, text: str, command: str) -> str:
+    options = [token for token in event.tokens if token.startswith("-")]
+    if not options:
+        available = re.search(r"Available subcommands: (.+?)(?: For full|$)", text)
+        if available is None:
+            return f"unexpected argument {event.tokens[0]!r}: see {_help_line(command)}"
+        near = describe_near(event.tokens[0], available[1].split(", "))
+        return f"unknown command {command} {event.tokens[0]}{near or f': choose among {available[1]}'}"
+    name = options[0].partition("=")[0]
+    meant = re.search(r"(?:Perhaps you meant|Similar arguments?)\W+(--[\w-]+)", text)
+    remedy = f"did you mean {meant[1]}?" if meant else f"see {_help_line(command)}"
+    return f"{command} has no option {name}: {remedy}"
+
+
+def _describe_choice(event: Any, _: str, command: str) -> str:
+    choices = [choice for choice in event.choices if choice != "None"]
+    if set(choices) <= set(LABELS):
+        try:
+            check_classes([event.value])
+        except ValueError as error:
+            return f"{_name(event.argument)}: {error}"
+    near = describe_near(event.value, choices)
+    listed = ", ".join(choices)
+    return f"{_name(event.argument)} must be one of {listed}, got {event.value!r}{near}"
+
+
+def _describe_values(event: Any, text: str, command: str) -> str:
+    if event.argument is None:
+        return str(event.message)
+    given = re.search(r"instantiated from \[(.*?)\]", " ".join(str(event.message).split()) + " " + text)
+    quoted = re.findall(r"'([^']*)'", given[1] if given else str(event.message))
+    typed = " ".join(quoted)
+    received = f", got {typed}" if typed else ""
+    return f"{_name(event.argument)} takes {_kind(event.argument)}{received}{_help(event.argument)}"
+
+
+def _describe_too_few(event: Any, _: str, command: str) -> str:
+    if event.reason != "too_few_values":
+        return f"{_name(event.argument)} takes no value, got {event.offending_value!r}"
+    return f"{_name(event.argument)} needs {_kind(event.argument)}{_help(event.argument)}"
+
+
+def _describe_missing(event: Any, _: str, command: str) -> str:
+    arguments = [missing.arg for missing in event.missing_arguments]
+    return f"{command} needs " + "; ".join(f"{_name(argument)}{_help(argument)}" for argument in arguments)
+
+
+def _describe_missing_command(event: Any, _: str, command: str) -> str:
+    names = [name.split(":")[-1] for name in event.subcommand_spec.parser_from_name]
+    typed = "" if event.found_token is None else f", got {event.found_token!r}"
+    near = "" if event.found_token is None else describe_near(event.found_token, names)
+    return f"{command} needs one of {', '.join(names)}{typed}{near}"
+
+
+def _help_line(command: str) -> str:
+    return "coview --help" if command == "coview" else f"coview {command} --help"
+
+
+def _name(argument: Any) -> str:
+    return str(argument.display_name()).rpartition(".")[2]
+
+
+def _help(argument: Any) -> str:
+    text = argument.field.helptext
+    text = text() if callable(text) else text
+    sentence = re.split(r"\.(?:\s|$)|; ", (text or "").strip())[0]
+    words = " ".join(sentence.split())
+    if words.split(" ")[0][1:].islower():
+        words = f"{words[0].lower()}{words[1:]}"
+    return f": {words}" if words else ""
+
+
+def _kind(argument: Any) -> str:
+    """Words for the values that an option takes; the parser writes `{None}|{FLOAT FLOAT}`."""
+    metavar = str(argument.lowered.metavar).replace("{None}|", "")
+    if metavar.startswith("{") and metavar.endswith("}") and "|" not in metavar:
+        metavar = metavar[1:-1]
+    words = metavar.replace("[", " ").replace("]", " ").split()
+    kinds = [word for word in words if word in _KINDS]
+    if not kinds or len(set(kinds)) > 1 or len(kinds) < len([word for word in words if word.isupper()]):
+        return metavar
+    if "..." in metavar or "*" in metavar:
+        return f"one or several {_KINDS[kinds[0]][1]}"
+    return _KINDS[kinds[0]][0] if len(kinds) == 1 else f"{len(kinds)} {_KINDS[kinds[0]][1]}"
+
+
+_DESCRIPTIONS = {
+    "UnrecognizedArgs": _describe_unknown,
+    "InvalidChoice": _describe_choice,
+    "InstantiationFailure": _describe_values,
+    "BadValue": _describe_too_few,
+    "MissingArgs": _describe_missing,
+    "MissingSubcommand": _describe_missing_command,
+}

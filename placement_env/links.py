@@ -1,0 +1,35 @@
+"""The rule for links, one for searches, plans, live figures and environments.
+
+What a sensor sends differs from frame to frame. Its load is the least amount that it does not exceed in a stated share
+of the frames: `LINK_SHARE`, unless a setting asks for another. Loads of sensors on one mount add up, and a link carries
+them if their sum is within its capacity. Only points count: boxes fit any link. Where a mean is all that is known, as
+of a table, it stands for the load."""
+
+import numpy as np
+
+from toolkit.arrays import Float64
+
+LINK_SHARE = 0.95  # of the frames, in which a link must carry what is sent
+ROUNDING_SHARE = 1e-9  # of a capacity, by which rounding may exceed it
+
+
+def link_load(kbit: Float64[np.ndarray, "*n frames"], share: float = LINK_SHARE) -> Float64[np.ndarray, "*n"]:
+    """Return the load (kbit per frame) of what is sent in each frame: not exceeded in `share` of the frames.
+
+    >>> float(link_load(np.array([100.0, 300.0, 200.0, 400.0]), 0.75))
+    300.0
+    """
+    return np.asarray(np.quantile(kbit, share, axis=-1, method="inverted_cdf"), np.float64)
+
+
+def check_link_share(share: float) -> None:
+    """Raise ValueError for a share of frames outside (0, 1]."""
+    if not 0 < share <= 1:
+        raise ValueError(
+            f"link_share must lie above 0 and up to 1, got {share}: {LINK_SHARE} is usual, 1 is all frames"
+        )
+
+
+def describe_share(share: float) -> str:
+    """Words for the frames in which a link must carry what is sent."""
+    return "every frame" if share == 1 else f"{100 * share:.10g} % of the frames"
