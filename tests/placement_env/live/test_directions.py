@@ -85,7 +85,7 @@ def test_the_row_of_a_schedule_is_the_sensor_at_any_junction(site):
     sensors = [stock.sensors[k] for k in chosen[:20]]  # in poses of the stock, and in poses between them
     for k in chosen[20:]:
         height, heading, tilt = rng.uniform((3.0, -3.1, 0.0), (8.0, 3.1, 0.6))
-        place = stock.mounts[stock.mount[k]].position + (0.0, 0.0, height)
+        place = stock.mounts[stock.mount[k]].position + np.array([0.0, 0.0, height])
         sensors.append(aim_sensor(stock.sensors[k], place, heading, tilt))
     mount = stock.mount[chosen]
     heights = [sensor.position[2] - stock.mounts[m].position[2] for sensor, m in zip(sensors, mount, strict=True)]
