@@ -102,5 +102,5 @@ def test_the_row_of_a_schedule_is_the_sensor_at_any_junction(site):
         )
         written = parse_heading(site, row["bearing_deg"])
         assert math.degrees(math.remainder(written - sensor.heading, math.tau)) == pytest.approx(0.0, abs=0.051)
-    for k, sensor in enumerate(yard.candidates(variant).sensors[:20]):
-        np.testing.assert_array_equal(sensor.pose, stock.sensors[chosen[k]].pose)
+    for k, built in enumerate(yard.candidates(variant).sensors[:20]):
+        np.testing.assert_array_equal(built.pose, stock.sensors[chosen[k]].pose)
