@@ -163,10 +163,10 @@ class LivePage:
 
     def _refine(self) -> None:
         while not self._closed:
-            if not self._try(self._refine_on):
+            if not self._try(self._refine_views):
                 self._touched = time.monotonic()  # a pause before it is tried again
 
-    def _refine_on(self) -> None:
+    def _refine_views(self) -> None:
         """Refine until the page closes."""
         more, tidied = True, time.monotonic()
         while not self._closed:

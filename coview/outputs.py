@@ -18,7 +18,7 @@ from toolkit.runtime.text_tables import escape
 
 OK, SUSPECTED, BAD_INPUT, MISSING, LOST, INTERNAL, INTERRUPTED, PIPE_CLOSED = 0, 1, 2, 3, 4, 70, 130, 141
 NOT_MET = SUSPECTED  # a plan's requirement cannot be met; "no", like a suspicion of the doctor
-KINDS = {  # of files that take long to make again, by a key that no other has
+FILE_KINDS = {  # of files that take long to make again, by a key that no other has
     "map_SE3_site": "a site's file",
     "coview_plan": "a plan",
     "coview_live": "a project of coview live",
@@ -51,7 +51,7 @@ def print_result(result: object, text: str, *, as_json: bool) -> None:
 
 
 def check_file(out: Path | None, *, inputs: Iterable[Path] = (), overwrite: bool = False, kind: str = "") -> None:
-    """Check that a command may write a file, if any. kind: of `KINDS` that it writes, "" for others.
+    """Check that a command may write a file, if any. kind: of `FILE_KINDS` that it writes, "" for others.
 
     Raises ValueError if `out` is an input or of a kind that the command does not write, whatever `overwrite` says;
     OSError if it cannot be written or exists without `overwrite`."""
@@ -67,7 +67,7 @@ def check_file(out: Path | None, *, inputs: Iterable[Path] = (), overwrite: bool
 
 
 def find_kind(path: Path) -> str:
-    """Kind of a file among `KINDS`, "" for another file and none."""
+    """Kind of a file among `FILE_KINDS`, "" for another file and none."""
     if path.suffix.lower() not in (".json", ".geojson") or not path.is_file() or path.stat().st_size > MAX_JSON_BYTES:
         return ""
     try:
@@ -75,7 +75,7 @@ def find_kind(path: Path) -> str:
     except (OSError, ValueError):
         return ""
     keys = content.keys() if isinstance(content, dict) else ()
-    return next((kind for key, kind in KINDS.items() if key in keys), "")
+    return next((kind for key, kind in FILE_KINDS.items() if key in keys), "")
 
 
 def check_folder(

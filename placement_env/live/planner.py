@@ -230,7 +230,7 @@ class LivePlanner:
             moved = replace(
                 sensor,
                 height=float(np.clip(up, low, high)),
-                heading=math.remainder(around, math.tau),
+                heading=around if around == sensor.heading else math.remainder(around, math.tau),
                 tilt=float(np.clip(down, least_tilt, most_tilt)),
             )
             again = dragging and self._dragging == name

@@ -189,8 +189,10 @@ def _check_export(folder: Path) -> None:
 
 
 def report_variant(planner: LivePlanner, folder: Path) -> list[Path]:
-    """Judge the sensors of the variant that is shown on fresh traffic, and write the full report; return its paths. It
-    takes minutes. Raises ValueError without a sensor, OSError where the folder cannot be written."""
+    """Judge the sensors of the variant that is shown on fresh traffic, and write the full report; return its paths.
+
+    The traffic is that of the plan if there is one. It takes minutes. Raises ValueError without a sensor, OSError if
+    the folder cannot be written."""
     from placement_env.report.planning.planning import plan, write_plan
     from placement_env.report.planning.question import Question
 
@@ -198,5 +200,5 @@ def report_variant(planner: LivePlanner, folder: Path) -> list[Path]:
     mounted = mounted_site(planner.yard.site, candidates, range(len(candidates)))
     given, poles = planner.sold, tuple(dict.fromkeys(sensor.mount for sensor in planner.sensors))
     setting = replace(planner.asked, site=mounted, candidates=replace(given, candidates=candidates), keep=poles)
-    run = replace(planner.preparation.run, frames=None)
+    run = replace(planner.preparation.run, frames=None if planner.plan is None else planner.plan.given_frames)
     return write_plan(plan(Question(setting, run, sensors=len(candidates))), folder)

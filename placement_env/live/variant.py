@@ -1,5 +1,6 @@
 """`Variant`: sensors on poles as they are moved by hand, and the free ground where a pole may stand."""
 
+import math
 from collections import Counter, defaultdict
 from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
@@ -11,6 +12,7 @@ import numpy as np
 import shapely
 
 from placement_env.candidates.candidates import Axes, Candidates, aim_sensor, aims
+from toolkit.arrays import Float64
 from toolkit.geometry import MAX_COORDINATE_M, pose
 from toolkit.runtime.files import name_errors
 from toolkit.runtime.json_object import JsonObject
@@ -186,13 +188,14 @@ class Yard:
 
     def place(self, sensors: Iterable[Sensor]) -> Variant:
         """Variant of sensors as they hang, each on the nearest pole, or one of its own."""
-        variant = Variant()
+        variant, axes = Variant(), self.stock.axes
         for sensor in sensors:
             (x, y, z), ((heading,), (tilt,)) = sensor.position.tolist(), aims([sensor])
             mount, variant = self._mount_near(variant, (x, y), SNAP)
-            low = z - float(mount.position[2])
-            row = (x, y, low, float(heading), float(tilt))
-            made = LiveSensor(free_name(variant, sensor.name), self.name_model(sensor.model), mount.name, *row)
+            height = _find_step(axes.heights, z - float(mount.position[2]))
+            aim = _find_step(axes.headings, float(heading), math.tau), _find_step(axes.tilts, float(tilt))
+            name = free_name(variant, sensor.name)
+            made = LiveSensor(name, self.name_model(sensor.model), mount.name, x, y, height, *aim)
             variant = replace(variant, sensors=(*variant.sensors, made))
         return variant
 
@@ -320,6 +323,14 @@ class Yard:
         for sensor in self.place(self.site.sensors).sensors:
             heights[sensor.mount].append(sensor.height)
         return heights
+
+
+def _find_step(steps: Float64[np.ndarray, " n"], value: float, period: float = math.inf) -> float:
+    """Return the step of the stock that a value is, but for rounding, else the value.
+
+    A sensor that was written to a file and read again is then the candidate that it was, with the same noise."""
+    gaps = np.abs([math.remainder(step - value, period) for step in steps.tolist()])
+    return float(steps[gaps.argmin()]) if len(gaps) and gaps.min() < SLACK_M else value
 
 
 @lru_cache(maxsize=64)

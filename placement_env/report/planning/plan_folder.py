@@ -69,6 +69,7 @@ class PlanFolder:
         path: The folder.
         setting: Question by which sets are scored, at the site with the chosen sensors.
         frames: Number of frames that the searches saw.
+        given_frames: Number of frames of each part of the traffic if it was given, None for the usual ones.
         seed: Seed of the traffic.
         sensors: Most sensors, infinite for any number.
         detector: Name of the plan's detector, "shipped" for a shipped one.
@@ -77,6 +78,7 @@ class PlanFolder:
     path: Path
     setting: Setting
     frames: int
+    given_frames: int | None
     seed: int
     sensors: float
     detector: str
@@ -228,6 +230,7 @@ def _read(folder: Path, plan: JsonObject, site: Site) -> PlanFolder:
         folder,
         setting,
         int(frames[0]),
+        int(frames[0]) if frames[0] == frames[1] else None,
         question.whole("seed", 0, MAX_SEED),
         math.inf if sensors is None else sensors,
         question.get("detector", str),

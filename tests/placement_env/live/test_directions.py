@@ -1,16 +1,22 @@
 """Directions as people type them: bearings and named headings, tilts, heights, and numbers as they are printed."""
 
+import csv
+import io
 import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from placement_env.candidates.candidates import Candidates, aim_sensor, aims, pool
+from placement_env.handover.exchange import schedule_csv
+from placement_env.handover.mounted import format_sensors
 from placement_env.live.directions import parse_heading, parse_height, parse_tilt, show_bearing
-from placement_env.live.variant import LiveSensor
+from placement_env.live.variant import LiveSensor, Yard
 from toolkit.geometry import pose
 from toolkit.sites.files import load_site
 from toolkit.sites.georeference import bearing_deg, heading_from_bearing
+from toolkit.sites.random import random_site
 from toolkit.sites.site import Mount
 
 SITE = load_site("roundabout")
@@ -70,3 +76,31 @@ def test_a_tilt_that_no_sensor_has_is_refused(tilt):
 def test_a_height_beyond_the_pole_is_refused(height):
     with pytest.raises(ValueError, match=rf"post takes sensors at 3 to 8 m above its foot, got {height:g}"):
         parse_height(POLE, height)
+
+
+@pytest.mark.parametrize("site", [load_site("tjunction"), TURNED, random_site(7)], ids=lambda site: site.name)
+def test_the_row_of_a_schedule_is_the_sensor_at_any_junction(site):
+    rng, stock = np.random.default_rng(4), pool(site)
+    chosen = rng.choice(len(stock), 40, replace=False)
+    sensors = [stock.sensors[k] for k in chosen[:20]]  # in poses of the stock, and in poses between them
+    for k in chosen[20:]:
+        height, heading, tilt = rng.uniform((3.0, -3.1, 0.0), (8.0, 3.1, 0.6))
+        place = stock.mounts[stock.mount[k]].position + np.array([0.0, 0.0, height])
+        sensors.append(aim_sensor(stock.sensors[k], place, heading, tilt))
+    mount = stock.mount[chosen]
+    heights = [sensor.position[2] - stock.mounts[m].position[2] for sensor, m in zip(sensors, mount, strict=True)]
+    poses = Candidates.of_poses(sensors, mount, np.column_stack([heights, *aims(sensors)]), stock)
+    rows = format_sensors(site, poses, range(len(poses)), kbit=np.zeros((len(poses), 1)))
+    table = list(csv.DictReader(io.StringIO(schedule_csv(rows))))
+    yard = Yard.of(site, stock, [], ())
+    variant = yard.place(sensors)
+    for row, sensor in zip(table, variant.sensors, strict=True):
+        assert parse_heading(site, row["bearing_deg"], sensor.heading) == sensor.heading
+        assert parse_tilt(float(row["tilt_deg"]), sensor.tilt) == sensor.tilt
+        assert (
+            parse_height(yard.find_mount(variant, sensor.mount), float(row["height_m"]), sensor.height) == sensor.height
+        )
+        written = parse_heading(site, row["bearing_deg"])
+        assert math.degrees(math.remainder(written - sensor.heading, math.tau)) == pytest.approx(0.0, abs=0.051)
+    for k, built in enumerate(yard.candidates(variant).sensors[:20]):
+        np.testing.assert_array_equal(built.pose, stock.sensors[chosen[k]].pose)
