@@ -76,8 +76,8 @@ class Variant:
     def as_dict(self) -> dict[str, object]:
         """Return what JSON keeps."""
         poles = [{**vars(pole), "position": pole.position.tolist()} for pole in self.poles]
-        sensors, areas = [{**vars(sensor)} for sensor in self.sensors], [list(corners) for corners in self.keep_out]
-        return {"sensors": sensors, "poles": poles, "keep_out": areas}
+        areas = [np.array(corners).tolist() for corners in self.keep_out]
+        return {"sensors": [{**vars(sensor)} for sensor in self.sensors], "poles": poles, "keep_out": areas}
 
     @staticmethod
     def of_dict(found: object, where: str = "") -> "Variant":

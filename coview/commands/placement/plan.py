@@ -162,8 +162,9 @@ def _describe(plan: "Plan") -> str:
     verdict = plan.verdict
     lines = [" ".join((verdict.sentence, *verdict.reasons)) if verdict.met is False else verdict.sentence]
     for s in plan.sensors:
-        facing = f"facing {s.bearing_deg:.0f} degrees from north"
-        lines.append(f"  {s.name}: {s.pole}, {s.height:.1f} m up, {facing}")
+        place = "" if s.name.startswith(s.pole.replace("/", "-")) else f"{s.pole}, "
+        facing = f"facing {s.bearing_deg:.0f} degrees from north, {s.tilt_deg:.0f} degrees down"
+        lines.append(f"  {s.name}: {place}{s.model}, {s.height:.1f} m up, {facing}")
     classes = [(f"{row.label:<10}", row.judged, f" at IoU {iou_text(row.iou)}", "") for row in plan.class_ap]
     rows = (*plan.by_level, *plan.by_errors)
     cases = [(f"{r.name:<18}", r.judged, "", f" in {r.judged.frames} frames") for r in rows if r.judged is not None]
