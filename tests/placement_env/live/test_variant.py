@@ -147,7 +147,8 @@ def test_a_yard_takes_models_and_poles_of_what_hangs_already():
     lidar = SpinningLidar(channels=16)
     few = pool(SITE, mounts=STOCK.mounts[:5])
     priced = replace(few, axes=replace(few.axes, prices=(3.0,)))
-    hung = [hang(name="one", model=lidar), hang(name="two"), hang(*STOCK.mounts[9].position[:2], name="three")]
+    x, y, _ = STOCK.mounts[9].position.tolist()
+    hung = [hang(name="one", model=lidar), hang(name="two"), hang(x, y, name="three")]
     yard = Yard.of(SITE, priced, hung, ())
     assert yard.stock.axes.prices == (3.0, 0.0)
     assert list(yard.models.values()) == [STOCK.axes.models[0], lidar]
