@@ -194,7 +194,7 @@ def _check_poles(plan: JsonObject, site: Site, stock: Candidates) -> None:
         name = row.choice("pole", poles)
         away = float(np.hypot(*(sensor.position - poles[name].position)[:2]))
         if away > MAX_POLE_GAP_M:
-            apart = f"{sensor.name} hangs {away:.3g} m from its pole {name}"
+            apart = f"{sensor.name} hangs {away:.6g} m from its pole {name}"
             raise ValueError(f"{apart}, more than {MAX_POLE_GAP_M:g} m: the file is damaged, or {SITE} was changed")
 
 
