@@ -3,7 +3,8 @@
 Behind the name may stand, in any order,
 
     +background   a detector that knows the empty site: it leaves out what always stands there. `general` at a site
-                  whose scenery is known means that too, `general-background` the bare network
+                  whose scenery is known means that too, `general-background` the bare network; `coview detect` learns
+                  what stands in most frames for `general` where the site is unknown and the sensors stand still
     +phases4      a network on four shifted grids, whose boxes are averaged
     +bfloat16     a network in coarser numbers, in half the time, where the processor has instructions for them; `coview
                   detect` does so by itself, unless +float32 stands there"""
@@ -257,6 +258,12 @@ def parse_detector(name: str, site: "Site | None" = None) -> NamedDetector:
     phases = re.search(r"phases(\d+)", behind)
     known, coarse = BACKGROUND in behind or by_default, QUICK in behind and EXACT not in behind
     return NamedDetector(bare, known, int(phases[1]) if phases else 1, coarse)
+
+
+def learns_background(name: str) -> bool:
+    """Return True for a detector that learns what stands in a recording of an unknown site, by default."""
+    parsed = parse_detector(name)
+    return parsed.bare == GENERAL and not parsed.known and BARE not in name
 
 
 def check_digest(name: str, detector: "Detector", remedy: str) -> None:

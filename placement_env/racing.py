@@ -7,7 +7,7 @@ set only where the frames show that it is worse, and ends as soon as a stated co
 of Maron and Moore 1994, with a bootstrap over blocks of frames instead of Hoeffding's bound)."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -45,13 +45,21 @@ class Resampled(NamedTuple):
 ResampledScores = Callable[[Sets, Int64[np.ndarray, " frames"]], Resampled]
 
 
+class Rung(NamedTuple):
+    """Sets that reached one rung of a race, and resamples of their figures there."""
+
+    rows: Int64[np.ndarray, " n"]
+    resamples: Float64[np.ndarray, "n resamples"]
+
+
 @dataclass(frozen=True, eq=False)
 class Contest:
     """Course of a race until a confidence.
 
     ranking: rows of all different sets, best first, dropped ones last; figures: of each in that order, from the frames
     it was scored on; frames: number of these; confidence: that no set beats the first by more than the tolerance;
-    spent: set-frames scored; expected: likeliest figure of each, given these frames and the predictions."""
+    spent: set-frames scored; expected: likeliest figure of each, given these frames and the predictions; rungs: from
+    the first on; tolerance: a lead that does not count; by_chance: least doubt of any set, where time ran out."""
 
     ranking: Int64[np.ndarray, " k"]
     figures: Float64[np.ndarray, " k"]
@@ -59,6 +67,19 @@ class Contest:
     confidence: float
     spent: int
     expected: Float64[np.ndarray, " k"]
+    rungs: tuple[Rung, ...] = ()
+    tolerance: float = 0.0
+    by_chance: float = 0.0
+
+    def doubt(self, row: int, judged: Iterable[int] = ()) -> float:
+        """Chance that some set beats one of the sets clearly. judged: rows that are compared elsewhere, so not here."""
+        return _doubt(self.rungs, row, self.tolerance, judged)
+
+    def sureness(self, row: int) -> float:
+        """Confidence that no set of the race beats one of them by more than the tolerance."""
+        if not self.rungs:
+            return self.confidence
+        return max(0.0, 1 - max(self.by_chance, self.doubt(row)))
 
 
 def race(
@@ -143,7 +164,7 @@ def race_until(
     running = np.sort(np.unique(sets, axis=0, return_index=True)[1])
     risk, seen, spent = (1 - rules.confidence) / len(running), 0, 0
     dropped: list[tuple[Int64[np.ndarray, " _"], Float64[np.ndarray, " _"], int]] = []
-    rungs: list[tuple[Int64[np.ndarray, " _"], Resampled]] = []
+    rungs: list[Rung] = []
     expected = np.zeros(len(sets))
     while True:
         reached = min(frames, max(rules.first, seen * rules.eta))
@@ -158,7 +179,7 @@ def race_until(
         ranked = np.argsort(-found.figure, kind="stable")
         found = found._replace(figure=found.figure[ranked], resamples=found.resamples[ranked])
         running, measured = running[ranked], measured[ranked]
-        rungs.append((running, found))
+        rungs.append(Rung(running, found.resamples))
         by_chance = 0.0 if found.frames is None or len(sets) == 1 else 0.5**found.blocks
         sure = 1 - max(by_chance, _doubt(rungs, int(running[0]), rules.tolerance))
         if seen == frames or seen < reached or (sure >= rules.confidence and seen >= rules.least):
@@ -177,18 +198,22 @@ def race_until(
     rows, figures, counts = zip(*dropped[::-1], strict=True)
     scored_on = np.repeat(np.array(counts, np.int64), [len(each) for each in rows])
     ranking = np.concatenate(rows)
-    return Contest(ranking, np.concatenate(figures), scored_on, max(0.0, sure), spent, expected[ranking])
+    course = tuple(rungs), rules.tolerance, by_chance
+    return Contest(ranking, np.concatenate(figures), scored_on, max(0.0, sure), spent, expected[ranking], *course)
 
 
-def _doubt(rungs: list[tuple[Int64[np.ndarray, " _"], Resampled]], winner: int, tolerance: float) -> float:
-    """Chance that some set beats the winner clearly: of sets with the same last rung, a share of its resamples."""
+def _doubt(rungs: Sequence[Rung], winner: int, tolerance: float, judged: Iterable[int] = ()) -> float:
+    """Chance that some set beats the winner clearly: of sets with the same last rung that the winner reached too, a
+    share of its resamples. judged: rows that do not count."""
     doubt = 0.0
-    going_on = np.zeros(0, np.int64)
-    for rows, found in reversed(rungs):
-        better = found.resamples - found.resamples[rows == winner] > tolerance
-        gone = ~np.isin(rows, going_on)
-        doubt += float(better[gone].any(axis=0).mean())
-        going_on = rows
+    counted = np.array([*judged], np.int64)
+    for rows, resamples in reversed(rungs):
+        if winner not in rows:
+            continue
+        better = resamples - resamples[rows == winner] > tolerance
+        new = ~np.isin(rows, counted)
+        doubt += float(better[new].any(axis=0).mean())
+        counted = np.union1d(counted, rows)
     return doubt
 
 

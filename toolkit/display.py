@@ -71,6 +71,15 @@ class Displayed:
         return pandas.DataFrame(dict(tables[table or next(iter(tables))]()))
 
 
+def figure_digits(objects: int, most: int = 3) -> int:
+    """Number of decimals that a share of this many objects supports: one object more or less changes the last.
+
+    >>> [figure_digits(objects) for objects in (6, 60, 600, 6000)]
+    [2, 2, 3, 3]
+    """
+    return min(most, max(2, len(str(objects))))
+
+
 def describe_count(number: int, thing: str, things: str = "") -> str:
     """Return a number with its noun in the singular or plural."""
     return f"{number:,} {thing if number == 1 else things or thing + 's'}"

@@ -29,6 +29,8 @@ BLOCK_FRAMES = 2 * LIFE
 FEWEST_BLOCKS = 10  # that have an interval
 RESAMPLES = 1000
 AP_TOLERANCE = 0.01  # difference in AP that does not matter
+FEWEST_SURE_FRAMES, FEWEST_SURE_OBJECTS = 20, 20  # below which nothing is said of how sure a comparison is
+MAX_SURE = 0.99  # beyond which a confidence from resamples is not told apart
 HELD_AT_ONCE = 1 << 21  # numbers held in memory at once
 Resamples = Float64[np.ndarray, " resamples"]
 Draws = Int64[np.ndarray, "resamples frames"]  # how often each resample draws each frame
@@ -109,11 +111,11 @@ def figure_interval(
     count as independent."""
     low, high = percentiles(resamples, blocks, confidence=confidence, fewest=fewest)
     if low == high and objects:
-        low, high = _wilson(figure, objects / LIFE, confidence)
+        low, high = share_interval(figure, objects / LIFE, confidence)
     return Interval(min(low, figure), max(high, figure))
 
 
-def _wilson(share: float, count: float, confidence: float) -> Interval:
+def share_interval(share: float, count: float, confidence: float) -> Interval:
     """Return Wilson's score interval of a share of independent objects."""
     z = NormalDist().inv_cdf((1 + confidence) / 2)
     middle, spread = share + z**2 / (2 * count), z * math.sqrt(share * (1 - share) / count + (z / (2 * count)) ** 2)
@@ -125,6 +127,23 @@ def describe_interval(low: float, high: float, digits: int = 3) -> str:
     if math.isnan(low) or math.isnan(high):
         return f"no interval from fewer than {FEWEST_BLOCKS * BLOCK_FRAMES} frames"
     return f"{low:.{digits}f} to {high:.{digits}f}"
+
+
+def describe_sureness(confidence: float) -> str:
+    """Words for a confidence, which resamples never make certain."""
+    return f"over {MAX_SURE:.0%}" if confidence > MAX_SURE else f"{confidence:.0%}"
+
+
+def is_comparable(frames: int, objects: int) -> bool:
+    """True if there are frames and objects enough to say how sure a comparison of sets is."""
+    return frames >= FEWEST_SURE_FRAMES and objects >= FEWEST_SURE_OBJECTS
+
+
+def share_beyond_reach(figures: Resamples, tolerance: float = AP_TOLERANCE) -> float:
+    """Share of the resamples of an AP, or of a reward, that nothing exceeds by more than the tolerance, as it would be
+    above 1. It bounds from below how sure it is that no other set is better."""
+    defined = figures[~np.isnan(figures)]
+    return float((defined >= 1 - tolerance).mean()) if len(defined) else 0.0
 
 
 def frames_for_width(frames: int, width: float, wanted: float) -> int:

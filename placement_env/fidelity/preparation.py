@@ -219,6 +219,13 @@ class Preparation:
         vars(there).update(shared, visibility=visibility)
         return there
 
+    def at_cases(self, cases: Cases) -> "Preparation":
+        """Same traffic, network and view of the candidates over other cases."""
+        other = replace(self, setting=replace(self.setting, cases=cases))
+        shared = ("traffic", "network", "_hit_models", "visibility")
+        vars(other).update({name: getattr(self, name) for name in shared})
+        return other
+
     def take_traffic(self, other: "Preparation") -> None:
         """Use the traffic of another preparation of this site, and its live view where the same classes count."""
         vars(self)["traffic"] = other.traffic

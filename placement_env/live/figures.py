@@ -1,8 +1,8 @@
 """`LiveAnswer`: figures of a variant on the planner's frames, by the surrogate, each with its interval.
 
 The intervals are of `placement_env.analysis.intervals`, over the same draws for every variant, so that what a move
-changed has an interval of its own. They are given down to `LEAST_BLOCKS` blocks of frames, fewer than a judged set
-needs: see `docs/how-to/live.md` for how often they hold."""
+changed has an interval of its own. That of an AP takes in the surrogate's own error too. They are given down to
+`LEAST_BLOCKS` blocks of frames, fewer than a judged set needs: see `docs/how-to/live.md` for how often they hold."""
 
 import math
 from dataclasses import asdict, dataclass, field, replace
@@ -33,6 +33,7 @@ from toolkit.arrays import Bool, Float64, Int64
 
 LEVELS = 3  # of traffic
 LEAST_BLOCKS = 5  # blocks of frames that have an interval here
+NORMAL_ENDS = 1.96  # standard errors to the ends of a 95 % interval
 SURE = 0.5  # hit probability from which a road user counts as found in the scene
 
 
@@ -53,12 +54,12 @@ class FoundShare:
 class LiveAnswer:
     """Figures of a variant.
 
-    ap, low, high: predicted AP and its 95 % interval over frames; spread: standard error of the prediction, NaN
-    where unknown; kbit: of all sensors per frame; price, budget: in `currency`, "" for ordinary poles; worst,
-    worst_low, worst_high: AP left after the worst single failure, of `worst_sensor`; levels: of traffic; change,
-    change_low, change_high: AP since the answer before, on the same frames; unseen, hidden: road users without a point
-    on them, their number and which; probability: that each is found; problems: sentences on what cannot be built so;
-    coarse: a view was taken from half metres of height, or these are the first few frames."""
+    ap, low, high: predicted AP and its 95 % interval, over frames and the error of the prediction; spread: standard
+    error of the prediction, NaN where unknown; kbit: of all sensors per frame; price, budget: in `currency`, "" for
+    ordinary poles; worst, worst_low, worst_high: AP left after the worst single failure, of `worst_sensor`; levels: of
+    traffic; change, change_low, change_high: AP since the answer before, on the same frames; unseen, hidden: road users
+    without a point on them, their number and which; probability: that each is found; problems: sentences on what cannot
+    be built so; coarse: a view was taken from half metres of height, or these are the first few frames."""
 
     what: str
     sensors: int
@@ -107,6 +108,15 @@ class LiveAnswer:
         return replace(self, what=what, change=change, change_low=low, change_high=high)
 
 
+def widen(figure: float, ends: Interval, spread: float) -> Interval:
+    """Interval of a predicted share, from the ends over frames and its standard error; those ends where it is NaN."""
+    if math.isnan(ends.low):
+        return ends
+    margin = NORMAL_ENDS * (0.0 if math.isnan(spread) else spread)
+    low, high = (math.hypot(figure - end, margin) for end in ends)
+    return Interval(max(0.0, figure - low), min(1.0, figure + high))
+
+
 class Meter:
     """Figures of variants in the traffic of a preparation."""
 
@@ -134,27 +144,29 @@ class Meter:
         scores = objective.scores(np.concatenate([whole, left]))
         lost = int(scores.ap[1:].argmin()) if len(members) else -1
         surrogate = cast(Surrogate, objective.scored_by)
-        classes, resamples, probability = self._by_class(surrogate, standing, seen)
+        worst, least, spread, left_spread = 0.0, standing, 0.0, 0.0
+        if len(members):
+            worst, least = float(scores.ap[1:][lost]), left[lost]
+            spread, left_spread = surrogate.spread(np.stack([standing, least])).tolist()
+        classes, resamples, probability = self._by_class(surrogate, standing, seen, spread)
         ap, objects = float(scores.ap[0]), len(probability)
-        worst, least = (float(scores.ap[1:][lost]), left[lost]) if len(members) else (0.0, standing)
-        ends, left_ends = (
-            figure_interval(figure, draws, blocks=self.blocks, objects=objects, fewest=LEAST_BLOCKS)
-            for figure, draws in ((ap, resamples), (worst, self._resample(surrogate, least)[0]))
-        )
-        spread = float(surrogate.spread(whole)[0]) if len(members) else 0.0
+        own = {"blocks": self.blocks, "objects": objects, "fewest": LEAST_BLOCKS}
+        ends = widen(ap, figure_interval(ap, resamples, **own), spread)
+        left_draws = self._resample(surrogate, least)[0]
+        left_ends = widen(worst, figure_interval(worst, left_draws, **own), left_spread)
         hidden = seen.points[standing].sum(axis=0) == 0
         return LiveAnswer(
             what="",
             sensors=len(standing),
             ap=ap,
             low=ends.low,
-            high=min(ends.high, 1.0),
+            high=ends.high,
             recall=float(scores.recall[0]),
             kbit=float(scores.kbit[0]),
             price=float(objective.price(np.ones_like(whole))[0]),
             worst=worst,
             worst_low=left_ends.low,
-            worst_high=min(left_ends.high, 1.0),
+            worst_high=left_ends.high,
             worst_sensor=objective.names[members[lost]] if len(members) else "",
             spread=spread,
             change=0.0,
@@ -185,9 +197,9 @@ class Meter:
         return Visibility.unseen(self.preparation.traffic, (), self.preparation.setting.counted.labels)
 
     def _by_class(
-        self, surrogate: Surrogate, standing: Bool[np.ndarray, " C"], seen: Visibility
+        self, surrogate: Surrogate, standing: Bool[np.ndarray, " C"], seen: Visibility, spread: float
     ) -> tuple[tuple[FoundShare, ...], Float64[np.ndarray, " resamples"], Float64[np.ndarray, " O"]]:
-        """Each class, resampled AP of all, and the hit probability of each object."""
+        """Each class, resampled AP of all, and the hit probability of each object. spread: of the prediction."""
         resamples, drawn = self._resample(surrogate, standing)
         probability, rows = np.zeros(len(seen.boxes)), []
         aps = surrogate.by_class(standing[None]).ap[0].tolist()
@@ -195,7 +207,8 @@ class Meter:
             probability[seen.labels == surrogate.classes.labels[k]] = hits
             ends = Interval(np.nan, np.nan)
             if len(hits):
-                ends = figure_interval(aps[k], drawn[k], blocks=self.blocks, objects=len(hits), fewest=LEAST_BLOCKS)
+                frames = figure_interval(aps[k], drawn[k], blocks=self.blocks, objects=len(hits), fewest=LEAST_BLOCKS)
+                ends = widen(aps[k], frames, spread)
             recall = float(hits.mean()) if len(hits) else np.nan
             rows.append(FoundShare(name, aps[k], recall, *ends, len(hits)))
         return tuple(rows), resamples, probability

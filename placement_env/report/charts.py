@@ -235,7 +235,7 @@ def _write_beside(axes: "Axes", row: int, text: str) -> None:
 
 def ap_label(judged: content.Judgement) -> str:
     """AP and the number of vehicles."""
-    return f"{judged.ap:.3f}, N = {judged.vehicles}"
+    return f"{judged.format_ap()}, N = {judged.vehicles}"
 
 
 def describe_sample(judged: Sequence[content.Judgement | None]) -> str:

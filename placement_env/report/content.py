@@ -4,6 +4,7 @@ Nothing in it depends on the clock, so the same question has the same plan, byte
 1000 bit; prices are in the plan's currency. AP and recall are at the plan's IoU unless a field says otherwise, always
 by the detector on traffic that no search saw. An undefined figure is None."""
 
+import math
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, fields, is_dataclass, replace
@@ -11,13 +12,14 @@ from typing import Any
 
 import numpy as np
 
+from placement_env.analysis.intervals import describe_interval
 from placement_env.candidates.candidates import Candidates
 from placement_env.cases import IoUs
 from placement_env.handover.ground import Ground, GroundShares
 from placement_env.handover.mounted import LinkLoad, MaterialItem, PlannedSensor
 from placement_env.links import LINK_SHARE
 from toolkit.arrays import Bool, Float32, Mask
-from toolkit.display import Card, Displayed, Table
+from toolkit.display import Card, Displayed, Table, figure_digits
 from toolkit.objects import Detections, Objects
 from toolkit.runtime.files import read_own_table
 from toolkit.sites.site import Site
@@ -44,9 +46,27 @@ class Judgement:
     frames: int
     kind: str = "vehicle"
 
+    @property
+    def digits(self) -> int:
+        """Number of decimals that so many objects support."""
+        return figure_digits(self.vehicles)
+
+    @property
+    def known(self) -> bool:
+        """True if there are frames enough for an interval, so that this AP may be compared with others."""
+        return not math.isnan(self.low)
+
+    def format_ap(self) -> str:
+        """AP with as many decimals as its objects support."""
+        return f"{self.ap:.{self.digits}f}"
+
+    def describe_interval(self) -> str:
+        """Words for its interval, with as many decimals as its objects support."""
+        return describe_interval(self.low, self.high, self.digits)
+
 
 def overlap(one: Judgement, other: Judgement) -> bool:
-    """Return whether the intervals of two AP overlap, or one has none: these data cannot tell two places apart."""
+    """Return whether the intervals of two AP overlap. Both must be `known`: without an interval nothing is compared."""
     return not (one.low > other.high or other.low > one.high)
 
 

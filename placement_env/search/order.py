@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from placement_env.analysis.intervals import describe_interval
+from placement_env.analysis.intervals import describe_interval, describe_sureness
 from placement_env.candidates.candidates import aims
 from placement_env.classes import join_names
 from placement_env.fidelity.preparation import BY_LEVELS, Preparation, check_scorable
@@ -29,6 +29,7 @@ from placement_env.setting import Setting
 from toolkit.arrays import Bool
 from toolkit.detection.codec import PAPER
 from toolkit.detection.provenance import detector_origin
+from toolkit.display import figure_digits
 from toolkit.runtime.files import replace_infinite
 from toolkit.runtime.run import Run
 from toolkit.sensors.sensor import Sensor
@@ -287,8 +288,12 @@ def _report_curve(order: SearchOrder, objective: Objective, points: tuple[CurveP
     for point in points:
         price, pays = describe_money(point.price, order.currency), "" if point.pays else ", no more than a cheaper one"
         names = ", ".join(_names(objective, point.subset))
-        lines.append(f"  {point.sensors} for {price}: {_judged(point, order.judge)}{pays}: {names}")
-        lines += [f"    at each error profile: {describe_profiles(point.by_errors)}"] if point.by_errors else []
+        lines.append(f"  {point.sensors} for {price}: {_judged(point, order.judge, point.objects)}{pays}: {names}")
+        lines += (
+            [f"    at each error profile: {describe_profiles(point.by_errors, point.objects)}"]
+            if point.by_errors
+            else []
+        )
     return Answer(objective, replace_infinite(summary), tuple(lines), True, points=points)
 
 
@@ -317,10 +322,12 @@ def describe_sensors(names: Sequence[str], moved: Sequence[Sensor] = (), site: S
     return [text.format(name, *sensor.position, direction, tilt) for name, sensor, direction, tilt in rows]
 
 
-def _judged(each: Assessment | CurvePoint | Contender | ProfileAP, by: str) -> str:
-    """The figure that a fidelity gives, with its interval. Coverage is no AP."""
-    ends = describe_interval(each.low, each.high, 4)
-    return f"{'coverage' if by == 'coverage' else 'AP'} {each.ap:.4f} ({ends})"
+def _judged(each: Assessment | CurvePoint | Contender | ProfileAP, by: str, objects: int) -> str:
+    """The figure that a fidelity gives, with its interval and as many decimals as the objects support. Coverage is no
+    AP."""
+    digits = figure_digits(objects)
+    ends = describe_interval(each.low, each.high, digits)
+    return f"{'coverage' if by == 'coverage' else 'AP'} {each.ap:.{digits}f} ({ends})"
 
 
 def describe_score(score: Score) -> str:
@@ -335,26 +342,33 @@ def describe_score(score: Score) -> str:
 def describe_assessment(assessment: Assessment) -> list[str]:
     """Lines on the answer's judgement and each search's own."""
     fresh = "" if assessment.by == "detector" else ", not a detector: it may err alike everywhere"
-    sure = "" if assessment.confidence >= assessment.asked else f", short of the {assessment.asked:.0%} asked for"
+    objects, digits = assessment.objects, figure_digits(assessment.objects)
+    compared = f"{assessment.entrants} compared sets is better by more than {assessment.tolerance:g}"
+    sure = f"  {describe_sureness(assessment.confidence)} sure that none of the {compared}"
+    if math.isnan(assessment.confidence):
+        sure = f"  too few frames or objects to say how sure it is that none of the {compared}"
+    elif assessment.confidence < assessment.asked:
+        sure += f", short of the {assessment.asked:.0%} asked for"
     lines = [
         f"judged by the {assessment.by} on {assessment.frames} frames that had no part in the choice{fresh}:",
-        f"  {_judged(assessment, assessment.by)} on {assessment.objects} objects, {assessment.kbit:.1f} kbit a frame; "
-        f"estimated {assessment.predicted:.4f} by the search, {assessment.expected:.4f} after the race",
-        f"  {assessment.confidence:.0%} sure that none of the {assessment.entrants} compared sets is better by more "
-        f"than {assessment.tolerance:g}{sure}",
+        f"  {_judged(assessment, assessment.by, objects)} on {objects} objects, {assessment.kbit:.1f} kbit a frame; "
+        f"estimated {assessment.predicted:.{digits}f} by the search, {assessment.expected:.{digits}f} after the race",
+        sure,
     ]
     if assessment.by_errors:
-        lines.append(f"  the {assessment.errors_by} over error profiles: {describe_profiles(assessment.by_errors)}")
+        lines.append(
+            f"  the {assessment.errors_by} over error profiles: {describe_profiles(assessment.by_errors, objects)}"
+        )
     return lines + [
-        f"  {' and '.join(each.searches)}: {_judged(each, assessment.by)}, predicted "
-        f"{each.predicted:.4f}, {each.curse:+.4f} too much"
+        f"  {' and '.join(each.searches)}: {_judged(each, assessment.by, objects)}, predicted "
+        f"{each.predicted:.{digits}f}, {each.curse:+.{digits}f} too much"
         for each in assessment.contenders
     ]
 
 
-def describe_profiles(by_errors: Sequence[ProfileAP]) -> str:
+def describe_profiles(by_errors: Sequence[ProfileAP], objects: int) -> str:
     """AP at each error profile by itself."""
-    return ", ".join(f"{each.name} {_judged(each, 'detector')}" for each in by_errors)
+    return ", ".join(f"{each.name} {_judged(each, 'detector', objects)}" for each in by_errors)
 
 
 def describe_by_errors(by_errors: Mapping[str, float]) -> list[str]:

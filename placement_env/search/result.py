@@ -96,9 +96,9 @@ class Assessment:
 
     by: fidelity of race and judgement; ap, low, high: of the answer, with its 95 % interval; kbit: of the whole set;
     objects, frames: used to judge it; predicted: AP by the searched objective; confidence: that no entrant is better by
-    more than `tolerance`; `asked` is the level to reach; entrants: sets that raced; raced: frames that the winner was
-    raced on; contenders: judged answers of searches; by_errors: AP at each of several error profiles by
-    itself, of which `ap` is the "worst" or the "mean", as `errors_by` says."""
+    more than `tolerance`, NaN from too few frames or objects; `asked` is the level to reach; entrants: sets that raced;
+    raced: frames that the winner was raced on; contenders: judged answers of searches; by_errors: AP at each of several
+    error profiles by itself, of which `ap` is the "worst" or the "mean", as `errors_by` says."""
 
     by: str
     ap: float
@@ -223,6 +223,7 @@ def _build_result(content: _Row) -> Result:
             each |= {name: tuple(each[name]) for name in ("searches", "subset")}
         judged = {
             "expected": _number(assessment.get("expected"), math.nan),
+            "confidence": _number(assessment["confidence"], math.nan),
             "contenders": tuple(Contender(**each) for each in assessment["contenders"]),
             "by_errors": tuple(ProfileAP(**each) for each in assessment.get("by_errors", ())),
         }

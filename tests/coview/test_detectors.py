@@ -9,7 +9,14 @@ import open3d as o3d
 import pytest
 
 import models
-from coview.detectors import load_detector, parse_detector, place_detector, recording_detector, site_detector
+from coview.detectors import (
+    learns_background,
+    load_detector,
+    parse_detector,
+    place_detector,
+    recording_detector,
+    site_detector,
+)
 from toolkit.clouds import from_points
 from toolkit.datasets.dataset import CoopDataset
 from toolkit.detection.background import Background, KnownBackground, site_background
@@ -116,3 +123,8 @@ class TestCloudsOfAnyKind:
                 detect(wrong)
         with pytest.raises(ValueError, match='level must be "map", "plane" or None'):
             load_detector("general", level="flat")
+
+
+def test_general_learns_what_stands_where_the_site_is_unknown():
+    named = ("general", "general+phases4", "general-background", "general+background", "mine.safetensors")
+    assert [learns_background(name) for name in named] == [True, True, False, False, False]

@@ -1,10 +1,11 @@
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from placement_env.racing import RaceRules, Resampled, race, race_until
+from placement_env.racing import Contest, RaceRules, Resampled, Rung, race, race_until
 from placement_env.subsets import all_subsets
 
 SETS = all_subsets(8)[1:]
@@ -250,3 +251,17 @@ def test_sets_go_by_figures_and_predictions_and_equal_rows_race_once():
             RaceRules(**wrong)
     with pytest.raises(ValueError, match="got 3 sets, 0 frames"):
         race_until(Spread(TRUE), twice, np.arange(0))
+
+
+def test_doubt_of_a_set_counts_each_rival_on_the_last_frames_that_both_saw():
+    first = Rung(np.array([0, 1, 2]), np.array([[0.5, 0.5], [0.6, 0.5], [0.6, 0.6]]))
+    last = Rung(np.array([0, 1]), np.array([[0.5, 0.5, 0.5, 0.5], [0.6, 0.4, 0.4, 0.4]]))
+    zeros = np.zeros(3)
+    ran = Contest(np.arange(3), zeros, np.full(3, 8), 0.9, 24, zeros, (first, last), 0.01)
+    assert ran.doubt(0) == 0.25 + 1.0  # set 1 in a quarter of the last rung, set 2 in the whole first
+    assert ran.doubt(0, [2]) == 0.25
+    assert ran.doubt(2) == 0.0  # it left after the first rung, where none beats it
+    assert ran.sureness(2) == 1.0
+    assert ran.sureness(0) == 0.0
+    assert replace(ran, by_chance=0.125).sureness(2) == 0.875
+    assert replace(ran, rungs=()).sureness(0) == 0.9

@@ -23,7 +23,6 @@ import numpy as np
 from toolkit.arrays import Float, Float64, Points, Rng
 from toolkit.boxes import count_points, nms
 from toolkit.calibration.empty_scene import Scenes
-from toolkit.calibration.ground import level
 from toolkit.datasets.dataset import CoopDataset
 from toolkit.detection.background import SWEEPS, Background, empty_sweeps
 from toolkit.detection.place import Corners, Place, Stand, crop_points
@@ -194,7 +193,7 @@ def learn_cluster_detector(scenes: Scenes, frame: Frame, place: Place = Place())
         parts = [transform(cloud.world_SE3_sensor, _sweep(scenes, cloud.name, rng)) for cloud in frame.clouds]
         sweeps.append(np.concatenate([np.zeros((0, 3)), *parts]))
     (x, y), method = place.half, place.level or "map"
-    ground = None if method == "none" else level(sweeps[0] - [*centre, 0.0], method=method)
+    ground = None if method == "none" else place.find_ground(sweeps[0] - [*centre, 0.0], method)
     area, stand = (-x, -y, x, y), Stand((-x, -y, x, y), centre, ground)
     return replace(ClusterDetector.learn([crop_points(stand.lift(sweep), area) for sweep in sweeps]), area=area)
 

@@ -20,6 +20,7 @@ from toolkit.datasets.layouts.kitti import kitti_text
 from toolkit.datasets.layouts.openlabel import openlabel_content
 from toolkit.datasets.records import boxes_record, write_boxes
 from toolkit.detection.place import Place, Stand
+from toolkit.detection.standing import StandingScene
 from toolkit.frame import Frame
 from toolkit.objects import Detections, Detector
 from toolkit.points import detect_on_ground, frame_points
@@ -29,24 +30,30 @@ from toolkit.sites.site import Site
 
 @dataclass(frozen=True, eq=False)
 class Detected:
-    """Detections in one frame, its stand, and the milliseconds taken."""
+    """Detections in one frame, its stand, the milliseconds taken, and how many detections were background."""
 
     frame: Frame
     detections: Detections
     stand: Stand
     detect_ms: float
+    left_out: int = 0
 
 
-def detect_frames(frames: Iterable[Frame], detector: Detector, place: Place = Place()) -> Iterator[Detected]:
+def detect_frames(
+    frames: Iterable[Frame], detector: Detector, place: Place = Place(), scene: StandingScene | None = None
+) -> Iterator[Detected]:
     """Yield the detections in all points of each frame together, on level ground. detector: sees points counted from
-    the middle of the area, or at a known site, those of the site. A frame without points has no detections."""
+    the middle of the area, or at a known site, those of the site. scene: of which detections are left out. A frame
+    without points has no detections."""
     for frame, stand in place.stands(frames, getattr(frames, "site", None)):
         site = stand.area if isinstance(stand.area, Site) else None
         points = stand.lift(frame.points()) if site is None else np.concatenate(frame_points(frame, area=site))
         start = perf_counter()
         found = detect_on_ground(detector, points, stand.area) if len(points) else Detections.empty()
         taken = 1e3 * (perf_counter() - start)
-        yield Detected(frame, stand.put_back(found), stand, taken)
+        found = stand.put_back(found)
+        kept = found if scene is None or not len(found) else scene.leave_out(found, frame.points())
+        yield Detected(frame, kept, stand, taken, len(found) - len(kept))
 
 
 Format = Literal["boxes", "openlabel", "kitti"]

@@ -14,6 +14,7 @@ import numpy as np
 
 from toolkit.arrays import Float, Float32, Float64, Points
 from toolkit.calibration.ground import Ground, level, level_warning
+from toolkit.calibration.levels import describe_levels
 from toolkit.frame import Frame
 from toolkit.objects import Detections, Objects
 from toolkit.points import Area, Crop
@@ -24,6 +25,8 @@ Corners = tuple[float, float, float, float]
 LEVELS: tuple[Level, ...] = ("map", "plane", "none")
 DETECTION_REACH = 50.0  # m about the sensors, where no area is given
 CROP_HEIGHT = 4.0  # m, as in the paper's crop
+GROUND_MARGINS_M = (0.0, 5.0, 20.0)  # about the area, in which its ground is looked for
+MIN_GROUND_SQUARES = 150  # of a metre, with points
 MARGIN_AROUND = 5.0  # m around the area in which objects are kept, so that those on its edge are known
 
 
@@ -96,6 +99,19 @@ class Place:
         """True where detection is at the site itself."""
         return site is not None and self.level is None and self.area is None
 
+    def find_ground(self, points: Points, method: Literal["map", "plane"]) -> Ground:
+        """Find the ground below points (n, 3) m counted from the middle: that of the area, if one is given.
+
+        Raises ValueError if no ground is found."""
+        if self.area is None:
+            return level(points, method=method)
+        half, squares = np.array(self.half), np.floor(points[:, :2])
+        for margin in GROUND_MARGINS_M:
+            inside = (np.abs(points[:, :2]) <= half + margin).all(axis=1)
+            if len(np.unique(squares[inside], axis=0)) >= MIN_GROUND_SQUARES:
+                return level(points[inside], method=method)
+        return level(points, method=method)
+
     def stands(self, frames: Iterable[Frame], site: Site | None = None) -> Iterator[tuple[Frame, Stand]]:
         """Yield every frame with its stand; warn where ground lacks."""
         if site is not None and self.at(site):
@@ -107,10 +123,12 @@ class Place:
             middle, start = self.find_middle(frame), perf_counter()
             ground, warning = kept, None
             points = frame.points() - [*middle, 0.0] if kept is None else np.zeros((0, 3))
-            if len(points):
+            if method == "none":
+                warning = level_warning(points) if len(points) else None
+            elif len(points):
                 try:
-                    warning = level_warning(points) if method == "none" else None
-                    ground = None if method == "none" else level(points, method=method)
+                    ground = self.find_ground(points, method)
+                    warning = describe_levels(ground.levels)
                 except ValueError as error:
                     warning = f"not levelled: {error}"
             kept = ground if self.still else None

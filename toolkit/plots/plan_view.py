@@ -36,6 +36,7 @@ from toolkit.plots.canvas import (
 )
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site, Solid
+from toolkit.sites.streets import find_lane_arrows, find_street_names
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -47,9 +48,12 @@ if TYPE_CHECKING:
 AROUND = 10.0  # m around the area
 MOST_INCHES = 10.0  # of the map, in both directions
 LEFT, RIGHT, HEAD, AXIS, LEGEND_ROW = 0.62, 0.2, 0.62, 0.5, 0.22  # inches around the map, and of a row of the legend
+LANE_ARROW_M, LANE_ARROW_INK = 4.0, "#6b6b70"
+LONGEST_STREET_NAME = 40  # letters on a map
 SCALE_WIDTH = 2.6  # inches of scale bar and north arrow
 
 Entry = tuple["Artist", str]  # of a legend: artist and name
+_Place = Float64[np.ndarray, "2"]
 
 
 class MapSheet(NamedTuple):
@@ -89,6 +93,7 @@ def map_sheet(
     for spine in axes.spines.values():
         spine.set_visible(True)
     draw_ground(axes, site)
+    draw_streets(axes, site, low, high)
     draw_area(axes, site.area)
     figure.text(LEFT / full, 1 - 0.26 / total, plain(title), fontsize=12, fontweight="bold", va="center")
     figure.text(LEFT / full, 1 - 0.48 / total, plain(subtitle), fontsize=9, va="center")
@@ -125,6 +130,25 @@ def draw_ground(axes: "Axes", site: Site) -> None:
     for part in shapely.get_parts(drawn):
         outline = shapely.get_coordinates(part.exterior)
         axes.fill(*outline.T, zorder=1.6, facecolor="none", linewidth=0.0, **hatched)
+
+
+def draw_streets(axes: "Axes", site: Site, low: _Place, high: _Place) -> None:
+    """Draw the names of streets, and arrows in the lanes' directions, between two corners of a map."""
+    from matplotlib.patheffects import withStroke
+
+    head: PlotStyle = {"color": LANE_ARROW_INK, "linewidth": 0.7, "zorder": 1.3}
+    for x, y, angle in find_lane_arrows(site, low, high).tolist():
+        along, aside = np.array([np.cos(angle), np.sin(angle)]), np.array([-np.sin(angle), np.cos(angle)])
+        tip = np.array([x, y]) + LANE_ARROW_M / 2 * along
+        corners = [tip - 0.4 * LANE_ARROW_M * along + side * 0.2 * LANE_ARROW_M * aside for side in (1, -1)]
+        axes.plot(*np.stack([tip - LANE_ARROW_M * along, tip]).T, **head)
+        axes.plot(*np.stack([corners[0], tip, corners[1]]).T, **head)
+    halo = [withStroke(linewidth=2.2, foreground=PAPER_WHITE)]
+    for street in find_street_names(site, low, high):
+        text: PlotStyle = {"fontsize": 7.0, "ha": "center", "va": "center", "rotation_mode": "anchor", "zorder": 4.5}
+        rotation = float(np.rad2deg(street.angle))
+        name = plain(shorten(street.name, LONGEST_STREET_NAME))
+        axes.text(street.x, street.y, name, rotation=rotation, color=INK, path_effects=halo, clip_on=True, **text)
 
 
 def _drawn_solids(site: Site) -> list[Solid]:

@@ -10,7 +10,14 @@ from typing import Literal
 from tyro.conf import Positional
 
 from coview.arguments import check_ending, check_least
-from coview.detectors import QUICK, check_detector, parse_detector, place_detector, recording_detector
+from coview.detectors import (
+    QUICK,
+    check_detector,
+    learns_background,
+    parse_detector,
+    place_detector,
+    recording_detector,
+)
 from coview.outputs import OK, Writing, check_file, check_new_folder, print_result
 from coview.progress_bar import progress_bar
 from coview.recordings import Opening
@@ -41,12 +48,14 @@ def detect(
         out: File of boxes, or folder of OpenLABEL or KITTI files, one per frame.
         detector: general, another shipped network, a file of weights or in ONNX, or package.module:callable;
             +background, which plan.json names too, drops what stands at the recording's site or in its empty scene;
-            general has it where the site is known, general-background has not; +phases4 detects on four shifted grids;
-            +float32 in exact numbers where the processor has quicker ones.
+            general has it where the site is known, or learns it where the sensors stand still over ten frames and more;
+            general-background has not; +phases4 detects on four shifted grids; +float32 in exact numbers where the
+            processor has quicker ones.
         frames: Number of first frames of each recording; all when left out.
         format: One JSON file (boxes), openlabel or kitti."""
     from toolkit.datasets.recordings import Part
     from toolkit.detection.detect import Detected, describe_summary, detect_frames, summarise, write_detections
+    from toolkit.detection.standing import learn_standing_scene
 
     check_least("--frames", frames, 1, "leave it out for all")
     if not clouds:
@@ -71,17 +80,25 @@ def detect(
         level = looking[0][1].level or "none"
         bar = stack.enter_context(progress_bar("cloud", sum(map(len, opened)), hidden=writing.json))
 
+        scenes = [
+            learn_standing_scene(part) if recording.site is None and learns_background(detector) else None
+            for recording, part in zip(recordings, opened, strict=True)
+        ]
+
         def watch() -> Iterator[Detected]:
             """Yield what is found, the first warning in words."""
-            parts = zip(opened, looking, strict=True)
-            found = (each for part, (detect, where) in parts for each in detect_frames(part, detect, where))
-            warned = False
-            for done, each in enumerate(found, 1):
-                if each.stand.warning is not None and not warned:
-                    warned = True
-                    warnings.warn(f"{each.frame.name}: {each.stand.warning}", stacklevel=2)
-                bar.to(done)
-                yield each
+            warned, done = False, 0
+            for part, (detect, where), scene in zip(opened, looking, scenes, strict=True):
+                left_out = 0
+                for each in detect_frames(part, detect, where, scene):
+                    if each.stand.warning is not None and not warned:
+                        warned = True
+                        warnings.warn(f"{each.frame.name}: {each.stand.warning}", stacklevel=2)
+                    done, left_out = done + 1, left_out + each.left_out
+                    bar.to(done)
+                    yield each
+                if scene is not None and left_out:
+                    warnings.warn(scene.describe(left_out), stacklevel=2)
 
         figures = summarise(write_detections(watch(), out, format, detector=detector, level=level))
     print_result(figures | {"out": str(out)}, f"{out}: {describe_summary(figures)}", as_json=writing.json)

@@ -157,7 +157,7 @@ def plan(
 
 
 def _describe(plan: "Plan") -> str:
-    from placement_env.analysis.intervals import describe_interval
+    from placement_env.analysis.intervals import AP_TOLERANCE, describe_sureness
 
     verdict = plan.verdict
     lines = [" ".join((verdict.sentence, *verdict.reasons)) if verdict.met is False else verdict.sentence]
@@ -169,12 +169,14 @@ def _describe(plan: "Plan") -> str:
     rows = (*plan.by_level, *plan.by_errors)
     cases = [(f"{r.name:<18}", r.judged, "", f" in {r.judged.frames} frames") for r in rows if r.judged is not None]
     for name, judged, iou, frames in (*(classes if len(classes) > 1 else ()), *cases):
-        ends = describe_interval(judged.low, judged.high)
-        lines.append(f"  {name} AP {judged.ap:.3f} ({ends}){iou}, {judged.vehicles} to find{frames}")
+        ends = judged.describe_interval()
+        lines.append(f"  {name} AP {judged.format_ap()} ({ends}){iou}, {judged.vehicles} to find{frames}")
     for drawn in plan.by_draw:
         mean = f"mean AP {drawn.mean:.3f} of {len(drawn.aps)} draws"
         lines.append(f"  {drawn.profile}: {mean}, a tenth below {drawn.tenth:.3f}")
     if plan.confidence is not None:
-        best = "no other compared set of as many sensors is better by more than 0.01"
-        lines.append(f"  {plan.confidence:.0%} sure that {best}")
+        better = f"is better by more than {AP_TOLERANCE:g}"
+        lines.append(
+            f"  {describe_sureness(plan.confidence)} sure that no other compared set of as many sensors {better}"
+        )
     return "\n".join(lines)

@@ -3,7 +3,13 @@
 import math
 from collections import Counter
 
-from placement_env.analysis.intervals import AP_TOLERANCE, BLOCK_FRAMES, FEWEST_BLOCKS, frames_for_width
+from placement_env.analysis.intervals import (
+    AP_TOLERANCE,
+    BLOCK_FRAMES,
+    FEWEST_BLOCKS,
+    describe_sureness,
+    frames_for_width,
+)
 from placement_env.cases import iou_text
 from placement_env.classes import join_names
 from placement_env.handover.ground import Ground
@@ -166,7 +172,7 @@ def _describe_cheaper_scheme(plan: content.Plan) -> str:
     if own is None or least is None or least.kbit_per_sensor >= own.kbit_per_sensor:
         return ""
     sent = " instead of ".join(number(row.kbit_per_sensor, 1) for row in (least, own))
-    found = f"AP {number(least.judged.ap)} instead of {number(own.judged.ap)}"
+    found = f"AP {least.judged.format_ap()} instead of {own.judged.format_ap()}"
     as_well = f" {SENDS[least.scheme]} would do as well: {found}"
     return f"{as_well}, for {sent} kbit per sensor and frame (--scheme {least.scheme})."
 
@@ -177,14 +183,14 @@ def _describe_confidence(plan: content.Plan, chosen: content.PlanOption) -> tupl
         return (Fact("How sure", "The detector did not judge this set.", alarm=True),)
     ends = f"{content.CONFIDENCE:.0%} interval {interval_text(judged)}"
     lines = [
-        f"AP {number(judged.ap)}, {'no interval' if math.isnan(judged.low) else ends}, from "
+        f"AP {judged.format_ap()}, {'no interval' if math.isnan(judged.low) else ends}, from "
         f"{describe_count(judged.frames, 'frame')} of simulated traffic; nothing was measured on the street.",
         _say_frames(plan, judged),
     ]
     if plan.confidence is not None:
         lines.append(
-            f"{percent(plan.confidence)} sure that no other set that was compared, of as many sensors, is better by "
-            f"more than {AP_TOLERANCE:g}."
+            f"{describe_sureness(plan.confidence)} sure that no other set that was compared, of as many sensors, is "
+            f"better by more than {AP_TOLERANCE:g}."
         )
     lines.append("A recording from the site would test the detector itself.")
     drawn = [

@@ -293,7 +293,7 @@ def ap_text(judged: content.Judgement) -> str:
 
 def ap_figure(judged: content.Judgement) -> str:
     """AP with interval and number of vehicles, without the word AP."""
-    return f"{number(judged.ap)} ({interval_text(judged)}, {describe_count(judged.vehicles, judged.kind)})"
+    return f"{judged.format_ap()} ({interval_text(judged)}, {describe_count(judged.vehicles, judged.kind)})"
 
 
 def list_aps(judged: Iterable[tuple[str, content.Judgement]]) -> str:
@@ -303,7 +303,11 @@ def list_aps(judged: Iterable[tuple[str, content.Judgement]]) -> str:
 
 def interval_text(judged: content.Judgement) -> str:
     """Both ends of the interval, if it has one."""
-    return "no interval" if math.isnan(judged.low) else f"{number(judged.low)}–{number(judged.high)}"
+    return (
+        "no interval"
+        if math.isnan(judged.low)
+        else "–".join(number(end, judged.digits) for end in (judged.low, judged.high))
+    )
 
 
 def settle_names(plan: content.Plan, site: Site) -> tuple[content.Plan, Site, str]:

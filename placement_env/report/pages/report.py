@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from placement_env.analysis.intervals import AP_TOLERANCE
+from placement_env.analysis.intervals import AP_TOLERANCE, is_comparable
 from placement_env.cases import IoUs, iou_text
 from placement_env.classes import join_names
 from placement_env.handover.ground import Ground
@@ -63,7 +63,8 @@ def judged_cells(judged: content.Judgement | None) -> tuple[Cell | str | float |
     """Values of `JUDGED_COLUMNS`; dashes without anything to detect."""
     if judged is None:
         return None, "no vehicle", None, 0, None
-    return judged.ap, Cell(interval_text(judged), judged.low), judged.recall, judged.vehicles, judged.frames
+    ap = Cell(judged.format_ap(), judged.ap)
+    return ap, Cell(interval_text(judged), judged.low), judged.recall, judged.vehicles, judged.frames
 
 
 def text_columns(*titles: str) -> tuple[Column, ...]:
@@ -104,6 +105,10 @@ def others_section(plan: content.Plan, chosen: content.PlanOption) -> Content:
         if close
         else "On the same frames, no other set is surely within 0.01 of the best."
     )
+    if not close and mine.counted is not None and not mine.counted.known:
+        conclusion = (
+            "The sets were compared on too few frames to say which are as good as the best: take more --frames."
+        )
     best, judged = max(
         ((each, each.counted) for each in (mine, *fronts) if each.counted is not None),
         key=lambda each: each[1].ap,
@@ -354,7 +359,10 @@ def detection_section(plan: content.Plan) -> Content:
         return say("There was no vehicle to detect.")
     conclusion = "There was no vehicle to detect in any part of the site."
     if judged:
-        (worst, low), (best, high) = _extremes(judged)
+        conclusion = "There are too few frames to compare parts of the site: 80 or more give an AP its interval."
+    comparable = [(name, each) for name, each in judged if _is_comparable(each)]
+    if len(comparable) > 1:
+        (worst, low), (best, high) = _extremes(comparable)
         conclusion = f"Detection is weakest at “{worst}”, {ap_text(low)}, and best at “{best}”, {ap_text(high)}."
         if content.overlap(low, high):
             alike = "No part of the site is clearly worse than another"
@@ -368,15 +376,24 @@ def _extremes(judged: Sequence[tuple[str, content.Judgement]]) -> list[tuple[str
     return [pick(judged, key=lambda each: each[1].ap) for pick in (min, max)]
 
 
+def _is_comparable(judged: content.Judgement) -> bool:
+    """True if an AP has an interval, and road users enough, to be held against another."""
+    return judged.known and is_comparable(judged.frames, judged.vehicles)
+
+
 def _breakdown(name: str, rows: Sequence[content.BreakdownRow]) -> tuple[ReportBlock, ...]:
     judged = [(row.name, row.judged) for row in rows if row.judged is not None]
     if not judged:
         return (Paragraph(f"AP by {name} is unknown: there was no vehicle to detect."),) if rows else ()
-    (worst, low), (best, high) = _extremes(judged)
-    apart = "the intervals overlap" if content.overlap(low, high) else "the intervals do not overlap"
-    caption = f"By {name}, only “{worst}” had vehicles: {ap_text(low)}."
-    if len(judged) > 1:
-        caption = f"By {name}, AP ranges from {number(low.ap)} at “{worst}” to {number(high.ap)} at “{best}”; {apart}."
+    comparable = [(place, each) for place, each in judged if _is_comparable(each)]
+    caption = f"By {name}, there is too little to compare: an AP of few frames or road users is left to chance."
+    if len(judged) == 1:
+        caption = f"By {name}, only “{judged[0][0]}” had vehicles: {ap_text(judged[0][1])}."
+    elif len(comparable) > 1:
+        (worst, low), (best, high) = _extremes(comparable)
+        apart = "the intervals overlap" if content.overlap(low, high) else "the intervals do not overlap"
+        ends = f"from {low.format_ap()} at “{worst}” to {high.format_ap()} at “{best}”"
+        caption = f"By {name}, AP ranges {ends}; {apart}."
     chart = charts.interval_bars(judged, f"AP by {name}")
     columns = (*text_columns(name.capitalize()), *JUDGED_COLUMNS, Column("points per vehicle", digits=0))
     cells = [(row.name, *judged_cells(row.judged), row.mean_points) for row in rows]
@@ -441,10 +458,16 @@ def _compare_schemes(plan: content.Plan, judged: Sequence[content.SchemeFigures]
     sent += "the least" if mine is least else f"{least.scheme} fusion, the least, {number(least.kbit_per_sensor, 0)}"
     if mine is best:
         return f"{mine.scheme.capitalize()} fusion, as planned, has the highest AP, {ap_figure(mine.judged)}; {sent}."
-    apart = "on the same frames they cannot be told apart" if best.as_good else "the difference is not due to chance"
+    apart = "the difference may be due to chance"
+    if best.as_good:
+        apart = "on the same frames they cannot be told apart"
+    elif not (_is_comparable(best.judged) and _is_comparable(mine.judged)):
+        apart = "the frames are too few to compare them"
+    elif not content.overlap(best.judged, mine.judged):
+        apart = "the difference is not due to chance"
     return (
-        f"{best.scheme.capitalize()} fusion has the highest AP, {number(best.judged.ap)} "
-        f"({interval_text(best.judged)}), against {number(mine.judged.ap)} ({interval_text(mine.judged)}) with "
+        f"{best.scheme.capitalize()} fusion has the highest AP, {best.judged.format_ap()} "
+        f"({interval_text(best.judged)}), against {mine.judged.format_ap()} ({interval_text(mine.judged)}) with "
         f"{mine.scheme} fusion as planned, and {apart}; {sent}."
     )
 

@@ -20,6 +20,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from placement_env.analysis import intervals
+from placement_env.analysis.agreement import StageFigure, check_agreement
 from placement_env.analysis.intervals import BLOCK_FRAMES, Draws, Resamples, Tally
 from placement_env.analysis.shrinkage import shrink
 from placement_env.cases import USUAL_CASES, Cases
@@ -268,6 +269,11 @@ def _judgement(figures: _Figures, classes: Classes) -> Judgement:
     return Judgement(ap, low, high, recall, defined, int(vehicles), int(frames), kind)
 
 
+def state_figure(stage: str, judged: Judgement) -> StageFigure:
+    """Figure of a judgement by the detector, to be held against that of another stage."""
+    return StageFigure(stage, judged.ap, judged.vehicles, judged.frames)
+
+
 RACED = 60  # frames of a race at most
 KEPT = 3  # sets of each number of sensors that are judged on all frames where they come `NEAR` the best
 NEAR = 0.03  # AP below the best of a race that further frames may make up for
@@ -283,8 +289,9 @@ class Choice:
     """The answer among options: all entrants in their order, judged or not.
 
     chosen, best: indices of the answer and of the best set; alike: of sets that cannot be told from the best, without
-    the answer; confidence: with which the race of its size ended, that no set of as many sensors is better by more than
-    `AP_TOLERANCE`; None where none was run, as where sets were judged by price."""
+    the answer; confidence: on all frames that compared the sets, that no set of as many sensors is better than the
+    answer by more than `AP_TOLERANCE`; None where no race was run, as where sets were judged by price, and where frames
+    or objects are too few."""
 
     options: tuple[PlanOption, ...]
     sets: Bool[np.ndarray, "n C"]
@@ -355,6 +362,34 @@ class _Options:
             self.options[i] = replace(self.options[i], mean_ap=mean, fits_links=fits, **judged._asdict())
             self.draws[i] = drawn
 
+    def check_race(self, row: int, ap: float, frames: Int64[np.ndarray, " k"]) -> None:
+        """Raise ValueError where a judged set had quite another AP in its race.
+
+        The worst of several cases is lower on few frames, so it is not held against that on all."""
+        option = self.options[row]
+        counted = option.judged
+        if counted is not None and self.judge.cases.plain and len(self.judge.profiles) == 1:
+            objects = self.judge.evaluator.count_objects(frames)
+            raced = StageFigure("in the race", ap, objects, len(frames))
+            check_agreement(option.sensors, raced, state_figure("in the comparison", counted))
+
+    def measure_sureness(self, row: int, places: Int64[np.ndarray, " k"], ran: Contest | None) -> float | None:
+        """Measure how sure it is that no set of as many sensors is better than a judged one by `AP_TOLERANCE`.
+
+        Judged sets count with all frames, the others with those of their last rung. places: of the sets of the size;
+        ran: their race. None without one, and where frames or objects are too few."""
+        counted = self.options[row].counted
+        if ran is None or counted is None or not intervals.is_comparable(counted.frames, counted.vehicles):
+            return None
+        judged = [i for i in places.tolist() if i in self.draws]
+        aps = np.array([option.counted.ap for option in map(self.options.__getitem__, judged) if option.counted])
+        draws = np.stack([self.draws[i] for i in judged])
+        likely = shrink(aps, draws, self.found.predicted[judged], intervals.count_blocks(counted.frames)).resamples
+        better = likely - likely[judged.index(row)] > intervals.AP_TOLERANCE
+        place = np.searchsorted(places, [row, *judged])
+        dropped = ran.doubt(int(place[0]), place[1:].tolist())
+        return max(0.0, 1 - float(better.any(axis=0).mean()) - dropped)
+
 
 def choose_set(
     objective: Objective,
@@ -369,8 +404,9 @@ def choose_set(
     known = _Options(objective, found, judge)
     if min_ap is not None and (reached := _find_cheapest(known, min_ap, run)) is not None:
         return Choice(tuple(known.options), found.sets, reached, reached, (), "cheapest")
-    sizes, evaluator, sure = found.sets.sum(axis=1), judge.evaluator, dict[int, float]()
+    sizes, evaluator, races = found.sets.sum(axis=1), judge.evaluator, dict[int, Contest]()
     winners, close = list[tuple[int, float]](), list[tuple[float, int]]()
+    order, raced = race_order(judge.frames, seed=run.seed), dict[int, tuple[float, Int64[np.ndarray, " k"]]]()
     report = run.stage("judging", len(np.unique(sizes)))
     for done, size in enumerate(np.unique(sizes)[::-1], 1):
         places = np.flatnonzero(sizes == size)
@@ -380,23 +416,27 @@ def choose_set(
         else:
             ran = contest(objective, found.sets[places], evaluator, confidence=confidence, seed=run.seed, frames=RACED)
             rows = places[ran.ranking]
-            kept = _find_rivals(ran, found.sets[rows], evaluator, race_order(judge.frames, seed=run.seed))
+            kept = _find_rivals(ran, found.sets[rows], evaluator, order)
             close += zip(ran.expected[kept].tolist(), rows[kept].tolist(), strict=True)
             winners.append((int(rows[0]), float(ran.expected[0])))
-            sure[int(size)] = ran.confidence
+            races[int(size)] = ran
+            raced[int(rows[0])] = float(ran.figures[0]), order[: ran.frames[0]]
         if report is not None:
             report(done)
     near = [row for expected, row in close if expected >= max(close)[0] - NEAR]
     known.judge_rows(list(dict.fromkeys([*(row for row, _ in winners), *near])))
     options = tuple(known.options)
+    for row, (raced_ap, frames) in raced.items():
+        known.check_race(row, raced_ap, frames)
     best, alike = choose(options, known.draws)
     chosen = best
     rule: Rule = "best" if min_ap is None else "none"
     if min_ap is None and alike[0] != best:
         chosen, rule = alike[0], "as good"
-    return Choice(
-        options, found.sets, chosen, best, tuple(i for i in alike if i != chosen), rule, sure.get(int(sizes[chosen]))
-    )
+    others = tuple(i for i in alike if i != chosen)
+    places = np.flatnonzero(sizes == sizes[chosen])
+    confidence = known.measure_sureness(chosen, places, races.get(int(sizes[chosen])))
+    return Choice(options, found.sets, chosen, best, others, rule, confidence)
 
 
 def _find_rivals(

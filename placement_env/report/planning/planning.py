@@ -16,8 +16,17 @@ from pathlib import Path
 
 import numpy as np
 
+from placement_env.analysis.agreement import StageFigure, check_agreement
 from placement_env.analysis.approaches import compass, find_approaches, find_streets
-from placement_env.analysis.intervals import BLOCK_FRAMES, RESAMPLES, Tally, count_blocks, frames_for_width, is_as_good
+from placement_env.analysis.intervals import (
+    BLOCK_FRAMES,
+    RESAMPLES,
+    Tally,
+    count_blocks,
+    frames_for_width,
+    is_as_good,
+    share_beyond_reach,
+)
 from placement_env.analysis.worth import estimate_worth, exact_worth
 from placement_env.candidates.candidates import Candidates, NoCandidates
 from placement_env.cases import LEVEL_NAMES, Cases
@@ -32,13 +41,14 @@ from placement_env.handover import mounted
 from placement_env.handover.exchange import EXCHANGE_FILES, write_exchange
 from placement_env.handover.ground import Ground, ground_shares, visible_ground
 from placement_env.objective import Objective
+from placement_env.protocol import Doubting
 from placement_env.report import content
 from placement_env.report.pages.report import REPORT_FILES, write_report
 from placement_env.report.planning import judging, sentences
 from placement_env.report.planning.plan_folder import CONTENT, format_stock
 from placement_env.report.planning.question import PART_FRAMES, Question
 from placement_env.search.order import describe_exclusions, explain_kept
-from placement_env.search.portfolio.entrants import Effort, Entrants, join_entrants, keep_entrants
+from placement_env.search.portfolio.entrants import Effort, Entrants, at_other_ious, join_entrants, keep_entrants
 from placement_env.setting import AP_ONLY
 from placement_env.subsets import all_subsets
 from toolkit.arrays import Bool, Float32, Float64, Int64
@@ -299,7 +309,8 @@ def build_plan(findings: Findings, final: judging.Judge, ground: Ground) -> cont
     candidates, site, seed = objective.candidates, question.site, question.run.seed
     members = choice.members
     chosen = ChosenSet(members, choice.option.sensors, final, objective, question.run)
-    ((judged,), _) = final.judge_cases(choice.sets[choice.chosen][None], chosen.stage)
+    ((judged,), (drawn,)) = final.judge_cases(choice.sets[choice.chosen][None], chosen.stage)
+    check_stages(findings, judged.judged)
     each_kbit = final.kbit(members)
     kbit = float(each_kbit.sum(axis=0).mean())
     fits = objective.fits_links(members, each_kbit)
@@ -330,7 +341,7 @@ def build_plan(findings: Findings, final: judging.Judge, ground: Ground) -> cont
         verdict=sentences.build_verdict(question, choice.option, option, findings.excluded, choice.rule, links=links),
         chosen=option,
         best=choice.options[choice.best],
-        confidence=choice.confidence,
+        confidence=judge_sureness(choice.confidence, judged.counted, drawn),
         sensors=sensors,
         considered=tuple(considered),
         near_optimal=choice.near_optimal,
@@ -365,6 +376,34 @@ def build_plan(findings: Findings, final: judging.Judge, ground: Ground) -> cont
     why = sentences.explain_choice(question, plan, choice.option, choice.rule, considered=count, fidelity=fidelity)
     planned = zip(members, sensors, strict=True)
     return content.rename(replace(plan, why=why), {candidates.sensors[c].name: sensor.name for c, sensor in planned})
+
+
+def check_stages(findings: Findings, judged: content.Judgement) -> None:
+    """Raise ValueError where the prediction, the comparison and the judgement of the answer exclude each other.
+
+    judged: the answer, intact. The prediction is that of the shipped network without errors, so it is held against such
+    a detector only."""
+    choice, question, objective = findings.choice, findings.question, findings.objective
+    last = judging.state_figure("in the judgement", judged)
+    if (compared := choice.option.judged) is not None:
+        before = judging.state_figure("in the comparison", compared)
+        check_agreement(choice.option.sensors, before, last)
+    predicts = question.setting.detector is None and question.cases.noise_only and question.cases.plain
+    if predicts and isinstance(objective.scored_by, Doubting):
+        spread = float(objective.scored_by.spread(choice.sets[[choice.chosen]])[0])
+        if math.isfinite(spread):
+            figures = choice.option.predicted, judged.vehicles, judged.frames, spread
+            predicted = StageFigure("by the prediction", *figures)
+            check_agreement(choice.option.sensors, predicted, last)
+
+
+def judge_sureness(
+    confidence: float | None, judged: content.Judgement, drawn: Float64[np.ndarray, " resamples"]
+) -> float | None:
+    """Confidence that no set of as many sensors is better, with what the judgement adds: none exceeds an AP of 1."""
+    if confidence is None or not judged.known:
+        return confidence
+    return max(confidence, share_beyond_reach(drawn))
 
 
 @dataclass(frozen=True, eq=False)
@@ -527,7 +566,14 @@ def plan(question: Question) -> content.Planned:
         pairs = zip(prepared, kept, strict=True)
         searched += [(Objective.of_moved(each.plain, *seen, AP_ONLY), each) for each, seen in pairs]
     each_found = [
-        keep_entrants(scored, effort, first.memo, depends_on=each.traffic.digest(), seed=first.seed)
+        keep_entrants(
+            scored,
+            effort,
+            first.memo,
+            depends_on=each.traffic.digest(),
+            others=at_other_ious(scored, each) if scored in objectives else {},
+            seed=first.seed,
+        )
         for scored, each in searched
     ]
     found = join_entrants(objectives, each_found)

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Sequence
 
-from placement_env.analysis.intervals import describe_interval
 from placement_env.cases import iou_text
 from placement_env.classes import VEHICLES, join_names
 from placement_env.handover.mounted import LinkLoad, describe_narrow_links
@@ -63,9 +62,9 @@ def build_verdict(
         raise ValueError("the chosen set is not judged: judge it first")
     count, price = describe_count(len(final.sensors), "sensor"), describe_money(final.price, question.currency)
     vehicles, frames = describe_count(judged.vehicles, judged.kind), describe_count(judged.frames, "frame")
-    ends = f"{'' if math.isnan(judged.low) else '95 % interval '}{describe_interval(judged.low, judged.high)}"
+    ends = f"{'' if math.isnan(judged.low) else '95 % interval '}{judged.describe_interval()}"
     result = (
-        f"AP {judged.ap:.3f} ({ends}, {vehicles} in {frames})"
+        f"AP {judged.format_ap()} ({ends}, {vehicles} in {frames})"
         f"{describe_cases(question)} at IoU {iou_text(question.cases.threshold)} with {count} for {price}"
     )
     least = question.min_ap
@@ -87,10 +86,10 @@ def explain_shortfall(
 ) -> tuple[str, ...]:
     """Explain why the required AP is not reached. best: as it was chosen; final: the same set in the final traffic."""
     price = describe_money(best.price, question.currency)
-    before = f" and {best.counted.ap:.3f} in the traffic it was chosen on" if best.counted else ""
+    before = f" and {best.counted.format_ap()} in the traffic it was chosen on" if best.counted else ""
     reasons = [
-        f"The best set found, {describe_count(len(best.sensors), 'sensor')} for {price}, has AP {final.ap:.3f} "
-        f"({describe_interval(final.low, final.high)}){describe_cases(question)} on "
+        f"The best set found, {describe_count(len(best.sensors), 'sensor')} for {price}, has AP {final.format_ap()} "
+        f"({final.describe_interval()}){describe_cases(question)} on "
         f"{describe_count(final.vehicles, final.kind)} in the final traffic{before}; {question.min_ap:g} is "
         f"required at IoU {iou_text(question.cases.threshold)}."
     ]
@@ -118,13 +117,13 @@ def explain_choice(
         lines.append(f"The AP by which sets are compared is {'' if question.cases.failing else 'that '}{cases}.")
     score = "coverage" if fidelity == "coverage" else "predicted AP"
     figures = second and (
-        f"; its {score} is {chosen.predicted:.3f}, its AP among the judged sets {second.ap:.3f} "
-        f"({describe_interval(second.low, second.high)})"
+        f"; its {score} is {chosen.predicted:.3f}, its AP among the judged sets {second.format_ap()} "
+        f"({second.describe_interval()})"
     )
     lines.append(f"It comes from {searches}{figures or ''}.")
     if rule == "as good" and best is not None and best.counted is not None and second is not None:
         price = describe_money(best.price, question.currency)
-        more = f"{best.counted.ap:.3f} for {price}, {best.counted.ap - second.ap:+.3f}"
+        more = f"{best.counted.format_ap()} for {price}, {best.counted.ap - second.ap:+.3f}"
         lines.append(f"The best set, {describe_count(len(best.sensors), 'sensor')}, has AP {more}.")
     if rule in ("best", "as good"):
         others = f"{describe_count(near, 'other judged set')} {'is' if near == 1 else 'are'}" if near else "No other is"
@@ -132,17 +131,17 @@ def explain_choice(
     at = [row for row in plan.schemes if row.iou == plan.iou]
     own = next((row for row in at if row.scheme == plan.scheme), None)
     others = ", ".join(
-        f"{row.scheme} {row.judged.ap:.3f} for {row.kbit_per_sensor:.1f} kbit" for row in at if row is not own
+        f"{row.scheme} {row.judged.format_ap()} for {row.kbit_per_sensor:.1f} kbit" for row in at if row is not own
     )
     if own is not None and others:
         lines.append(
-            f"{plan.scheme.capitalize()} fusion gives AP {own.judged.ap:.3f} for {own.kbit_per_sensor:.1f} kbit per "
-            f"sensor and frame; with the same sensors: {others}."
+            f"{plan.scheme.capitalize()} fusion gives AP {own.judged.format_ap()} for {own.kbit_per_sensor:.1f} kbit "
+            f"per sensor and frame; with the same sensors: {others}."
         )
     alone = [case for case in plan.failures if len(case.failed) == 1]
     if alone:
         worst = min(alone, key=lambda case: case.judged.ap)
-        lines.append(f"The failure of {worst.failed[0]} hurts most: AP {worst.judged.ap:.3f} is left.")
+        lines.append(f"The failure of {worst.failed[0]} hurts most: AP {worst.judged.format_ap()} is left.")
     return tuple(lines)
 
 
@@ -246,5 +245,5 @@ def list_unknowns(final: Judgement, levels: Sequence[BreakdownRow] = ()) -> tupl
         why = f"fewer than {FEWEST_AT_LEVEL} to find say little; increase --frames"
         lines.append(f"What holds at {join_names(few)}: {why}.")
     if math.isnan(final.low):
-        lines.append(f"How far AP {final.ap:.3f} may be off: {describe_interval(final.low, final.high)}.")
+        lines.append(f"How far AP {final.format_ap()} may be off: {final.describe_interval()}.")
     return tuple(lines)

@@ -10,12 +10,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from placement_env.analysis.intervals import FEWEST_SURE_OBJECTS, is_comparable, share_beyond_reach
 from placement_env.checks import check_whole
 from placement_env.objective import Objective
 from placement_env.search.checkpoint import NOWHERE, Checkpoint, KeptState
-from placement_env.search.portfolio.entrants import Effort, Entrants, keep_entrants
+from placement_env.search.portfolio.entrants import Effort, Entrants, at_other_ious, keep_entrants
 from placement_env.search.portfolio.evaluators import Schedule, race_order
-from placement_env.search.portfolio.portfolio import SEARCHES, SET_FRAMES, Judging, aps_at_profiles, contest
+from placement_env.search.portfolio.portfolio import (
+    SEARCHES,
+    SET_FRAMES,
+    Judging,
+    aps_at_profiles,
+    contest,
+    weigh_costs,
+)
 from placement_env.search.progress import Limits, as_rows
 from placement_env.search.result import ProfileAP
 
@@ -28,9 +36,9 @@ class CurvePoint:
     """The best set for one number of sensors, or amount of money (infinite for numbers).
 
     searches: that answered with it, empty for a neighbour; predicted: AP by the searched objective; ap, low, high: on
-    traffic that neither searches nor race saw; confidence: that no other entrant of this budget is better by more than
-    0.01; pays: whether no set of the curve costs as little or less and has as much AP; by_errors: AP at each of several
-    error profiles."""
+    traffic that neither searches nor race saw, where there are so many objects; confidence: that no other entrant of
+    this budget is better by more than 0.01, NaN from too few frames; pays: whether no set of the curve costs as little
+    or less and has as much AP; by_errors: AP at each of several error profiles."""
 
     sensors: int
     subset: tuple[int, ...]
@@ -45,6 +53,7 @@ class CurvePoint:
     pays: bool
     money: float = np.inf
     by_errors: tuple[ProfileAP, ...] = ()
+    objects: int = 0
 
 
 def budget_curve(
@@ -82,7 +91,8 @@ def budget_curve(
         first = int(ran.ranking[0])
         members = np.flatnonzero(sets[first]).tolist()
         if not (len(before) and members == winners[-1]["subset"]):
-            own = {"predicted": float(found.predicted[first]), "confidence": float(ran.confidence)}
+            sure = ran.confidence if is_comparable(int(ran.frames[0]), FEWEST_SURE_OBJECTS) else None
+            own = {"predicted": float(found.predicted[first]), "confidence": sure}
             winners.append({"subset": members, "searches": list(found.searches[first]), "money": float(money), **own})
         races.save({"ended": n + 1, "winners": winners})
     if not winners:
@@ -91,10 +101,14 @@ def budget_curve(
     order = np.arange(final.frames) if seconds is None else race_order(final.frames)
     judged = schedule.limit(final).evaluate(rows, order, objective.run.stage("judging", final.frames))
     by_errors = aps_at_profiles(final, rows, order[: judged.frames])
-    price = objective.price(rows)
+    price, objects = objective.price(rows), final.count_objects(order[: judged.frames])
+    cost = weigh_costs(objective, rows, judged.kbit)
     points = []
     for place, (won, ap) in enumerate(zip(winners, judged.ap.tolist(), strict=True)):
         low, high = final.interval(ap, judged.resamples[place], order[: judged.frames])
+        sure = math.nan if won["confidence"] is None else won["confidence"]
+        if not math.isnan(low):
+            sure = max(sure, share_beyond_reach(judged.resamples[place] - cost[place]))
         rivals = (price <= price[place]) & (np.arange(len(rows)) != place)
         point = CurvePoint(
             sensors=len(won["subset"]),
@@ -105,7 +119,8 @@ def budget_curve(
             high=high,
             pays=not bool((judged.ap[rivals] >= ap).any()),
             by_errors=by_errors[place],
-            **won | {name: tuple(won[name]) for name in ("subset", "searches")},
+            objects=objects,
+            **won | {"confidence": sure} | {name: tuple(won[name]) for name in ("subset", "searches")},
         )
         points.append(point)
     return tuple(points)
@@ -117,11 +132,13 @@ def _groups(
     """Entrants of each amount of money with a set, or of each number of sensors."""
     for money in sorted(amounts):
         limited = objective.weighed(objective.weights, most_price=min(money, objective.most_price))
-        found = keep_entrants(limited, effort, seed=seed, checkpoint=checkpoint.part(f"{money!r}"))
+        others, part = at_other_ious(limited), checkpoint.part(f"{money!r}")
+        found = keep_entrants(limited, effort, others=others, seed=seed, checkpoint=part)
         if len(found.sets):
             yield money, found
     if not amounts:
-        found = keep_entrants(objective, effort, seed=seed, checkpoint=checkpoint)
+        others = at_other_ious(objective)
+        found = keep_entrants(objective, effort, others=others, seed=seed, checkpoint=checkpoint)
         sizes = found.sets.sum(axis=1)
         for rows in (np.flatnonzero(sizes == size) for size in np.unique(sizes)):
             searches = tuple(found.searches[row] for row in rows)

@@ -1,7 +1,8 @@
 """Entrants: sensor sets worth a detector's judgement, found by several searches with a fast fidelity.
 
 No fast score is right everywhere, and a search exploits the errors of its score. So greedy and swap use the objective,
-swap also perception entropy (Ma, Liu, Li), CP-SAT coverage. Every set is tried where candidates are few, and where
+swap also perception entropy (Ma, Liu, Li) and the objective at other IoU thresholds, CP-SAT coverage, greedy also the
+points on each object. Every set is tried where candidates are few, and where
 prices differ a thrifty search looks for cheaper sets. Where an AP is required, cheap sets join that reach it, or some
 AP around it, since the objective may be off: the exact search's and swap's, in which more AP than that gains nothing.
 Neighbours join their answers: the best by the objective, and
@@ -9,7 +10,8 @@ those that no other beats in the objective's reward, perception entropy and cove
 
 import json
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib.util import find_spec
@@ -17,7 +19,10 @@ from importlib.util import find_spec
 import numpy as np
 
 from placement_env.fidelity.coverage import Coverage
+from placement_env.fidelity.detector import IOUS
 from placement_env.fidelity.perception_entropy import PerceptionEntropy
+from placement_env.fidelity.point_count import PointCount
+from placement_env.fidelity.preparation import Preparation
 from placement_env.fidelity.surrogate import Surrogate
 from placement_env.objective import Objective
 from placement_env.protocol import Estimate, Fidelity
@@ -34,6 +39,8 @@ from toolkit.runtime.cache import Cache, code_digest, make_key
 
 ENTRANTS = 9  # neighbours for each number of sensors, beside the searches' own answers
 SWAP_EVALUATIONS = 60_000  # sets that swap may score for each number of sensors
+OTHER_IOUS = {"swap at IoU 0.7": (0.7,), "swap at mean IoU": IOUS}  # thresholds beside the objective's own
+OTHERS_SHARE = 4  # part of these sets that swap may score at other thresholds
 EXHAUSTIVE_SETS = 20_000  # that are all scored, at most
 SOLVING = 10.0  # s of CP-SAT's deterministic time for each number of sensors
 THRIFT = 0.02  # AP that the mean price of a candidate costs in the thrifty search
@@ -79,25 +86,44 @@ class _EnoughAP:
         return found._replace(ap=np.minimum(found.ap, self._enough))
 
 
+def at_other_ious(objective: Objective, preparation: Preparation | None = None) -> dict[str, Objective]:
+    """Same objective at other IoU thresholds than its own, by name; none where no surrogate scores it.
+
+    preparation: of an objective that does not know its own."""
+    made = objective.preparation or preparation
+    if made is None or made.setting.fidelity != "surrogate" or objective.visibility is None:
+        return {}
+    others, cases = dict[str, Objective](), made.setting.cases
+    for name, ious in OTHER_IOUS.items():
+        if ious == cases.ious:
+            continue
+        with suppress(ValueError, FileNotFoundError):  # no surrogate at this IoU
+            there = made.at_cases(replace(cases, iou=ious, failing=0, levels=1))
+            moved = Objective.of_moved(there, objective.candidates, objective.visibility, objective.weights)
+            others[name] = moved.weighed(objective.weights, most_price=objective.most_price)
+    return others
+
+
 def keep_entrants(
     objective: Objective,
     effort: Effort,
     cache: Cache | None = None,
     *,
     depends_on: str = "",
+    others: Mapping[str, Objective] = {},
     seed: int = 0,
     checkpoint: Checkpoint = NOWHERE,
 ) -> Entrants:
     """Entrants, from a cache where possible; an objective made from a site knows its own. depends_on: digest of the
-    objective's traffic and other inputs."""
+    objective's traffic and other inputs; others: objectives whose answers enter too (`at_other_ious`)."""
     if (made := objective.preparation) is not None:
         cache, depends_on = objective.run.memo, made.traffic.digest()
-    asked = (objective.provenance, objective.most_price, vars(effort), seed)
+    asked = (objective.provenance, objective.most_price, vars(effort), seed, [*others])
     key = make_key("entrants", code_digest(__name__), depends_on, *asked)
     if cache is not None and (kept := cache.get([key])[0]) is not None:
         sets, predicted, names, considered = kept
         return Entrants(sets, predicted, tuple(tuple(json.loads(str(each))) for each in names), int(considered[0]))
-    found = entrants(objective, effort, seed=seed, checkpoint=checkpoint)
+    found = entrants(objective, effort, others=others, seed=seed, checkpoint=checkpoint)
     if cache is not None:
         names = np.array([json.dumps(each) for each in found.searches], np.str_)
         cache.put({key: (found.sets, found.predicted, names, np.array([found.considered]))})
@@ -119,8 +145,16 @@ def join_entrants(objectives: Sequence[Objective], found: Sequence[Entrants]) ->
     return Entrants(sets[order], predicted, tuple(answers[i] for i in order), sum(each.considered for each in found))
 
 
-def entrants(objective: Objective, effort: Effort, *, seed: int = 0, checkpoint: Checkpoint = NOWHERE) -> Entrants:
-    """Entrants of all sizes, empty where nothing may be built. checkpoint: keeps answers of finished searches."""
+def entrants(
+    objective: Objective,
+    effort: Effort,
+    *,
+    others: Mapping[str, Objective] = {},
+    seed: int = 0,
+    checkpoint: Checkpoint = NOWHERE,
+) -> Entrants:
+    """Entrants of all sizes, empty where nothing may be built. others: objectives whose answers enter too; checkpoint:
+    keeps answers of finished searches."""
     ended: KeptState = checkpoint.load() or {}
     answers: dict[tuple[int, ...], dict[str, None]] = {}  # searches of each set in order, none of a neighbour
     considered, count = 0, len(objective.candidates)
@@ -128,7 +162,7 @@ def entrants(objective: Objective, effort: Effort, *, seed: int = 0, checkpoint:
     report = objective.run.stage("searching", len(sizes))
     for done, size in enumerate(sizes, 1):
         own: dict[tuple[int, ...], None] = {}
-        for name, run in _searches(objective, size, effort, seed, checkpoint):
+        for name, run in _searches(objective, size, effort, seed, checkpoint, others):
             part = f"{size} {name}"
             if part not in ended:
                 result = run()
@@ -154,7 +188,12 @@ def entrants(objective: Objective, effort: Effort, *, seed: int = 0, checkpoint:
 
 
 def _searches(
-    objective: Objective, size: int, effort: Effort, seed: int, checkpoint: Checkpoint
+    objective: Objective,
+    size: int,
+    effort: Effort,
+    seed: int,
+    checkpoint: Checkpoint,
+    others: Mapping[str, Objective] = {},
 ) -> Iterator[tuple[str, Callable[[], Result]]]:
     seconds, evaluations = effort.seconds, effort.evaluations
     most = SWAP_EVALUATIONS if evaluations is None else evaluations
@@ -167,6 +206,11 @@ def _searches(
     if (by_entropy := entropy_objective(objective)) is not None:
         entropy = partial(swapping, by_entropy, size, checkpoint=checkpoint.part(f"{size}.entropy"))
         yield "swap by perception entropy", entropy
+    for name, other in others.items():
+        few = max(1, most // OTHERS_SHARE)
+        yield name, partial(swapping, other, size, evaluations=few, checkpoint=checkpoint.part(f"{size}.{name}"))
+    if (by_points := points_objective(objective)) is not None:
+        yield "greedy by points", partial(greedy.search, by_points, size, seconds=seconds, evaluations=evaluations)
     if objective.visibility is not None and find_spec("ortools"):
         solving = 600.0 if seconds is None else seconds
         yield "cpsat", partial(cpsat.search, objective, size, seed=seed, seconds=solving, effort=SOLVING)
@@ -196,6 +240,16 @@ def entropy_objective(objective: Objective) -> Objective | None:
         return None
     entropy = PerceptionEntropy(seen.of_classes(objective.classes.labels), objective.scheme, codec=objective.codec)
     setting = replace(objective.setting, candidates=objective.candidates, fidelity=entropy)
+    return Objective(setting, objective.run, visibility=seen)
+
+
+def points_objective(objective: Objective) -> Objective | None:
+    """Same objective scored by the points on each object. None where the candidates' visibility is unknown."""
+    seen = objective.visibility
+    if seen is None:
+        return None
+    points = PointCount(seen.of_classes(objective.classes.labels), objective.scheme, codec=objective.codec)
+    setting = replace(objective.setting, candidates=objective.candidates, fidelity=points)
     return Objective(setting, objective.run, visibility=seen)
 
 

@@ -10,14 +10,22 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from placement_env.analysis.intervals import AP_TOLERANCE, BLOCK_FRAMES
+from placement_env.analysis.agreement import StageFigure, check_agreement
+from placement_env.analysis.intervals import AP_TOLERANCE, BLOCK_FRAMES, is_comparable, share_beyond_reach
 from placement_env.checks import check_whole
 from placement_env.fidelity.preparation import Preparation
 from placement_env.objective import Objective
 from placement_env.protocol import FidelityName
 from placement_env.racing import Contest, RaceRules, Resampled, race_until
 from placement_env.search.checkpoint import NOWHERE, Checkpoint
-from placement_env.search.portfolio.entrants import ENTRANTS, Effort, Entrants, join_entrants, keep_entrants
+from placement_env.search.portfolio.entrants import (
+    ENTRANTS,
+    Effort,
+    Entrants,
+    at_other_ious,
+    join_entrants,
+    keep_entrants,
+)
 from placement_env.search.portfolio.evaluators import (
     CasesEvaluator,
     Evaluated,
@@ -39,7 +47,7 @@ NEAR_TIE = 0.75 * AP_TOLERANCE  # lead in AP that other IoU thresholds may outwe
 FIRST, ETA = 12, 2  # frames of the race's first rung, and by how much the next ones are longer
 LEAST_RACED = 24  # fewest frames of a race: on fewer the luckiest of many wins
 SET_FRAMES = 480.0  # set-frames that a race may score without a time limit, beyond its first rungs
-SEARCHES = 5  # searches that share their time
+SEARCHES = 8  # searches that share their time
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,12 +108,13 @@ def search(
     schedule = Schedule.of(seconds, objective.run)
     racing, final = judging.build_evaluators(objective, schedule, seed=seed)
     effort = Effort((budget,), schedule.searching(SEARCHES), evaluations, judging.neighbours)
-    found = keep_entrants(objective, effort, seed=seed, checkpoint=checkpoint)
+    others = at_other_ious(objective)
+    found = keep_entrants(objective, effort, others=others, seed=seed, checkpoint=checkpoint)
     if objective.preparation is not None and not objective.setting.cases.plain:
         made = objective.preparation  # what is best intact, in all traffic, may be best at its worst too
         intact = Objective(replace(made.plain.setting, candidates=objective.candidates), made.run)
-        others = keep_entrants(intact, effort, seed=seed, checkpoint=checkpoint.part("intact"))
-        found = join_entrants([objective], [found, others])
+        unharmed = keep_entrants(intact, effort, seed=seed, checkpoint=checkpoint.part("intact"))
+        found = join_entrants([objective], [found, unharmed])
     limits.count = found.considered
 
     def answer(subset: list[int], note: str) -> Result:
@@ -164,7 +173,8 @@ def contest(
     won = int(close[np.lexsort((objective.price(rows), -mean_ap))[0]])
     first = np.r_[won, np.delete(np.arange(len(ran.ranking)), won)]
     own = ("ranking", "figures", "frames", "expected")
-    return replace(ran, **{name: getattr(ran, name)[first] for name in own})
+    reordered = replace(ran, **{name: getattr(ran, name)[first] for name in own})
+    return replace(reordered, confidence=reordered.sureness(int(reordered.ranking[0])))
 
 
 def weigh_costs(objective: Objective, sets: Sets, kbit: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, " n"]:
@@ -187,6 +197,19 @@ def _assess(
         members = tuple(np.flatnonzero(found.sets[row]).tolist())
         contenders.append(Contender(found.searches[row], members, float(found.predicted[row]), ap, *interval))
     own, chosen = contenders[0], found.sets[[winner]]
+    objects = final.count_objects(frames)
+    names = [objective.names[c] for c in np.flatnonzero(chosen[0])]
+    raced = float(ran.figures[0] + weigh_costs(objective, chosen, judged.kbit[:1])[0])
+    if final.name == "detector" and final.cases.plain and len(final.profiles) == 1:
+        before = StageFigure(
+            "in the race", raced, round(objects * int(ran.frames[0]) / len(frames)), int(ran.frames[0])
+        )
+        check_agreement(names, before, StageFigure("in the judgement", own.ap, objects, len(frames)))
+    confidence = math.nan
+    if is_comparable(int(ran.frames[0]), objects):
+        cost = float(weigh_costs(objective, chosen, judged.kbit[:1])[0])
+        reach = 0.0 if math.isnan(own.low) else share_beyond_reach(judged.resamples[0] - cost)
+        confidence = max(ran.confidence, reach)
     by_errors = aps_at_profiles(final, chosen, frames)[0]
     return Assessment(
         by=final.name,
@@ -194,10 +217,10 @@ def _assess(
         low=own.low,
         high=own.high,
         kbit=float(judged.kbit[0]),
-        objects=final.count_objects(frames),
+        objects=objects,
         frames=len(frames),
         predicted=own.predicted,
-        confidence=ran.confidence,
+        confidence=confidence,
         asked=judging.confidence,
         tolerance=AP_TOLERANCE,
         entrants=len(found.sets),

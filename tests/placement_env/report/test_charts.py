@@ -117,7 +117,7 @@ def test_bars_are_as_long_as_the_ap_and_lines_as_the_interval(monkeypatch):
     assert widths(axes) == [0.9, 0.5]
     ends = [line.get_xdata() for line in axes.get_lines()]
     assert {tuple(round(float(x), 6) for x in end) for end in ends} == {(0.85, 0.93), (0.45, 0.53)}
-    assert {"AP by zone", "a", "b", "AP", "0.900, N = 412", "0.500, N = 7"} <= set(texts)
+    assert {"AP by zone", "a", "b", "AP", "0.900, N = 412", "0.50, N = 7"} <= set(texts)
     assert any("up to 412 vehicles in 60 frames" in text and "95% intervals" in text for text in texts)
     assert axes.get_xlim() == (0, 1)
     assert axes.get_ylim() == (1.5, -0.5)  # the first row on top
@@ -186,7 +186,7 @@ def test_names_and_figures_stay_in_the_picture(monkeypatch, names):
 def test_rows_say_their_vehicles_in_words(monkeypatch):
     _, figure = shown(monkeypatch, lambda: interval_bars([("a", None), ("b", TWO)], "a title"))
     (axes,) = figure.axes
-    assert [text.get_text() for text in axes.texts] == ["not judged: no vehicles", "0.500, N = 20"]
+    assert [text.get_text() for text in axes.texts] == ["not judged: no vehicles", "0.50, N = 20"]
     assert len(axes.patches) == 1
     assert "N = 120 vehicles in 40 frames" in describe_sample([ONE, None])
     assert "N = up to 120 vehicles in 40 frames" in describe_sample([ONE, TWO])

@@ -83,11 +83,11 @@ def test_several_error_profiles_are_judged_and_said(common):
     ]
     assert said["provenance"]["errors"] == PAPER_ERRORS.origin  # of the search
     assert "by_errors" not in said
-    assert any(line.startswith("  the worst over error profiles: paper AP 0.0000") for line in found.lines)
+    assert any(line.startswith("  the worst over error profiles: paper AP 0.00") for line in found.lines)
     curve = run_search(common(cases=both, curve=True, **asked))
     assert curve.summary["errors"] == said["errors"]
     assert [each["name"] for each in curve.summary["curve"][0]["by_errors"]] == ["paper", "poor"]
-    assert any(line.startswith("    at each error profile: paper AP 0.0000") for line in curve.lines)
+    assert any(line.startswith("    at each error profile: paper AP 0.00") for line in curve.lines)
     alone = run_search(common(cases=poor, **asked))
     assert alone.summary["errors"] == POOR.origin
     assert not alone.summary["assessment"]["by_errors"]

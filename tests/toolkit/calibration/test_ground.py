@@ -6,20 +6,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from toolkit.calibration import ground as module
-from toolkit.calibration.ground import (
-    Ground,
-    HeightMap,
-    fit_map,
-    fit_plane,
-    heights_above_plane,
-    level,
-    level_warning,
-    low_points,
-    lowest_mask,
-    plain_points,
-    support_mask,
-)
+from toolkit.calibration import ground as module, height_map
+from toolkit.calibration.ground import Ground, fit_plane, heights_above_plane, level, level_warning, plain_points
+from toolkit.calibration.height_map import HeightMap, fit_map, low_points, lowest_mask, support_mask
 from toolkit.clouds import from_points
 from toolkit.datasets.layouts.argoverse import argoverse, read_labels
 from toolkit.geometry import invert, pose, transform
@@ -270,8 +259,8 @@ def test_a_slope_is_found_from_afar_though_a_flat_place_lies_at_its_middle():
 
 def heights_of_one_cell(height, *, kept=0.25, kerb=np.inf, at=(0.0, 0.0), size=60):
     """A map of zeros, drawn again through a single cell."""
-    surface = module.HeightMap(np.zeros(2), np.zeros((size, size)))
-    return module._redraw(surface, np.array([[*at, height]]), kept, kerb).heights
+    surface = HeightMap(np.zeros(2), np.zeros((size, size)))
+    return height_map.redraw_map(surface, np.array([[*at, height]]), kept, kerb).heights
 
 
 def test_one_cell_counts_as_one_in_a_map_also_at_its_edge():
@@ -346,18 +335,18 @@ def test_lowest_cells_are_an_oracles(monkeypatch):
         narrow = np.argwhere(rng.random(shape) < 0.8)
         strip = np.column_stack([narrow + 0.5, rng.normal(0, 1, len(narrow))])
         assert lowest_mask(strip, 0.2, 0.1).tolist() == slowly_lowest(strip, 0.2, 0.1, 12.0)
-    monkeypatch.setattr(module, "_MOST_CELLS", 30 * 25)
+    monkeypatch.setattr(height_map, "_MOST_CELLS", 30 * 25)
     assert lowest_mask(cells, 0.1, 0.25).tolist() == slowly_lowest(cells, 0.1, 0.25, 12.0)
-    monkeypatch.setattr(module, "_MOST_CELLS", 30 * 25 - 1)
+    monkeypatch.setattr(height_map, "_MOST_CELLS", 30 * 25 - 1)
     with pytest.raises(ValueError, match="the points cover 30 by 25 m"):
         lowest_mask(cells, 0.1, 0.25)
     small = cells * [0.5, 0.5, 1.0]
-    monkeypatch.setattr(module, "_MOST_CELLS", 30 * 25)
-    monkeypatch.setattr(module, "GROUND_CELL", 0.5)
+    monkeypatch.setattr(height_map, "_MOST_CELLS", 30 * 25)
+    monkeypatch.setattr(height_map, "GROUND_CELL", 0.5)
     for window in (6.0, 2.0):
         found = lowest_mask(small, 0.1, 0.1, window=window)
         assert found.tolist() == slowly_lowest(small, 0.1, 0.1, window, edge=0.5)
-    monkeypatch.setattr(module, "_MOST_CELLS", 30 * 25 - 1)
+    monkeypatch.setattr(height_map, "_MOST_CELLS", 30 * 25 - 1)
     with pytest.raises(ValueError, match="the points cover 15 by 12 m"):
         lowest_mask(small, 0.1, 0.25)
 
@@ -386,7 +375,7 @@ def test_cells_that_others_support_are_an_oracles():
 
 def test_level_grounds_turn_to_the_plane_and_back_by_the_book():
     """The turn takes the plane's normal to z by the least angle, as SciPy has it."""
-    tilted = module.Ground(np.array([0.1, -0.2, 1.5]), module.HeightMap(np.zeros(2), np.full((3, 3), 0.25)))
+    tilted = module.Ground(np.array([0.1, -0.2, 1.5]), HeightMap(np.zeros(2), np.full((3, 3), 0.25)))
     normal = np.array([-0.1, 0.2, 1.0]) / np.sqrt(1.05)
     axis = np.cross(normal, [0, 0, 1])
     turn = Rotation.from_rotvec(axis / np.linalg.norm(axis) * np.arccos(normal[2])).as_matrix()
@@ -405,18 +394,19 @@ def test_level_grounds_turn_to_the_plane_and_back_by_the_book():
 
 
 def test_planes_and_maps_look_for_low_cells_as_far_about_as_said(monkeypatch):
-    asked, support, lowest = [], module.support_mask, module.lowest_mask
+    asked, support, lowest = [], support_mask, lowest_mask
 
     def supported(cells, step, slope, *, others):
         asked.append((step, slope, others))
         return support(cells, step, slope, others=others)
 
-    def low(cells, slope, step, *, window=module.STEP_WINDOW):
+    def low(cells, slope, step, *, window=height_map.STEP_WINDOW):
         asked.append((slope, step, window))
         return lowest(cells, slope, step, window=window)
 
-    monkeypatch.setattr(module, "support_mask", supported)
-    monkeypatch.setattr(module, "lowest_mask", low)
+    for room in (module, height_map):
+        monkeypatch.setattr(room, "support_mask", supported)
+        monkeypatch.setattr(room, "lowest_mask", low)
     street = np.column_stack([np.random.default_rng(0).uniform(-20, 20, (4000, 2)), np.zeros(4000)])
     fit_map(street)
     assert asked == [(0.1, 0.08, 4), (0.08, 0.1, 8.0), (0.1, 0.08, 6)]
@@ -451,30 +441,32 @@ def test_maps_of_smaller_cells_and_elsewhere_are_as_good(monkeypatch):
 
     rng = np.random.default_rng(5)
     street, middle = hilly(rng, 40000, reach=20.0), rng.uniform(-18, 18, (200, 2))
-    monkeypatch.setattr(module, "GROUND_CELL", 0.5)
-    monkeypatch.setattr(module, "HeightMap", half)
+    monkeypatch.setattr(height_map, "GROUND_CELL", 0.5)
+    monkeypatch.setattr(height_map, "HeightMap", half)
     found = fit_map(street - [10.0, -30.0, 0.0])
     assert np.abs(found.at(middle - [10.0, -30.0]) - height_at(middle)).max() < 0.05
     assert found.origin.tolist() == [-29.75, 10.25]
     assert found.heights.shape == (81, 81)
-    placed = module._redraw(half(np.array([10.0, 20.0]), np.zeros((90, 90))), np.array([[30.0, 40, 0.2]]), 0.25, np.inf)
+    placed = height_map.redraw_map(
+        half(np.array([10.0, 20.0]), np.zeros((90, 90))), np.array([[30.0, 40, 0.2]]), 0.25, np.inf
+    )
     assert np.argwhere(placed.heights == placed.heights.max()).tolist() == [[40, 40]]
     assert placed.heights[40, 40] == pytest.approx(0.2 * 15 / 16, rel=0.01)
     wide = HeightMap(np.array([10.0, 20.0]), np.zeros((60, 60)), 2.0)
-    heights = module._redraw(wide, np.array([[10.0, 20.0, 0.2]]), 0.25, np.inf).heights
+    heights = height_map.redraw_map(wide, np.array([[10.0, 20.0, 0.2]]), 0.25, np.inf).heights
     assert heights[18, 0] > 0.0
     assert not heights[19:].any()
 
 
 def test_the_last_drawing_is_through_the_middle_of_what_lies_on_the_ground(monkeypatch):
     """In every cell three points at 0, four at 10 cm and eight at 20: those within 12 cm count."""
-    asked, redraw = [], module._redraw
+    asked, redraw = [], height_map.redraw_map
 
     def noted(surface, cells, kept, kerb):
         asked.append((np.unique(cells[:, 2].round(3)).tolist(), kept, kerb))
         return redraw(surface, cells, kept, kerb)
 
-    monkeypatch.setattr(module, "_redraw", noted)
+    monkeypatch.setattr(height_map, "redraw_map", noted)
     places = np.stack(np.meshgrid(np.arange(20.0), np.arange(20.0)), axis=-1).reshape(-1, 1, 2) + 0.5
     heights = np.repeat([0.0, 0.1, 0.2], [3, 4, 8])
     points = np.concatenate([np.broadcast_to(places, (400, 15, 2)), np.tile(heights[:, None], (400, 1, 1))], axis=2)

@@ -25,13 +25,11 @@ def test_the_weakest_part_is_named_where_intervals_tell_it(example):
     plan = replace(example.plan, by_zone=rows, by_range=(), by_approach=())
     section = read(report.detection_section, plan)
     assert section.conclusion == (
-        "Detection is weakest at “west”, AP 0.800 (0.780–0.820, 40 vehicles), and best at “east”, AP 0.900 "
-        "(0.880–0.920, 40 vehicles)."
+        "Detection is weakest at “west”, AP 0.80 (0.78–0.82, 40 vehicles), and best at “east”, AP 0.90 "
+        "(0.88–0.92, 40 vehicles)."
     )
     drawing, table = section.blocks[:2]
-    assert (
-        drawing.caption == "By zone, AP ranges from 0.800 at “west” to 0.900 at “east”; the intervals do not overlap."
-    )
+    assert drawing.caption == "By zone, AP ranges from 0.80 at “west” to 0.90 at “east”; the intervals do not overlap."
     assert [cell.text for cell in table.rows[2]] == ["far", "–", "no vehicle", "–", "0", "–", "–"]
     near = (BreakdownRow("west", judged(0.87)), BreakdownRow("east", judged(0.9)))
     section = read(report.detection_section, replace(example.plan, by_zone=near, by_range=(), by_approach=()))
@@ -42,7 +40,7 @@ def test_the_weakest_part_is_named_where_intervals_tell_it(example):
     only = (BreakdownRow("west", judged(0.87)), BreakdownRow("east", None))
     plan = replace(example.plan, by_zone=only, by_range=(BreakdownRow("far", None),), by_approach=())
     drawing, _, distance, *_ = read(report.detection_section, plan).blocks
-    assert drawing.caption == "By zone, only “west” had vehicles: AP 0.870 (0.850–0.890, 40 vehicles)."
+    assert drawing.caption == "By zone, only “west” had vehicles: AP 0.87 (0.85–0.89, 40 vehicles)."
     assert distance.text == "AP by distance is unknown: there was no vehicle to detect."
     seen = (ClassSeen("vehicle", 40, 10, 0.99), ClassSeen("cyclist", 1, 1, 0.5), ClassSeen("heavy", 0, 10, None))
     *_, said, table = read(report.detection_section, replace(example.plan, by_class=seen)).blocks
@@ -61,7 +59,7 @@ def test_schemes_are_compared_at_the_iou_of_the_plan(example):
     mine = (scheme("early", 0.9, 1500.0), scheme("late", 0.8, 300.0), scheme("late", 0.99, 300.0, 0.5))
     section = read(report.schemes_section, replace(example.plan, schemes=mine))
     assert section.conclusion == (
-        "Early fusion has the highest AP, 0.900 (0.880–0.920), against 0.800 (0.780–0.820) with late fusion as "
+        "Early fusion has the highest AP, 0.90 (0.88–0.92), against 0.80 (0.78–0.82) with late fusion as "
         "planned, and the difference is not due to chance; late fusion sends 300 kbit per sensor and frame, the least."
     )
     alike = (replace(mine[0], as_good=True), *mine[1:])
@@ -69,7 +67,7 @@ def test_schemes_are_compared_at_the_iou_of_the_plan(example):
     assert "and on the same frames they cannot be told apart" in said
     assert section.blocks[1].caption == "Early fusion sends 5.0 times as much as late fusion."
     best = read(report.schemes_section, replace(example.plan, schemes=mine[1:2]))
-    assert best.conclusion.startswith("Late fusion, as planned, has the highest AP, 0.800")
+    assert best.conclusion.startswith("Late fusion, as planned, has the highest AP, 0.80 (")
     assert best.blocks[1].caption == "A sensor sends 300 kbit per frame with late fusion."
     assert (
         read(report.schemes_section, replace(example.plan, schemes=())).conclusion
@@ -86,7 +84,7 @@ def test_levels_and_error_profiles_have_tables(example):
     assert plain.conclusion == section.conclusion
     assert len(section.blocks) > len(plain.blocks)
     said = [each.caption for each in section.blocks if getattr(each, "caption", "").startswith("By level of traffic")]
-    assert said[0].startswith("By level of traffic, AP ranges from 0.900 at “dense traffic” to 0.970 at “thin traffic”")
+    assert said[0].startswith("By level of traffic, AP ranges from 0.90 at “dense traffic” to 0.97 at “thin traffic”")
     rows = (BreakdownRow("paper", judged(0.97), 80.0), BreakdownRow("poor", judged(0.9), 60.0))
     plain, section = (
         read(report.detection_section, example.plan),
@@ -94,7 +92,7 @@ def test_levels_and_error_profiles_have_tables(example):
     )
     assert plain.conclusion == section.conclusion
     said = [each.caption for each in section.blocks if getattr(each, "caption", "").startswith("By error profile")]
-    assert said[0].startswith("By error profile, AP ranges from 0.900 at “poor” to 0.970 at “paper”")
+    assert said[0].startswith("By error profile, AP ranges from 0.90 at “poor” to 0.97 at “paper”")
 
 
 SHARES = GroundShares((0.8, 0.5, 0.25), 0.2, 0.05, {"d0": 400.0, "d1": 1000.0}, 2000.0, 400.0)

@@ -115,7 +115,7 @@ def test_the_chosen_set_stands_beside_front_and_alternatives(example):
     better = replace(example.plan, front=(better,), near_optimal=(), provenance={"search_fidelity": "coverage"})
     section = read(report.others_section, better)
     assert section.conclusion == (
-        "On the same frames, no other set is surely within 0.01 of the best. The highest AP, 0.990 (0.980–1.000, 9 "
+        "On the same frames, no other set is surely within 0.01 of the best. The highest AP, 0.99 (0.98–1.00, 9 "
         "vehicles), costs 1.50 EUR."
     )
     assert [column.title for column in section.blocks[-1].columns][1] == "coverage"

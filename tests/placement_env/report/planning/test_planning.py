@@ -107,7 +107,7 @@ def test_other_detector_other_figures(asked):
     made = plan(asked(detector=Blind(), min_ap=0.5)).plan
     assert (made.detector, made.chosen.judged.ap, made.chosen.judged.precision) == ("Blind", 0.0, None)
     assert made.verdict.met is False
-    assert "AP 0.000 (no interval from fewer than 80 frames)" in made.verdict.reasons[0]
+    assert "AP 0.00 (no interval from fewer than 80 frames)" in made.verdict.reasons[0]
     assert len(made.chosen.sensors) == 1  # of equal sets the cheapest
 
 

@@ -104,7 +104,7 @@ def test_choices_and_assumptions_follow_the_question(ask):
     assert "kbit are of messages as RangeImages(step=0.02) writes" in assume(ask(SITE, scheme="foreground"))
     assert len(sentences.list_unknowns(FINAL)) == 4
     few = Judgement(1.0, math.nan, math.nan, 1.0, 1.0, 3, 4)
-    assert "How far AP 1.000 may be off" in sentences.list_unknowns(few)[-1]
+    assert "How far AP 1.00 may be off" in sentences.list_unknowns(few)[-1]
 
 
 def test_refusals_say_how_short_of_the_requirement(ask, street):
@@ -123,7 +123,7 @@ def test_refusals_say_how_short_of_the_requirement(ask, street):
     question = ask(street.site, sensors=2, money=6000.0, min_ap=0.95)
     first, number, left, excluded = sentences.explain_shortfall(question, best, final, ("The links exclude all.",))
     assert "2 sensors" in first
-    assert "AP 0.800 (0.700 to 0.900) on 50 vehicles in the final traffic and 0.850 in the traffic it was" in first
+    assert "AP 0.80 (0.70 to 0.90) on 50 vehicles in the final traffic and 0.85 in the traffic it was" in first
     assert "0.95 is required" in first
     assert "The budget of 2 sensors is used up" in number
     assert "it leaves the price of 500 ordinary poles" in left

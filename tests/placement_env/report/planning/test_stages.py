@@ -63,7 +63,7 @@ def staged(ask, street, monkeypatch):
         vars(found).update(preparation_asked=preparation)
         return found
 
-    def searched(objective, effort, memo, *, depends_on, seed):
+    def searched(objective, effort, memo, *, depends_on, others, seed):
         noted.searched.append((objective, effort, memo, depends_on, seed))
         return Entrants(SETS, street.objective.scores(SETS).ap, ((), (), ("greedy",)), 30)
 
@@ -406,9 +406,9 @@ def test_no_part_of_a_plan_is_left_out(staged, street):
     catalogue = SensorCatalogue(models, "EUR", 1.0, rates=rates, report={"title": "Street"})
     made = staged.plan(catalogue=catalogue).plan
     asked = {"by_level", "by_errors", "by_draw", "by_drawing", "near_optimal", "blind_streets"}
+    asked.add("confidence")  # of 8 frames
     assert {each.name for each in fields(made) if not getattr(made, each.name)} == asked
     assert (made.currency, made.head) == ("EUR", {"title": "Street"})
-    assert 0 < made.confidence <= 1
     assert [sensor.model for sensor in made.sensors] == ["narrow", "narrow"]
     assert sum(item.price for item in made.running) == 14.0
     assert [link.mbit_s for link in made.links] == pytest.approx([0.048, 0.048])
@@ -533,13 +533,14 @@ def test_races_have_the_confidence_and_the_seed_and_sets_just_near_the_best_are_
         return Contest(np.arange(3), expected, np.full(3, 8), 0.8, 24, expected)
 
     monkeypatch.setattr(judging, "contest", ended)
+    monkeypatch.setattr(judging, "check_agreement", lambda *_: None)  # of AP that are made up
     monkeypatch.setattr(judging, "NEAR", 0.25)
     sets = np.eye(4, dtype=bool)[:3]
     found = Entrants(sets, np.zeros(3), ((),) * 3, 3)
     choice = judging.choose_set(street.objective, found, street.judge, confidence=0.6, run=Run(seed=5))
     assert asked == [{"confidence": 0.6, "seed": 5, "frames": judging.RACED}]
     assert [option.judged is not None for option in choice.options] == [True, True, False]
-    assert choice.confidence == 0.8
+    assert choice.confidence is None  # of 8 frames
 
 
 def test_other_iou_thresholds_say_which_likely_ties_are_judged():
@@ -582,3 +583,48 @@ def test_what_may_be_built_at_every_drawing_is_kept_in_the_order_of_the_first(st
         assert alone == [((1, [0, 1, 2, 3]), (-1, [0, 1, 2, 3]))]
         two: Any = planning._keep_buildable(prepared[:2], [first, second], None)
         assert two[0] == ((1, [0, 1, 2]), (-1, [0, 1, 2]))
+
+
+class Blind:
+    digest = "blind"
+
+    def __call__(self, points, /):
+        return Detections.empty()
+
+
+def test_a_detector_that_is_blind_at_one_stage_stops_the_plan(street, ask):
+    frames = type(street.detected.renders)(street.site, street.detected.renders.sensors, 48)
+
+    def judge(detector):
+        return judging.Judge((Detected(frames, detector, "early"),))
+
+    found = Entrants(SETS, street.objective.scores(SETS).ap, ((),) * len(SETS), 30)
+    sound, blind = (judge(detector) for detector in (street.detected.detector, Blind()))
+    choices = [judging.choose_set(street.objective, found, each) for each in (sound, blind)]
+    ((judged,), _) = sound.judge_cases(choices[0].sets[[choices[0].chosen]])
+    ((unseen,), _) = blind.judge_cases(choices[0].sets[[choices[0].chosen]])
+    findings = [SimpleNamespace(choice=each, question=ask(street.site), objective=street.objective) for each in choices]
+    planning.check_stages(findings[0], judged.judged)
+    planning.check_stages(findings[1], unseen.judged)
+    with pytest.raises(ValueError, match=r"AP 0\.000 in the comparison \(192 .*, but AP 0\.\d+ in the judgement"):
+        planning.check_stages(findings[1], judged.judged)
+    with pytest.raises(ValueError, match=r"AP 0\.\d+ in the comparison .*, but AP 0\.000 in the judgement"):
+        planning.check_stages(findings[0], unseen.judged)
+    known = judging._Options(street.objective, found, sound)
+    known.judge_rows([2])
+    with pytest.raises(ValueError, match=r"AP 0\.00 in the race \(96 to find in 24 frames\), but AP 0\."):
+        known.check_race(2, 0.0, np.arange(24))
+
+
+def test_sureness_is_that_of_the_chosen_set_on_all_frames_and_never_below_what_the_judgement_shows(street):
+    found = Entrants(SETS, street.objective.scores(SETS).ap, ((),) * len(SETS), 30)
+    frames = type(street.detected.renders)(street.site, street.detected.renders.sensors, 48)
+    judge = judging.Judge((Detected(frames, street.detected.detector, "early"),))
+    choice = judging.choose_set(street.objective, found, judge)
+    assert choice.confidence is not None
+    assert 0 <= choice.confidence <= 1
+    perfect = Judgement(1.0, 0.99, 1.0, 1.0, 1.0, 400, 120)
+    assert planning.judge_sureness(0.19, perfect, np.ones(100)) == 1.0
+    assert planning.judge_sureness(0.19, replace(perfect, low=np.nan), np.ones(100)) == 0.19
+    assert planning.judge_sureness(0.8, perfect, np.full(100, 0.9)) == 0.8
+    assert planning.judge_sureness(None, perfect, np.ones(100)) is None

@@ -1,12 +1,16 @@
 """Sets worth a judgement: feasible, of every size, within the money, the same again."""
 
+import math
 from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from placement_env.cases import Cases
 from placement_env.fidelity.coverage import Coverage
+from placement_env.fidelity.detector import IOUS
+from placement_env.fidelity.point_count import PointCount
 from placement_env.objective import Objective
 from placement_env.search import greedy, swap
 from placement_env.search.checkpoint import Checkpoint
@@ -166,6 +170,7 @@ def searches(street, monkeypatch):
     for module in (swap, greedy, exhaustive, cpsat, cheapest):
         monkeypatch.setattr(module, "search", noting(module.__name__.rsplit(".", 1)[-1]))
     monkeypatch.setattr(module_of_entrants, "entropy_objective", lambda objective: "by entropy")
+    monkeypatch.setattr(module_of_entrants, "points_objective", lambda objective: None)
     monkeypatch.setattr(module_of_entrants, "Surrogate", type(street.objective.scored_by))
     monkeypatch.setattr(street.objective, "visibility", "seen")
 
@@ -176,10 +181,44 @@ def searches(street, monkeypatch):
         def part(self, name):
             return f"part {name}"
 
-    def listed(effort, size=2, objective=street.objective):
-        return [(name, run()) for name, run in module_of_entrants._searches(objective, size, effort, 7, Part())]
+    def listed(effort, size=2, objective=street.objective, others=None):
+        found = module_of_entrants._searches(objective, size, effort, 7, Part(), others or {})
+        return [(name, run()) for name, run in found]
 
     return listed
+
+
+def test_points_and_other_ious_bring_entrants_of_their_own(searches, monkeypatch):
+    monkeypatch.setattr(module_of_entrants, "points_objective", lambda objective: "by points")
+    found = dict(searches(Effort((1, 2), seconds=9.0, evaluations=300), others={"swap at mean IoU": "at mean IoU"}))
+    assert found["greedy by points"] == ("greedy", "by points", 2, {"seconds": 9.0, "evaluations": 300})
+    search, objective, size, asked = found["swap at mean IoU"]
+    assert (search, objective, size) == ("swap", "at mean IoU", 2)
+    assert (asked["evaluations"], asked["checkpoint"]) == (75, "part 2.swap at mean IoU")
+
+
+def test_objectives_at_other_ious_are_those_of_a_setting_there():
+    def make(iou):
+        return Objective(Setting("tjunction", cases=Cases(iou=iou)), Run(frames=8))
+
+    usual, mean = make(0.7), make(IOUS)
+    rows = np.eye(6, dtype=bool)
+    assert list(module_of_entrants.at_other_ious(usual)) == ["swap at mean IoU"]
+    (at_usual,) = module_of_entrants.at_other_ious(mean).values()
+    np.testing.assert_array_equal(at_usual.scores(rows).ap, usual.scores(rows).ap)
+    (at_mean,) = module_of_entrants.at_other_ious(usual).values()
+    np.testing.assert_array_equal(at_mean.scores(rows).ap, mean.scores(rows).ap)
+    assert list(module_of_entrants.at_other_ious(make(0.9))) == ["swap at IoU 0.7", "swap at mean IoU"]
+    assert module_of_entrants.at_other_ious(Objective(Setting("tjunction", fidelity="coverage"), Run(frames=8))) == {}
+
+
+def test_points_count_up_to_enough_on_every_object(made_visibility):
+    seen = made_visibility()
+    sets = np.random.default_rng(0).random((9, len(seen))) < 0.3
+    sums = np.array([seen.points[row].sum(axis=0, dtype=np.float64) for row in sets])
+    wanted = np.minimum(np.log1p(sums), math.log(300)).mean(axis=1) / math.log(300)
+    np.testing.assert_allclose(PointCount(seen)(sets).ap, wanted, rtol=1e-5)
+    assert PointCount(seen)(np.zeros_like(sets[:1])).ap.tolist() == [0.0]
 
 
 def test_every_search_gets_its_seed_its_time_and_its_place_to_go_on(searches, street):
@@ -420,7 +459,7 @@ def test_entropy_is_of_the_objectives_own_candidates(seen, small_candidates):
 def test_seeds_are_0_unless_given(street, monkeypatch):
     asked = []
 
-    def searches(objective, size, effort, seed, checkpoint):
+    def searches(objective, size, effort, seed, checkpoint, others):
         asked.append(seed)
         return ()
 

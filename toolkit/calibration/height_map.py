@@ -1,0 +1,131 @@
+"""Height maps: ground as one height for each cell of a grid, drawn through the lowest points of the cells."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from toolkit.arrays import Bool, Float, Float64, Points
+
+_Cells = Float64[np.ndarray, "m 3"]
+
+GROUND_CELL = 1.0  # m
+STEP_WINDOW = 12.0  # m: a cell is not ground if something within this distance is lower
+_NEIGHBOUR = 8.0  # m: farther apart, cells do not support each other
+_MOST_CELLS = 4_000_000
+_NOTHING = 1e6  # m, the height of a cell without points
+MAP_REACH = 100.0  # m from the middle of the points that a map covers; farther out its edge holds
+_BAND = 2.0  # m above and below the plane where ground is looked for
+_SLOPE, _KERB = 0.08, 0.10  # beside the plane's own slope, and m of a kerb
+_WINDOW = 8.0  # m: a cell is not ground if something within this distance is lower
+_SCALES = (12.0, 6.0, 3.0, 1.5)  # m, of the Gaussian means
+_PRIOR = 1.0  # cells' worth of trust in the wider mean
+# For each drawing: height (m) above the map that a cell of ground may have, and the height at which it counts half.
+_DRAWINGS = ((0.25, np.inf), (0.25, np.inf), (0.20, np.inf), (0.20, 0.09), (0.20, 0.09), (0.20, 0.09), (0.12, 0.09))
+
+
+def low_points(points: Points, cell: float, share: float = 0.1) -> _Cells:
+    """Return one point for each cell of a grid, with a fraction `share` of the cell's points below it."""
+    points = points[np.isfinite(points).all(axis=1)].astype(np.float64)
+    if not len(points):
+        return np.empty((0, 3))
+    place = np.floor(points[:, :2] / cell).astype(np.int64)
+    place -= place.min(axis=0)
+    key = place[:, 0] * (int(place[:, 1].max()) + 1) + place[:, 1]
+    order = np.lexsort((points[:, 2], key))
+    first = np.flatnonzero(np.diff(key[order], prepend=-1))
+    count = np.diff(np.append(first, len(order)))
+    return points[order[first + np.floor(share * (count - 1)).astype(np.int64)]]
+
+
+def support_mask(cells: _Cells, step: float, slope: float, *, others: int) -> Bool[np.ndarray, " m"]:
+    """Mark cells with `others` of the twelve nearest at their height, to within a slope and a step."""
+    from scipy.spatial import cKDTree
+
+    near = min(13, len(cells))
+    if near <= others:
+        return np.ones(len(cells), bool)
+    apart, other = cKDTree(cells[:, :2]).query(cells[:, :2], near)
+    rise = np.abs(cells[other, 2] - cells[:, None, 2])
+    alike = (rise < step + slope * apart) & (apart < _NEIGHBOUR)
+    return alike[:, 1:].sum(axis=1) >= others
+
+
+def lowest_mask(cells: _Cells, slope: float, step: float, *, window: float = STEP_WINDOW) -> Bool[np.ndarray, " m"]:
+    """Mark cells than which none within the window (m) lies lower by more than slope and step. Raises ValueError if the
+    cells reach too far for an image of them."""
+    from scipy.ndimage import grey_erosion
+
+    if not len(cells):
+        return np.empty(0, bool)
+    place = np.floor(cells[:, :2] / GROUND_CELL).astype(np.int64)
+    place -= place.min(axis=0)
+    rows, columns = (place.max(axis=0) + 1).tolist()
+    if rows * columns > _MOST_CELLS:
+        extent = f"{rows * GROUND_CELL:.0f} by {columns * GROUND_CELL:.0f} m"
+        raise ValueError(f"the points cover {extent}: crop them to the place in question")
+    image = np.full((rows, columns), _NOTHING)
+    image[place[:, 0], place[:, 1]] = cells[:, 2]
+    reach = round(window / GROUND_CELL)
+    rise = -slope * GROUND_CELL * np.abs(np.arange(-reach, reach + 1))
+    along = grey_erosion(image, structure=rise[:, None], mode="constant", cval=_NOTHING)
+    allowed = grey_erosion(along, structure=rise[None], mode="constant", cval=_NOTHING)
+    return cells[:, 2] <= allowed[place[:, 0], place[:, 1]] + step
+
+
+@dataclass(frozen=True)
+class HeightMap:
+    """Heights (m) at the places origin + cell · (i, j) of a grid."""
+
+    origin: Float64[np.ndarray, "2"]
+    heights: Float64[np.ndarray, "rows columns"]
+    cell: float = GROUND_CELL
+
+    def at(self, xy: Float[np.ndarray, "n 2"]) -> Float64[np.ndarray, " n"]:
+        """Height at each place, interpolated bilinearly; outside the grid that of its edge."""
+        from scipy.ndimage import map_coordinates
+
+        place = (np.asarray(xy, np.float64) - self.origin) / self.cell
+        return map_coordinates(self.heights, place.T, order=1, mode="nearest")
+
+
+def fit_map(points: Points, *, reach: float = MAP_REACH) -> HeightMap:
+    """Fit a map of heights to points with ground near z = 0. reach: distance (m) from the middle of the points that the
+    map covers. Raises ValueError unless it is above 0."""
+    if not 0 < reach < np.inf:
+        raise ValueError(f"reach must be above 0 m, got {reach}")
+    near = points[np.abs(points[:, 2]) < _BAND]
+    if not len(near):
+        return HeightMap(np.zeros(2), np.zeros((1, 1)))
+    middle = np.median(near[:, :2], axis=0).astype(np.float64)
+    near = near[np.abs(near[:, :2] - middle).max(axis=1) <= reach]
+    origin = np.floor(near[:, :2].min(axis=0).astype(np.float64) / GROUND_CELL) * GROUND_CELL + GROUND_CELL / 2
+    shape = np.floor((near[:, :2].max(axis=0) - origin) / GROUND_CELL).astype(np.int64) + 2
+    low = low_points(near, GROUND_CELL)
+    low = low[support_mask(low, _KERB, _SLOPE, others=4)]
+    low = low[lowest_mask(low, _SLOPE, _KERB, window=_WINDOW)]
+    low = low[support_mask(low, _KERB, _SLOPE, others=6)]
+    surface = HeightMap(origin, np.zeros(tuple(shape)))
+    for kept, kerb in _DRAWINGS:
+        surface = redraw_map(surface, low, kept, kerb)
+    on = np.abs(near[:, 2] - surface.at(near[:, :2])) < _DRAWINGS[-1][0]
+    return redraw_map(surface, low_points(near[on], GROUND_CELL, share=0.5), *_DRAWINGS[-1])
+
+
+def redraw_map(surface: HeightMap, cells: _Cells, kept: float, kerb: float) -> HeightMap:
+    """Draw the map again through cells at most `kept` (m) above it, which count little, and twice that below."""
+    from scipy.ndimage import gaussian_filter
+
+    above = cells[:, 2] - surface.at(cells[:, :2])
+    some = (above < kept) & (above > -2 * kept)
+    weight, cells = 1 / (1 + (np.clip(above[some], 0, None) / kerb) ** 4), cells[some]
+    known, total = np.zeros(surface.heights.shape), np.zeros(surface.heights.shape)
+    i, j = np.round((cells[:, :2] - surface.origin) / surface.cell).astype(np.int64).T
+    np.add.at(known, (i, j), weight)
+    np.add.at(total, (i, j), weight * cells[:, 2])
+    heights = np.zeros(surface.heights.shape)
+    for scale in _SCALES:
+        wide = scale / surface.cell
+        spread = 2 * np.pi * wide**2  # so that a mean counts cells
+        count, summed = (gaussian_filter(each, wide, mode="constant", truncate=3.0) * spread for each in (known, total))
+        heights = (summed + _PRIOR * heights) / (count + _PRIOR)
+    return HeightMap(surface.origin, heights)

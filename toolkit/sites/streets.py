@@ -1,0 +1,78 @@
+"""Streets of a site as maps show them: a name along each, and an arrow on each lane in the direction of its traffic."""
+
+from collections import defaultdict
+from dataclasses import dataclass
+from xml.etree import ElementTree
+
+import numpy as np
+import shapely
+
+from toolkit.arrays import Float64
+from toolkit.sites.network import list_users, parse_shape
+from toolkit.sites.site import Site
+
+MIN_ARROW_LANE_M = 8.0  # length of a lane within the map from which it gets an arrow
+MIN_NAMED_M = 10.0  # length of a street's line within the map from which it gets its name
+ARROW_PLACE = 0.5  # share of the lane's length at which its arrow is
+
+
+@dataclass(frozen=True)
+class StreetName:
+    """Name of a street, where it is written. x, y: m; angle: of the text, counter-clockwise from +x (rad), upright."""
+
+    name: str
+    x: float
+    y: float
+    angle: float
+
+
+def find_street_names(site: Site, low: Float64[np.ndarray, "2"], high: Float64[np.ndarray, "2"]) -> list[StreetName]:
+    """Find places for the names of streets between two corners of a map, each name once, on its longest line."""
+    window, lines = shapely.box(*low, *high), defaultdict[str, list[shapely.Geometry]](list)
+    for edge in _roads(site):
+        lanes = edge.findall("lane") if edge.get("name") else []
+        driven = [lane for lane in lanes if "passenger" in list_users(lane)]
+        for lane in driven or lanes:
+            points = parse_shape(lane)
+            if len(points) > 1:
+                lines[edge.get("name", "").strip()].append(shapely.LineString(points))
+    found = []
+    for name, shapes in sorted(lines.items()):
+        inside = shapely.intersection(shapely.union_all(shapes), window)
+        longest = max(shapely.get_parts(inside), key=shapely.length, default=None)
+        if name and longest is not None and longest.length >= MIN_NAMED_M:
+            (x, y), angle = _middle(longest)
+            upright = (angle + np.pi / 2) % np.pi - np.pi / 2
+            found.append(StreetName(name, x, y, upright))
+    return found
+
+
+def find_lane_arrows(
+    site: Site, low: Float64[np.ndarray, "2"], high: Float64[np.ndarray, "2"]
+) -> Float64[np.ndarray, "n 3"]:
+    """Find places and directions of arrows on the lanes of motor vehicles: x, y (m), heading from +x (rad)."""
+    window, rows = shapely.box(*low, *high), []
+    for edge in _roads(site):
+        for lane in edge.findall("lane"):
+            points = parse_shape(lane)
+            if len(points) < 2 or "passenger" not in list_users(lane):
+                continue
+            parts = shapely.get_parts(shapely.intersection(shapely.LineString(points), window))
+            longest = max(parts, key=shapely.length, default=None)
+            if longest is not None and longest.length >= MIN_ARROW_LANE_M:
+                (x, y), angle = _middle(longest)
+                rows.append((x, y, angle))
+    return np.array(rows, np.float64).reshape(-1, 3)
+
+
+def _roads(site: Site) -> list[ElementTree.Element]:
+    edges = ElementTree.fromstring(site.network or "<net/>").findall("edge")
+    return [edge for edge in edges if not edge.get("function")]
+
+
+def _middle(line: shapely.Geometry) -> tuple[tuple[float, float], float]:
+    """Point in the middle of a line, and its direction there (rad)."""
+    at = ARROW_PLACE * line.length
+    before, after = line.interpolate(max(at - 1.0, 0.0)), line.interpolate(min(at + 1.0, line.length))
+    middle = line.interpolate(at)
+    return (middle.x, middle.y), float(np.arctan2(after.y - before.y, after.x - before.x))
