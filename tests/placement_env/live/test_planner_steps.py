@@ -299,3 +299,31 @@ def test_a_search_can_be_stopped_and_a_suggestion_needs_a_kind_and_room(planner)
     assert {each.considered for each in missed} == {0}
     assert planner.accept(missed[0]).what == f"{best[0]} removed"
     assert best[0] not in {sensor.name for sensor in planner.sensors}
+
+
+def test_refining_looks_from_other_heights_the_nearest_first_unless_memory_is_full(planner, monkeypatch):
+    planner.finish()
+    looked, further = [], []
+
+    def look(live, every, k, sensor):
+        looked.append((k, float(sensor.position[2] - every.sensors[k].position[2])))
+        return False
+
+    monkeypatch.setattr("placement_env.live.planner.make_table_ahead", lambda *_: False)
+    monkeypatch.setattr("placement_env.live.planner._look", look)
+    monkeypatch.setattr(planner._stock, "look_further", lambda: further.append(True) or True)
+    live, count = planner.preparation.live, len(planner.sensors)
+    for full in (True, False):
+        monkeypatch.setattr(type(live), "full", property(lambda _, full=full: full))
+        looked.clear()
+        assert planner.refine(lambda full=full: full)
+        assert live.hold() is full
+        assert looked[:count] == [(k, 0.0) for k in range(count)]
+        away = [abs(up) for _, up in looked[count:]]
+        assert away == sorted(away)
+        assert bool(away) is not full
+    assert {k for k, _ in looked} == set(range(count))
+    assert len(further) == 2
+    monkeypatch.setattr("placement_env.live.planner._look", lambda *_: True)
+    assert planner.refine()
+    assert len(further) == 2  # what is shown comes first
