@@ -92,6 +92,8 @@ class LivePage:
         self._nodes: dict[str, list[Handle]] = {}
         self._ghosts: list[Suggestion] = []
         self._busy, self._note, self._measured = "", "", ""
+        if planner.stated is not None:
+            self._measured = f"AP {planner.stated.ap:.3f} is what the plan states, by its detector; the page predicts"
         self._answer: LiveAnswer | None = None
         self._maps: dict[float, SeenMaps] = {}
         self._beside = folder if project is None else project.path.parent  # where a picture is kept

@@ -290,7 +290,7 @@ class Yard:
         there = any(np.hypot(*(spot - place)) <= SNAP for spot in self._present)
         away = shapely.box(*self.site.area.tolist()).distance(shapely.Point(place))
         if away > FARTHEST and not there:
-            far = f"{pole.name} stands {away:.3g} m from the detection area"
+            far = f"{pole.name} stands {away:.6g} m from the detection area"
             raise ValueError(f"{far}, more than {FARTHEST:g} m: move it, or leave it out")
         foot = float(self.site.ground(place))
         if abs(pole.position[2] - foot) > MAX_FOOT_GAP_M:
@@ -301,12 +301,12 @@ class Yard:
     def _check_place(self, sensor: LiveSensor, mount: Mount) -> None:
         away = float(np.hypot(sensor.x - mount.position[0], sensor.y - mount.position[1]))
         if away > SNAP:
-            said = f"{sensor.name} hangs {away:.3g} m from its pole {mount.name}, more than {SNAP:g} m"
+            said = f"{sensor.name} hangs {away:.6g} m from its pole {mount.name}, more than {SNAP:g} m"
             raise ValueError(f"{said}: give it the place of its pole, or carry it to another one")
         usual = mount.min_height, mount.max_height
         low, high = (pick(pick(usual), *self._heights.get(mount.name, usual)) for pick in (min, max))
         if not low - SLACK_M <= sensor.height <= high + SLACK_M:
-            said = f"{sensor.name} hangs {sensor.height:.3g} m up, but {mount.name} takes {low:g} to {high:g} m"
+            said = f"{sensor.name} hangs {sensor.height:.6g} m up, but {mount.name} takes {low:g} to {high:g} m"
             raise ValueError(f"{said}: give another height")
         if not abs(sensor.tilt) <= np.pi / 2 + SLACK_M:
             raise ValueError(f"{sensor.name} is tilted by {np.rad2deg(sensor.tilt):.4g} degrees, more than 90")

@@ -18,7 +18,6 @@ from coview.live_page import LivePage
 from coview.live_start import interrupted_by_sigterm
 from placement_env import LivePlanner
 from placement_env.live.project import ProjectFile
-from placement_env.live.variant import Variant
 from toolkit.viewing.scene import viser_server
 
 MAX_WAITING = 20  # jobs of a page
@@ -192,7 +191,7 @@ def work_together(page, seconds):
     check_alive(page)
     page.project.save()
     kept = json.loads(page.project.path.read_text())
-    assert Variant.of_dict(kept["variants"][kept["current"]]) == page.planner.variant
+    assert kept["variants"][kept["current"]] == page.planner.variant.as_dict()
     assert "fault of coview" not in page._note
 
 

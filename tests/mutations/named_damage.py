@@ -93,6 +93,13 @@ def _site(layer: str, part: str, **values: Any) -> Spoil:
     return spoil
 
 
+def _lifted(path: Path) -> None:
+    """A sensor of a live project hangs far too high."""
+    project = json.loads(path.read_text())
+    project["variants"]["A"]["sensors"][0]["height"] = 6000.0
+    path.write_text(json.dumps(project))
+
+
 CASES: dict[str, dict[str, Spoil]] = {
     "recording.hdf5": {
         "cut in half": _cut,
@@ -147,6 +154,16 @@ CASES: dict[str, dict[str, Spoil]] = {
     "map.json": {"no list of elements": _text('{"type": "FeatureCollection", "features": []}')},
     "map.xodr": {"cut in half": _cut},
     "table.npz": {"cut in half": _cut},
+    "plan.json": {
+        "of an earlier coview": _replaced('"coview_plan": 1', '"old": 1'),
+        "a pole at x = 1e300": _replaced('"x": ', '"x": 1e300, "was": '),
+        "a price that is text": _replaced('"price": 1500.0', '"price": "much"'),
+    },
+    "live.json": {
+        "cut in half": _cut,
+        "a sensor that is null": _replaced('"sensors": [', '"sensors": [null, '),
+        "a sensor 6,000 m up": _lifted,
+    },
     "surrogate.json": {"100,000 brackets": _text("[" * 100_000)},
     "mesh.obj": {"a corner that is not there": _replaced("f 1", "f 99")},
 }

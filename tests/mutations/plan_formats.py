@@ -2,6 +2,8 @@
 
 import json
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
 
@@ -77,7 +79,17 @@ def read_plan(path: Path) -> None:
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / SITE).write_bytes(_sound_site())
         (Path(folder) / CONTENT).symlink_to(path)
-        read_plan_folder(folder)
+        with said_of(path, folder):
+            read_plan_folder(folder)
+
+
+@contextmanager
+def said_of(path: Path, folder: str) -> Iterator[None]:
+    """Let a refusal name the file's own folder in place of that of a copy."""
+    try:
+        yield
+    except ValueError as error:
+        raise ValueError(str(error).replace(folder, str(path.parent))) from None
 
 
 @lru_cache
@@ -104,10 +116,11 @@ def make_project(path: Path) -> None:
 def read_project(path: Path) -> None:
     planner = _planner()
     with tempfile.TemporaryDirectory() as folder:
-        copy = Path(folder) / "a.live.json"
+        copy = Path(folder) / path.name
         copy.write_bytes(read_bytes(path))
         try:
-            ProjectFile(copy, planner).close()
+            with said_of(path, folder):
+                ProjectFile(copy, planner).close()
         finally:
             planner.tell = lambda dragging: None
             planner.restore({"A": planner.yard.place(load_site("tjunction").sensors)}, "A", [])

@@ -213,7 +213,8 @@ def open_planner(
 
     if not is_plan_folder(where):
         cases = conditions.apply(USUAL_CASES)
-        return LivePlanner(stock.setting(where, classes, cases, run), run=run, first_frames=first)
+        setting = replace(stock.setting(where, classes, cases, run), link_share=stock.link_share)
+        return LivePlanner(setting, run=run, first_frames=first)
     plan = _open_plan(where, stock, classes, conditions, run)
     if run.frames == LIVE_RUN.frames:
         run = replace(run, frames=plan.frames)
@@ -238,6 +239,8 @@ def _open_plan(
     if stock.scheme != USUAL_STOCK.scheme:
         check_schemes([stock.scheme])
         changes["scheme"] = stock.scheme
+    if stock.link_share != USUAL_STOCK.link_share:
+        changes["link_share"] = stock.link_share
     if stock.codec != USUAL_STOCK.codec:
         changes["codec"] = find_codec(stock.codec)
     if classes != USUAL_CLASSES:

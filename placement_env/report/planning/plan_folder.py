@@ -86,9 +86,9 @@ class PlanFolder:
 
     def ask(self, setting: Setting) -> "PlanFolder":
         """The plan under another question, for which it states no figure."""
-        asked = (setting.fusion, setting.codec, setting.counted, setting.cases)
-        before = (self.setting.fusion, self.setting.codec, self.setting.counted, self.setting.cases)
-        return replace(self, setting=setting, stated=self.stated if asked == before else None)
+        names = ("fusion", "codec", "counted", "cases", "link_share")
+        same = all(getattr(setting, name) == getattr(self.setting, name) for name in names)
+        return replace(self, setting=setting, stated=self.stated if same else None)
 
 
 def is_plan_folder(where: object) -> bool:
@@ -194,7 +194,7 @@ def _check_poles(plan: JsonObject, site: Site, stock: Candidates) -> None:
         name = row.choice("pole", poles)
         away = float(np.hypot(*(sensor.position - poles[name].position)[:2]))
         if away > MAX_POLE_GAP_M:
-            apart = f"{sensor.name} hangs {away:.3g} m from its pole {name}"
+            apart = f"{sensor.name} hangs {away:.6g} m from its pole {name}"
             raise ValueError(f"{apart}, more than {MAX_POLE_GAP_M:g} m: the file is damaged, or {SITE} was changed")
 
 
@@ -221,6 +221,7 @@ def _read(folder: Path, plan: JsonObject, site: Site) -> PlanFolder:
         cases=cases,
         most_price=math.inf if money is None else money,
         keep=tuple(question.texts("keep")),
+        link_share=question.number("link_share", 0, 1),
     )
     _check_poles(plan, site, setting.pool)
     frames = question.numbers("frames", 3)

@@ -13,7 +13,7 @@ import pytest
 from placement_env import LivePlanner
 from placement_env.cases import Cases
 from placement_env.live.picture import GroundPicture
-from placement_env.live.project import SAVED_STEPS, ProjectFile, export_variant
+from placement_env.live.project import MOST_VARIANTS, SAVED_STEPS, ProjectFile, export_variant
 from placement_env.live.variant import Variant
 from placement_env.setting import Setting
 from toolkit.sites.files import load_site
@@ -230,3 +230,52 @@ def test_the_question_is_kept(path):
         path.write_text(json.dumps(kept | {"picture": picture}))
         with pytest.raises(ValueError, match=r"junction\.json: "):
             ProjectFile(path, again)
+
+
+def test_as_many_variants_as_allowed_are_read_and_no_more(planner, path):
+    project = ProjectFile(path, planner)
+    planner.show("B", copy=True)
+    project.close()
+    content = json.loads(path.read_text())
+    row = content["variants"]["A"]
+    for count, fits in ((MOST_VARIANTS, True), (MOST_VARIANTS + 1, False), (0, False)):
+        variants = dict.fromkeys(("A", "B", *(f"v{k}" for k in range(count - 2)))[:count], row)
+        path.write_text(json.dumps({**content, "variants": variants}))
+        if fits:
+            assert len(reopen(path, planner)[0]) == count
+        else:
+            with pytest.raises(ValueError, match=f"it needs 1 to {MOST_VARIANTS} variants"):
+                reopen(path, planner)
+
+
+def test_everything_in_the_file_is_taken_over_and_kept_again(planner, path):
+    project = ProjectFile(path, planner)
+    planner.show("B", copy=True)
+    planner.move("d0", heading=1.0)
+    planner.ask(cases=Cases(iou=0.8, errors=("typical",)), scheme="late", most_price=4.0)
+    project.close()
+    before = path.read_text()
+    content = json.loads(before)
+    assert content["question"] == {"iou": [0.8], "errors": ["typical"], "scheme": "late", "most_price": 4.0}
+    assert (content["current"], content["coview_live"], content["picture"]) == ("B", 1, None)
+    planner.ask(cases=Cases(), scheme="early", most_price=float("inf"))
+    again = reopen(path, planner)
+    assert (list(again[0]), again[1], len(again[2])) == (["A", "B"], "B", 1)
+    assert planner.question == content["question"]
+    assert json.loads(path.read_text()) == content
+    planner.ask(cases=Cases(), scheme="early", most_price=float("inf"))
+    assert planner.question == {}
+
+
+def test_an_export_replaces_no_site_or_plan_of_others(planner, tmp_path):
+    (tmp_path / "site.json").write_text("{}")
+    with pytest.raises(ValueError, match=r"holds a site\.json that no export wrote"):
+        export_variant(planner, tmp_path)
+    (tmp_path / "plan").mkdir()
+    (tmp_path / "plan/plan.json").write_text("{}")
+    with pytest.raises(ValueError, match="is the folder of a plan, which an export would change"):
+        export_variant(planner, tmp_path / "plan")
+    for _ in range(2):
+        written = export_variant(planner, tmp_path / "new")
+    assert sorted(path.name for path in written) == ["plan.geojson", "schedule.csv", "site.json"]
+    assert (tmp_path / "site.json").read_text() == "{}"

@@ -89,7 +89,8 @@ def test_without_panoramas_nothing_is_looked_up():
 
 def test_views_that_are_joined_have_a_row_for_each_sensor():
     unseen = Seen()
-    assert join_views(unseen, []) is unseen
+    same: object = join_views(unseen, [])
+    assert same is unseen
     rows = [tuple(np.full(3, 10 * k + column) for column in range(4)) for k in range(2)]
     joined = join_views(unseen, rows)
     for column, name in enumerate(VIEW_COLUMNS):
