@@ -435,8 +435,8 @@ def choose_set(
         chosen, rule = alike[0], "as good"
     others = tuple(i for i in alike if i != chosen)
     places = np.flatnonzero(sizes == sizes[chosen])
-    confidence = known.measure_sureness(chosen, places, races.get(int(sizes[chosen])))
-    return Choice(options, found.sets, chosen, best, others, rule, confidence)
+    sureness = known.measure_sureness(chosen, places, races.get(int(sizes[chosen])))
+    return Choice(options, found.sets, chosen, best, others, rule, sureness)
 
 
 def _find_rivals(
