@@ -1,8 +1,9 @@
 """First look: all candidates on a few frames, for a first answer and to narrow a large pool.
 
-Memory and time of a search grow with the square of the candidates. So of more than `MAX_POSES` poses those go on that
-see most at the first look: on the `MAX_POLES` poles with the best poses, the best few of each pole, then the best of
-all. Poles that must carry a sensor stay."""
+Memory and time of a search grow with the square of the candidates. So of more than `MAX_POSES` poses only some go on.
+Poles are thinned first, before anything is rendered: of each square of a grid the pole nearest to the area's middle
+goes on, in squares so large that at most `MAX_POLES` are left. Then the poses go on that see most at the first look:
+the best few of each pole, then the best of all. Poles that must carry a sensor stay."""
 
 import math
 from dataclasses import replace
@@ -22,6 +23,8 @@ LOOK_FRAMES = 8  # of those that are searched
 MAX_POSES = 8_000  # that are searched
 MAX_POLES = 400  # that carry them
 MIN_POSES_ON_POLE = 4  # of each of these poles, where it has as many
+MIN_SPACING_M = 1.0  # side of the squares that thin the poles, at first
+SPACING_GROWTH = 1.2  # by which they grow until few enough poles are left
 
 
 def prepare_first_look(setting: Setting, run: Run, stride: int = 1) -> Preparation:
@@ -32,8 +35,36 @@ def prepare_first_look(setting: Setting, run: Run, stride: int = 1) -> Preparati
     return few
 
 
-def narrow_pool(few: Preparation) -> Int64[np.ndarray, " n"] | None:
+def narrow_pool(setting: Setting, run: Run, stride: int = 1) -> Int64[np.ndarray, " n"] | None:
     """Return the candidates of a large pool that are searched, ascending; None for all of a smaller one."""
+    pool = setting.pool
+    if len(pool) <= MAX_POSES:
+        return None
+    on_poles = np.flatnonzero(np.isin(pool.mount, thin_poles(pool, setting)))
+    few = prepare_first_look(replace(setting, candidates=pool.select(on_poles)), run, stride)
+    chosen = _choose_seeing(few)
+    return on_poles if chosen is None else on_poles[chosen]
+
+
+def thin_poles(pool: Candidates, setting: Setting) -> Int64[np.ndarray, " m"]:
+    """Return the mounts of a pool that go on, ascending: at most `MAX_POLES`, spread evenly."""
+    feet = np.array([mount.position[:2] for mount in pool.mounts])
+    xmin, ymin, xmax, ymax = setting.place.area
+    far = np.hypot(*(feet - [(xmin + xmax) / 2, (ymin + ymax) / 2]).T)
+    used, kept = np.unique(pool.mount), pool.find_mounts(setting.keep)
+    order = used[np.lexsort((far[used], ~np.isin(used, kept)))]
+    side = MIN_SPACING_M
+    while len(order) > MAX_POLES:
+        cells = np.floor(feet[order] / side).astype(np.int64)
+        first = np.sort(np.unique(cells, axis=0, return_index=True)[1])
+        order = np.union1d(order[first], np.intersect1d(order, kept))
+        order = order[np.lexsort((far[order], ~np.isin(order, kept)))]
+        side *= SPACING_GROWTH
+    return np.sort(order)
+
+
+def _choose_seeing(few: Preparation) -> Int64[np.ndarray, " n"] | None:
+    """Return the candidates that see most at the first look, ascending; None for all."""
     pool, setting = few.setting.pool, few.setting
     if len(pool) <= MAX_POSES:
         return None
@@ -72,7 +103,7 @@ def _choose_poses(
 
 def describe_narrowing(pool: Candidates, chosen: Int64[np.ndarray, " n"]) -> str:
     """Sentence on how many poses of a large pool are searched."""
-    poles, poses = describe_count(len(pool.mounts), "pole"), describe_count(len(pool), "pose")
+    poles, poses = describe_count(len(np.unique(pool.mount)), "pole"), describe_count(len(pool), "pose")
     used = describe_count(len(np.unique(pool.mount[chosen])), "pole")
     return (
         f"{poles} with {poses} are too many to search: the {len(chosen):,} poses on {used} go on that see most in the "

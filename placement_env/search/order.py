@@ -20,7 +20,7 @@ from placement_env.objective import Objective, Score
 from placement_env.protocol import Doubting, FidelityName
 from placement_env.search.checkpoint import NOWHERE, Checkpoint, find_unfinished, unfinished
 from placement_env.search.exact.cheapest import Demand
-from placement_env.search.first_look import MAX_POSES, describe_narrowing, narrow_pool, prepare_first_look
+from placement_env.search.first_look import describe_narrowing, narrow_pool, prepare_first_look
 from placement_env.search.methods import METHODS, check_search, load_search
 from placement_env.search.portfolio.curve import CurvePoint, budget_curve, list_amounts
 from placement_env.search.portfolio.portfolio import JUDGED_FRAMES, RACE_FRAMES, Judging
@@ -172,16 +172,14 @@ def run_search(order: SearchOrder, checkpoint: Checkpoint = NOWHERE) -> Answer:
     stride = max(1, frames // SEARCHED) if order.method == PORTFOLIO and order.fidelity in BY_LEVELS else 1
     tells = order.tell is not None and stride > 1 and order.setting.cases.levels == 1 and not order.curve
     first, narrowed, pool = None, "", order.setting.pool
-    if tells or len(pool) > MAX_POSES:
-        few = prepare_first_look(order.searched, order.run, stride)
-        chosen_poses = narrow_pool(few)
-        if chosen_poses is not None:
-            narrowed = describe_narrowing(pool, chosen_poses)
-            order = replace(order, setting=replace(order.setting, candidates=pool.select(chosen_poses)))
-            few = few.at(order.setting.pool, few.visibility.select(chosen_poses))
-            if order.tell is not None:
-                order.tell(narrowed)
-        first = _find_first(order, few) if tells else None
+    chosen_poses = narrow_pool(order.searched, order.run, stride)
+    if chosen_poses is not None:
+        narrowed = describe_narrowing(pool, chosen_poses)
+        order = replace(order, setting=replace(order.setting, candidates=pool.select(chosen_poses)))
+        if order.tell is not None:
+            order.tell(narrowed)
+    if tells:
+        first = _find_first(order, prepare_first_look(order.searched, order.run, stride))
     objective = Objective(order.searched, order.run, stride=stride)
     if order.tell is not None and first is not None:
         objective.watch = _Better(objective, first, order.tell)

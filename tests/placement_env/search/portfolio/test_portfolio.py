@@ -104,7 +104,7 @@ def test_the_winner_is_the_best_by_the_race_and_its_ap_is_from_the_third_part(st
     unasked = Truth(frames=80)
     alone = portfolio.search(deceived(None), 2, judging=Judging(evaluators=(race, unasked))).assessment
     assert (alone.contenders, [len(sets) for sets, _ in unasked.asked]) == ((), [1])
-    assert {stage[0] for stage in stages} == {"sets scored", "searching", "racing", "judging"}
+    assert {stage[0] for stage in stages} == {"sets scored", "searches", "frames raced", "frames judged"}
     assert found.certificate.note == (
         f"the best of {said.entrants} sets compared by the detector; an estimate ruled out the others"
     )
