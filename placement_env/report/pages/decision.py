@@ -32,6 +32,7 @@ from placement_env.report.pages.document import (
 )
 from placement_env.search.order import describe_money
 from toolkit.display import describe_count
+from toolkit.sensors.models import MODELS
 from toolkit.sites.site import Site
 from toolkit.sites.surroundings import describe_things
 
@@ -67,9 +68,20 @@ def _poles(plan: content.Plan) -> list[str]:
     return list(dict.fromkeys(sensor.pole for sensor in plan.sensors))
 
 
+def count_sensors(count: int, model: str) -> str:
+    """Write a number of sensors of a model: kinds have a plural, names of products have none.
+
+    >>> count_sensors(2, "depth-camera"), count_sensors(2, "Ouster OS1")
+    ('2 depth cameras', '2 × Ouster OS1')
+    """
+    if model.replace(" ", "-") in MODELS:
+        return describe_count(count, model.replace("-", " "))
+    return f"{count} × {model}"
+
+
 def _describe_build(plan: content.Plan, chosen: content.PlanOption) -> str:
     models = Counter(sensor.model for sensor in plan.sensors)
-    things = join_names([describe_count(count, model) for model, count in models.items()])
+    things = join_names([count_sensors(count, model) for model, count in models.items()])
     poles, money = _poles(plan), plan.question.get("money")
     where = f"on {'pole' if len(poles) == 1 else 'poles'} {join_names(poles)}"
     if len(poles) < len(plan.sensors):
