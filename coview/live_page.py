@@ -62,6 +62,8 @@ PAINT = 1.2  # s that a browser gets for the first figures alone
 TIDY = 10.0  # s of use after which freed memory is handed back
 CATCH = 3.0  # m from the pointer within which a pole catches a sensor that is carried
 AWAY, WIDE = 1.25, 1.3  # times as far from the area as the report's view, in windows at least so wide for their height
+HOUSING_M, LOOK_M = 1.2, 12.0  # from a sensor to the camera that looks through it, and to what it looks at
+MIN_LOOK_FOV_RAD, MAX_LOOK_FOV_RAD = 0.7, 1.4
 PHONE, SHEET = 576, 0.6  # px of width below which the panel is a sheet over this share of the scene
 GHOST, KEPT_OUT = "#4463f6", "#b3261e"
 GO_ON = "go on, and report the lines in the terminal"
@@ -305,6 +307,7 @@ class LivePage:
             self._frame.on_update(lambda _: self.do(self._draw_traffic))
             self._play = gui.add_checkbox("Play the traffic", False)
             gui.add_button("From above").on_click(lambda event: self.do(lambda: self._look_down(event.client)))
+            gui.add_button("Overview").on_click(lambda event: self.do(lambda: self._look_over(event.client)))
         with tabs.add_tab("Files"):
             gui.add_button("Export site, map and schedule").on_click(lambda _: self._later("exporting", self._export))
             gui.add_button("Judge and write the report").on_click(lambda _: self._later("judging", self._report))
@@ -428,6 +431,8 @@ class LivePage:
         self._height = gui.add_number("Height (m)", 0.0, step=0.1, hint="above the foot of the pole")
         self._lock, self._fail = gui.add_checkbox("Locked", False), gui.add_checkbox("Failed", False)
         act = gui.add_button_group("This one", ("Duplicate", "Remove"))
+        through = gui.add_button("Look through it", hint="from where it hangs; Overview on the tab View leads back")
+        through.on_click(lambda event: self.do(lambda: self._look_through(event.client)))
         self._model = gui.add_dropdown("New model", tuple(planner.yard.models))
         self._pole = gui.add_dropdown("On pole", tuple(planner.yard.mounts))
         gui.add_button("Add a sensor").on_click(lambda _: self._change(self._add))
@@ -779,7 +784,24 @@ class LivePage:
 
     def _look_down(self, client: Handle) -> None:
         if client is not None:
+            client.camera.fov = scene.VERTICAL_FOV
             self._aim(client, np.array([0.0, -0.02, 1.0]) * np.linalg.norm(self._slant))
+
+    def _look_over(self, client: Handle) -> None:
+        if client is not None:
+            client.camera.fov = scene.VERTICAL_FOV
+            self._aim(client, self._slant)
+
+    def _look_through(self, client: Handle) -> None:
+        """Put a browser's camera in the chosen sensor's place, with as much of its view as a screen holds."""
+        if client is None:
+            return
+        sensor = self.planner.yard.build_sensor(self.planner.variant, self.planner.variant.find(self._name))
+        ahead = sensor.world_SE3_body[:3, 0]
+        with client.atomic():
+            client.camera.fov = min(max(sensor.model.vertical_fov, MIN_LOOK_FOV_RAD), MAX_LOOK_FOV_RAD)
+            client.camera.position = sensor.position + HOUSING_M * ahead
+            client.camera.look_at = sensor.position + LOOK_M * ahead
 
     def _greet(self, client: Handle) -> None:
         self._touched, camera = time.monotonic(), client.camera
