@@ -19,12 +19,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from coview.live_signs import add_signs
 from coview.live_tables import (
-    HINT,
     MAP_KEY,
     describe_ap,
     details_html,
     figures_html,
+    hint_html,
     map_html,
     note_html,
     site_html,
@@ -37,7 +38,6 @@ from placement_env.live.planner import LivePlanner, Suggestion
 from placement_env.live.project import ProjectFile, export_variant, report_variant
 from placement_env.live.seen_map import MAP_HEIGHTS, SeenMaps
 from placement_env.live.variant import LiveSensor, Variant
-from placement_env.report.pages.scene import add_site
 from toolkit.arrays import Float64
 from toolkit.detection.schemes import PAPER_SCHEMES
 from toolkit.display import describe_count
@@ -98,6 +98,7 @@ class LivePage:
         self._maps: dict[float, SeenMaps] = {}
         self._beside = folder if project is None else project.path.parent  # where a picture is kept
         self._traffic: list[Handle] = []
+        self._pole_labels: dict[str, Handle] = {}
         self._small: dict[Variant, str] = {}  # maps beside the table
         self._drawn: dict[str, object] = {}  # what the scene shows, so that only what has changed is sent again
         self._spots: list[Spot] = []  # clicked on the ground
@@ -241,14 +242,16 @@ class LivePage:
         gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(68, 99, 246))
         gui.main_panel.dock_right()
         gui.set_panel_label(f"coview live: {self.planner.yard.site.name}")
-        gui.add_html(HINT)
+        self._hint = gui.add_html(hint_html(len(self.planner.sensors)))
         self._figures, self._said = gui.add_html(""), gui.add_html("")
 
     def _begin(self) -> None:
         self._add_controls()
         self._begun = True
         self._draw()
-        add_site(self.server.scene, self.planner.yard.site, set())
+        yard = self.planner.yard
+        self._pole_labels = add_signs(self.server.scene, yard.site, tuple(yard.mounts.values()))
+        self._draw_sensors()
 
     def _add_controls(self) -> None:
         gui, planner = self.server.gui, self.planner
@@ -523,6 +526,9 @@ class LivePage:
         self._show_note()
         if answer is None:
             return
+        hint = hint_html(answer.sensors)
+        if self._hint.content != hint:
+            self._hint.content = hint
         self._figures.content = figures_html(answer)
         self.server.flush()  # figures do not wait for the scene
         if not self._begun:
@@ -579,6 +585,10 @@ class LivePage:
 
     def _draw_sensors(self) -> None:
         variant = self.planner.variant
+        used = {sensor.mount for sensor in variant.sensors}  # whose sensors bear their names
+        for pole, label in self._pole_labels.items():
+            if label.visible == (pole in used):
+                label.visible = pole not in used
         kept = {"", *(sensor.name for sensor in variant.sensors)}
         for name in [name for name in self._nodes if name not in kept]:
             self._drawn.pop(name, None)

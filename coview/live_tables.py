@@ -17,11 +17,16 @@ if TYPE_CHECKING:
 _BOX = f"font:12px/1.35 system-ui,sans-serif;color:{INK};padding:.2em .9em"
 MAP_REACH = 25.0  # m of a field of view on a small map
 _SMALL = f"color:{FAINT};font-size:12px"
-HINT = (  # with it: on a telephone viser's sheet is 20em wide, ours is as wide as the screen
+_WIDE_SHEET = (  # on a telephone viser's sheet is 20em wide, ours is as wide as the screen
     '<style>[style*="fixed"][style*="20em"],[style*="fixed"] [style*="20em"]{width:100%!important}</style>'
-    f'<div style="{_BOX};background:#eef2fe;border-radius:6px;margin:.3em .6em">'
+)
+_STEPS = (
     "<b>1</b> Drag a ball to turn a sensor, its box to another pole (Shift: up, down). <b>2</b> Read what it does. "
-    "<b>3</b> Ask what is best, and accept it.</div>"
+    "<b>3</b> Ask what is best, and accept it."
+)
+_FIRST_STEPS = (
+    "<b>No sensor is here yet.</b> Ask for the best to add, and accept it; or choose a pole and Add on the tab Sensor; "
+    "or add one at a click on the tab Draw. Thin lines are poles that may be used."
 )
 START = (
     f'<div style="{_BOX}"><b>Open an OpenStreetMap (.osm) or OpenDRIVE (.xodr) extract, or a site</b>, by its path or '
@@ -34,6 +39,12 @@ MAP_KEY = (
     f'<b style="color:{OUTCOME["missed"].colour}">missed, with a cross</b>, '
     "<b>under an arrow where no sensor sees them</b></div>"
 )
+
+
+def hint_html(sensors: int) -> str:
+    """Write what to do first, with a number of sensors or none."""
+    steps = _STEPS if sensors else _FIRST_STEPS
+    return f'{_WIDE_SHEET}<div style="{_BOX};background:#eef2fe;border-radius:6px;margin:.3em .6em">{steps}</div>'
 
 
 def figures_html(answer: "LiveAnswer") -> str:
@@ -65,7 +76,7 @@ def figures_html(answer: "LiveAnswer") -> str:
     problems = "".join(
         f'<div style="color:{OUTCOME["missed"].colour}">&#9888; {escape(each)}</div>' for each in answer.problems
     )
-    several = _bars("Found, by class (95 %), N", answer.classes) if len(answer.classes) > 1 else ""
+    several = _bars("Found, by class (95 % interval)", answer.classes) if len(answer.classes) > 1 else ""
     error = f"{answer.spread:.3f}" if np.isfinite(answer.spread) else "unknown"
     return (
         f'<div style="{_BOX}"><span class="live-ap" style="font-size:28px;font-weight:700">{answer.ap:.3f}</span> '
@@ -74,7 +85,7 @@ def figures_html(answer: "LiveAnswer") -> str:
         f"standard error of the prediction: {error}. AP, average precision, is 1 where every road "
         f"user is found and nothing else is.</div>{change}{problems}"
         f'<table style="width:100%">{rows}</table>{several}'
-        f"{_bars('Found, by approach (95 %), N', answer.approaches)}</div>"
+        f"{_bars('Found, by approach (95 % interval)', answer.approaches)}</div>"
     )
 
 
@@ -87,7 +98,7 @@ def details_html(answer: "LiveAnswer") -> str:
     )
     frames = describe_count(answer.frames, "frame")
     links = f'<div style="{_SMALL};margin-top:.4em">Links, over {frames}</div><table>{rows}</table>'
-    return f'<div style="{_BOX}">{_bars("Found, by traffic (95 %), N", answer.levels)}{links}</div>'
+    return f'<div style="{_BOX}">{_bars("Found, by traffic (95 % interval)", answer.levels)}{links}</div>'
 
 
 def _number(answer: "LiveAnswer") -> str:
@@ -105,16 +116,17 @@ def _bars(title: str, rows: "Iterable[FoundShare]") -> str:
     lines = []
     for row in rows:
         width = 0.0 if np.isnan(row.recall) else 100 * row.recall
-        bar = f'<div style="background:{BAR};height:8px;width:{width:.0f}%"></div>'
+        bar = f'<div style="background:{BAR};height:6px;width:{width:.0f}%"></div>'
         said = "none there" if np.isnan(row.recall) else f"{row.recall:.0%}"
         ends = f" ({row.low:.0%} to {row.high:.0%})" if np.isfinite(row.low) and row.ap is None else ""
         ap = "" if row.ap is None or np.isnan(row.ap) else f", AP {row.ap:.3f} ({_ends(row.low, row.high)})"
         lines.append(
-            f'<tr><td style="white-space:nowrap">{escape(row.name)}</td>'
-            f'<td style="width:20%"><div style="background:#e3e3e6">{bar}</div></td>'
-            f'<td align="right" style="{_SMALL};white-space:nowrap">{said}{ends}{ap}, {row.objects}</td></tr>'
+            '<div style="display:flex;flex-wrap:wrap;justify-content:space-between;column-gap:.8em;margin-top:.25em">'
+            f'<span style="overflow-wrap:anywhere">{escape(row.name)}</span>'
+            f'<span style="{_SMALL}">{said}{ends}{ap}, N = {row.objects}</span></div>'
+            f'<div style="background:#e3e3e6">{bar}</div>'
         )
-    return f'<div style="{_SMALL};margin-top:.4em">{title}</div><table style="width:100%">{"".join(lines)}</table>'
+    return f'<div style="{_SMALL};margin-top:.4em">{title}</div>{"".join(lines)}'
 
 
 def note_html(busy: str, note: str) -> str:

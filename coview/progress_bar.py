@@ -2,25 +2,30 @@
 
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from threading import Event, Thread
+from types import MappingProxyType
 
 from tqdm import tqdm
 
 from coview.outputs import say
 from toolkit.runtime.text_tables import escape
 
+Steps = Mapping[str, float]  # main stages of a command in order, and the usual share of its time that each takes
+NO_STEPS: Steps = MappingProxyType({})
 EVERY_S = 10.0  # between two lines where there is no terminal
+MIN_LEFT_S = 1.0  # below which no time left is stated
+MIN_SHARE = 0.05  # of the work, before which no time for all is stated
 
 
 class Bar:
     """Progress bar of absolute counts, as of the toolkit's callbacks."""
 
-    def __init__(self, bar: "tqdm[object]", hidden: bool, unit: str = "") -> None:
-        self._bar, self._hidden, self._stage = bar, hidden, unit
-        self._done = self._first = 0
-        self._began = time.monotonic()
+    def __init__(self, bar: "tqdm[object]", hidden: bool, unit: str = "", steps: Steps = NO_STEPS) -> None:
+        self._bar, self._hidden, self._stage, self._steps = bar, hidden, unit, steps
+        self._done = self._first = self._step = 0
+        self._began = self._started = time.monotonic()
 
     def to(self, done: int) -> None:
         """Show the number done."""
@@ -32,6 +37,8 @@ class Bar:
     def stage(self, name: str, done: int, total: int | None) -> None:
         """Show the progress of a stage; a new one restarts the bar."""
         if name != self._stage:
+            names = [*self._steps]
+            self._step = max(self._step, names.index(name) + 1) if name in names else self._step
             self._stage, self._done, self._first, self._began = name, 0, 0, time.monotonic()
             self._bar.reset(total)
             self._bar.set_description(escape(name), refresh=False)
@@ -55,11 +62,29 @@ class Bar:
     def describe(self) -> str:
         """Describe the stage, its progress, and the time left."""
         done, total, spent = self._done, self._bar.total, time.monotonic() - self._began
-        text = f"{self._stage or 'working'}: {done}{f' of {total}' if total else ''}"
+        count = f": {done}{f' of {total}' if total else ''}" if done or total else ""
+        text = f"{self._describe_step()}{self._stage or 'inputs prepared'}{count}"
         if not total or done <= self._first:
             return f"{text}, for {_describe_time(spent)}"
         left = spent / (done - self._first) * max(0, total - done)
+        if left < MIN_LEFT_S:
+            return f"{text}, finishing for {_describe_time(spent)}"
         return f"{text}, about {_describe_time(left)} left"
+
+    def _describe_step(self) -> str:
+        """Describe which step of how many this is, and how long all take: by the usual share of the steps before."""
+        if not self._step:
+            return ""
+        shares = [*self._steps.values()]
+        before, now = sum(shares[: self._step - 1]), shares[self._step - 1]
+        total, name = self._bar.total, [*self._steps][self._step - 1]
+        if total and name == self._stage:
+            before += now * min(1.0, self._done / total)
+        text = f"step {self._step} of {len(shares)}"
+        if before < MIN_SHARE:
+            return f"{text}, "
+        whole = (time.monotonic() - self._started) * sum(shares) / before
+        return f"{text}, about {_describe_time(whole)} in all, "
 
 
 def _describe_time(seconds: float) -> str:
@@ -70,10 +95,12 @@ def _describe_time(seconds: float) -> str:
 
 
 @contextmanager
-def progress_bar(unit: str, total: int | None = None, *, hidden: bool = False) -> Iterator[Bar]:
+def progress_bar(
+    unit: str, total: int | None = None, *, hidden: bool = False, steps: Steps = NO_STEPS
+) -> Iterator[Bar]:
     """Show a bar while the block runs. Without a terminal it is a line every `EVERY_S` seconds."""
     with tqdm(total=total, unit=unit, disable=hidden or None, smoothing=0.1) as inner:
-        bar, ended = Bar(inner, hidden, unit), Event()
+        bar, ended = Bar(inner, hidden, unit, steps), Event()
 
         def talk() -> None:
             while not ended.wait(EVERY_S):

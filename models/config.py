@@ -8,6 +8,10 @@ from typing import Any, Literal, SupportsFloat
 
 from toolkit.objects import LABELS
 
+MAX_COLUMNS = 5_000_000  # of the grid, whose maps take some 300 bytes each
+MAX_HEIGHT_CELLS, MAX_MAP_ANCHORS = 500, 16_000_000
+MAX_WIDTH, MAX_LAYERS = 4096, 64  # channels of a layer, and layers of a block
+MAX_VOXEL_POINTS = 10_000
 SHIPPED = Path(__file__).parent / "weights"
 SITE_AREAS = {"tjunction": (-40.0, -20.0, 40.0, 20.0), "roundabout": (-48.0, -48.0, 48.0, 48.0)}
 _LIGHT: dict[str, Any] = {"point_features": "local", "vfe_widths": (), "voxel_width": 32}
@@ -120,6 +124,7 @@ class VoxelNetConfig:
             raise ValueError(f"give either three middle_widths or a column_width, {got}")
         if len(self.middle_widths) not in (0, 3) or len(self.rpn_widths) != 3 or len(self.rpn_layers) != 3:
             raise ValueError("middle_widths (unless empty), rpn_widths and rpn_layers need three entries each")
+        self._check_sizes()
         size = len(self.labels)
         unknown = [name for name in (*self.labels, *self.faces) if name not in LABELS]
         if unknown or len(set(self.labels)) != size or not self.labels:
@@ -141,6 +146,30 @@ class VoxelNetConfig:
             raise ValueError(f"thresholds and rival_shares must lie in 0..1, got {self.score_threshold}, {by_label}")
         if not set(map(len, by_label)) <= {0, size}:
             raise ValueError(f"thresholds must be one per label or empty, got {by_label} for {self.labels}")
+
+    def _check_sizes(self) -> None:
+        """Raise ValueError for a network that would take more memory than any place needs."""
+        (nx, ny, nz), sides = self.grid_shape, " ".join(f"{side:g}" for side in self.area)
+        if nx * ny > MAX_COLUMNS or nz > MAX_HEIGHT_CELLS:
+            got = f"area {sides} and voxel_size {self.voxel_size} make {nx} x {ny} x {nz} voxels"
+            most = f"at most {MAX_COLUMNS} columns of {MAX_HEIGHT_CELLS}"
+            raise ValueError(f"the grid must have {most}, but {got}: lower the area or raise voxel_size")
+        yaws = sum(len(kind.yaws) for kind in self.kinds) or len(self.anchor_yaws)
+        anchors = nx * ny // 4 * yaws
+        if anchors > MAX_MAP_ANCHORS:
+            raise ValueError(f"there may be {MAX_MAP_ANCHORS} anchors, got {anchors}: lower the area or anchor_yaws")
+        layers = (self.vfe_widths, *self.rpn_layers)
+        widths = (*self.vfe_widths, *self.middle_widths, *self.rpn_widths)
+        widths = (*widths, self.voxel_width, self.column_width, self.upsample_width, self.head3x3)
+        if not all(0 <= width <= MAX_WIDTH for width in widths) or 0 in (*self.rpn_widths, self.voxel_width):
+            raise ValueError(f"widths of layers must be at most {MAX_WIDTH}, got {max(widths)} and {min(widths)}")
+        orders = [number for order in self.rpn_layers for number in order]
+        if max(map(len, layers)) > MAX_LAYERS or not all(0 <= number < MAX_LAYERS for number in orders):
+            raise ValueError(
+                f"a block has at most {MAX_LAYERS} layers, numbered from 0, got {str(self.rpn_layers)[:60]}"
+            )
+        if self.max_points > MAX_VOXEL_POINTS:
+            raise ValueError(f"max_points must be at most {MAX_VOXEL_POINTS}, got {self.max_points}")
 
     @classmethod
     def published(cls, site: str, **changes: Any) -> "VoxelNetConfig":

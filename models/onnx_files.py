@@ -8,9 +8,11 @@ import base64
 import json
 import logging
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from hashlib import sha256
 from pathlib import Path
+from threading import Timer
 from typing import Any, SupportsFloat
 
 import numpy as np
@@ -27,8 +29,10 @@ from models.network.voxelnet import HeightFold, Prediction, VoxelFeatures, Voxel
 from models.weight_files import load_weights
 from toolkit.arrays import Float, Points
 from toolkit.objects import Detections
-from toolkit.runtime.files import parse_json, writing
+from toolkit.runtime.files import limit_memory, parse_json, read_plain, read_text, writing
 
+MAX_TRIAL_S, MAX_TRIAL_BYTES = 15.0, 3 << 29  # of a network's first run, with two points
+MAX_PLACE_M, MAX_SIZE_M, MAX_YAW_RAD = 1e5, 100.0, 1e3  # of boxes that a network returns
 _POINTS, _VOXELS, _BOXES = ["points"], ["features", "voxel", "cells"], ["boxes", "scores", "labels"]
 _MISSING = "networks in ONNX need {}: pip install coview[onnx]"
 
@@ -126,10 +130,12 @@ class OnnxDetector(VoxelNetDetector):
         if missing := [str(each) for each in (Path(path), card) if not each.is_file()]:
             needs = "a network in ONNX needs NAME.onnx and its card NAME.onnx.json"
             raise FileNotFoundError(f"no file {missing[0]}: {needs}")
-        self._content, self._session = Path(path).read_bytes(), None
+        self._content, self._session = read_plain(path), None
         self._weights = sha256(self._content).hexdigest()
         try:
-            self._open(parse_json(card.read_text()), score_threshold, nms_threshold)
+            with _limit_trial() as self._options:
+                self._open(parse_json(read_text(card, "JSON")), score_threshold, nms_threshold)
+            self._options = None
             self.name = str(path)
         except ValueError as error:
             raise ValueError(f"{path} and {card.name} make no detector: {' '.join(str(error).split())[:200]}") from None
@@ -163,7 +169,7 @@ class OnnxDetector(VoxelNetDetector):
         self(np.array([[(xmin + xmax) / 2, (ymin + ymax) / 2, sum(config.height) / 2]] * 2, np.float32))
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**vars(self), "_session": None}
+        return {**vars(self), "_session": None, "_options": None}
 
     @property
     def session(self) -> Any:
@@ -191,10 +197,11 @@ class OnnxDetector(VoxelNetDetector):
             values = [each.numpy() for each in (*self._features.inputs(seen), seen.cells)]
         names = _POINTS if len(values) == 1 else _VOXELS
         try:
-            outputs = session.run(None, dict(zip(names, values, strict=True)))
+            outputs = session.run(None, dict(zip(names, values, strict=True)), self._options)
             return dict(zip([each.name for each in session.get_outputs()], outputs, strict=True))
         except Exception as error:  # of ONNX Runtime, which share no class
-            raise ValueError(f"{self.name} fails with a cloud of {len(cloud)} points ({error})") from None
+            reason = f"it takes more than {MAX_TRIAL_S:g} s" if getattr(self._options, "terminate", False) else error
+            raise ValueError(f"{self.name} fails with a cloud of {len(cloud)} points ({reason})") from None
 
     def _inside(self, cloud: Points) -> Float[np.ndarray, "_ 3"]:
         (xmin, ymin, xmax, ymax), (low, high) = self.area, self.config.height
@@ -214,6 +221,39 @@ class OnnxDetector(VoxelNetDetector):
         if not fits or boxes.shape != (len(labels), 7) or not np.isin(labels, range(known)).all():
             shapes = f"{boxes.shape}, {scores.shape} and {labels.shape}"
             raise ValueError(f"{self.name} must return (m, 7), (m,) and (m,), labels below {known}, got {shapes}")
-        above = (scores > np.array(self.thresholds)[labels.astype(int)]) & (scores <= 1)
+        self._check_boxes(boxes, scores)
+        above = scores > np.array(self.thresholds)[labels.astype(int)]
         best = scores[above, None] * np.eye(known)[labels[above].astype(int)]
         return self._finish(torch.from_numpy(boxes[above].astype(np.float32)), torch.from_numpy(best), cloud)
+
+    def _check_boxes(self, boxes: np.ndarray, scores: np.ndarray) -> None:
+        """Raise ValueError for scores beyond 0..1, and for boxes that no road user has."""
+        wrong = ~((scores >= 0) & (scores <= 1))
+        if wrong.any():
+            remedy = "end the network in a sigmoid or softmax"
+            raise ValueError(f"{self.name}: scores must be within 0..1, got {scores[wrong][0]:g}: {remedy}")
+        sizes = boxes[:, 3:6]
+        far = (np.abs(boxes[:, :3]) <= MAX_PLACE_M).all(axis=1)
+        sound = far & (sizes > 0).all(axis=1) & (sizes <= MAX_SIZE_M).all(axis=1) & (np.abs(boxes[:, 6]) <= MAX_YAW_RAD)
+        if not sound.all():
+            got = " ".join(f"{value:g}" for value in boxes[~sound][0])
+            limits = f"sizes above 0 up to {MAX_SIZE_M:g} m, within {MAX_PLACE_M:g} m, yaw in radians"
+            raise ValueError(f"{self.name}: boxes must be x y z length width height yaw with {limits}, got {got}")
+
+
+@contextmanager
+def _limit_trial() -> Iterator[Any]:
+    """Limit the time of a network's first run and the memory that it and its file may ask for."""
+    try:
+        import onnxruntime
+    except ImportError:
+        raise ImportError(_MISSING.format("onnxruntime")) from None
+    options = onnxruntime.RunOptions()
+    timer = Timer(MAX_TRIAL_S, lambda: setattr(options, "terminate", True))
+    timer.daemon = True
+    timer.start()
+    try:
+        with limit_memory(MAX_TRIAL_BYTES):
+            yield options
+    finally:
+        timer.cancel()

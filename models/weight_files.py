@@ -19,7 +19,7 @@ from torch import Tensor
 
 from models.config import VoxelNetConfig
 from models.network.voxelnet import VoxelNet
-from toolkit.runtime.files import parse_json, write_bytes
+from toolkit.runtime.files import MAX_FILE_BYTES, parse_json, write_bytes
 
 FORMAT = "coview VoxelNet 1"
 
@@ -62,6 +62,8 @@ def load_weights(path: str | Path) -> tuple[VoxelNet, Header]:
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"no weights file at {path}")
+    if (size := path.stat().st_size) > MAX_FILE_BYTES:
+        raise ValueError(f"{path} has {size / 2**30:.1f} GiB, which no weights of coview have: fetch it again")
     try:
         with safe_open(path, framework="pt") as file:
             metadata = file.metadata() or {}

@@ -8,6 +8,7 @@ more than the link of its mount carries (`placement_env.links`), its mounts and 
 money available, and every mount that must carry a sensor has one."""
 
 import json
+import math
 from collections.abc import Callable, Iterable, Sequence
 from copy import copy
 from dataclasses import asdict, dataclass, field, replace
@@ -17,7 +18,7 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 
 from placement_env.candidates.candidates import Candidates, extra_prices, fit_together, room_beside
-from placement_env.cases import USUAL_CASES
+from placement_env.cases import USUAL_CASES, iou_text
 from placement_env.classes import VEHICLES, Classes
 from placement_env.fidelity.coverage import sent_per_frame
 from placement_env.fidelity.preparation import Preparation
@@ -106,6 +107,18 @@ class Objective:
         fidelity = preparation.at(candidates, visibility).fidelity()
         setting = replace(preparation.setting, candidates=candidates, fidelity=fidelity, weights=weights)
         return cls(setting, preparation.run, visibility=visibility)
+
+    def __repr__(self) -> str:
+        setting = self.setting
+        place = "" if self.site is None else f"{self.site.name!r}, "
+        shown = f"{place}{len(self.candidates)} candidates, scheme={self.scheme.name!r}, fidelity={self.fidelity!r}"
+        classes, iou = ", ".join(self.classes.names), iou_text(setting.cases.threshold)
+        limits = "" if math.isinf(self.most_price) else f", most_price={self.most_price:g}"
+        limits += f", keep={setting.keep}" if setting.keep else ""
+        made = self.preparation
+        frames = "" if made is None else f", frames={made.frames}, seed={self.run.seed}"
+        weights = f"comm={self.weights.comm:g}, price={self.weights.price:g}"
+        return f"Objective({shown}, classes={classes!r}, iou={iou}, {weights}{limits}{frames})"
 
     def __getstate__(self) -> dict[str, object]:
         return {**self.__dict__, "_known": self._empty(), "watch": None}

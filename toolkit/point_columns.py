@@ -82,6 +82,8 @@ def name_attributes(columns: Mapping[str, Shaped[np.ndarray, "..."]]) -> Attribu
     `colors` where present, every other column of numbers under its own name. Raises ValueError if `find_axes` does."""
     left = {name: np.asarray(column) for name, column in columns.items()}
     axes = find_axes(list(left))
+    if odd := [name for name in axes.names if left[name].dtype.kind not in "fiub"]:
+        raise ValueError(f"column {odd[0]} must hold real numbers, got {left[odd[0]].dtype}: save it as float64")
     positions = _together(left, *axes.names)
     if positions.dtype not in (np.float32, np.float64):
         positions = positions.astype(np.float64)

@@ -19,7 +19,7 @@ import numpy as np
 from toolkit.arrays import Shaped
 from toolkit.geometry import MAX_COORDINATE_M
 from toolkit.point_columns import Attributes, find_axes, name_attributes, warn_of_offset
-from toolkit.runtime.files import MOST_CLOUD, check_unpacked, plain_file
+from toolkit.runtime.files import MOST_CLOUD, check_unpacked, read_plain
 
 ORIGIN_COMMENT = "# coview origin:"  # in a PCD file, before what to add to x, y and z (m)
 PADDING = "_"
@@ -46,7 +46,7 @@ class _Header(NamedTuple):
 def read_pcd(path: str | Path) -> Attributes:
     """Read the attributes of a PCD file's points (`name_attributes`), colours as uint8. Raises ValueError, in one line,
     where the file is damaged, cut off or has no x, y and z."""
-    content = plain_file(path).read_bytes()
+    content = read_plain(path)
     try:
         header, body = _header(content)
         if header.data == "ascii":
@@ -278,7 +278,7 @@ class _Element(NamedTuple):
 def read_ply(path: str | Path) -> Attributes:
     """Read the attributes of a PLY file's points (`name_attributes`), its `vertex` element. Raises ValueError, in one
     line, where the file is damaged, cut off, longer than its header says, or has no x, y and z."""
-    content = plain_file(path).read_bytes()
+    content = read_plain(path)
     try:
         order, elements, start = _ply_header(content)
         place = [element.name for element in elements].index("vertex")

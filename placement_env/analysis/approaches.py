@@ -18,7 +18,8 @@ from toolkit.sites.site import Site
 
 NEAR_BAY = 1.5  # m from the middle of a parking bay, within which a vehicle is parked
 COMPASS = ("north", "north-east", "east", "south-east", "south", "south-west", "west", "north-west")
-EXIT, JUNCTION, PARKED = "leaving", "junction", "parked"
+EXIT, JUNCTION, PARKED = "leaving the junction", "inside the junction", "parked"
+MIDDLE_M = 5.0  # from the middle of the area, within which a junction is the middle one
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +54,7 @@ def find_approaches(site: Site) -> Approaches:
         neighbours[begin].add(end)
         neighbours[end].add(begin)
     junctions = {node for node, near in neighbours.items() if len(near) >= 3 or node.startswith("roundabout ")}
-    places = {node: f"junction {k}" for k, node in enumerate(_inner_first(site, root, merged, junctions), 1)}
+    places = _name_junctions(site, root, merged, junctions)
     groups: dict[str, list[shapely.Geometry]] = {}
     for name, (_, end) in ends.items():
         if end in junctions:
@@ -81,18 +82,30 @@ def find_streets(site: Site) -> Approaches:
         if not inside.is_empty:
             middle = np.array([*inside.centroid.coords[0]]) - [*area.centroid.coords[0]]
             name = f"{edge.get('name') or 'the road'} in the {compass(site, middle)}"
-            groups[f"the {JUNCTION}" if edge.get("function") else name].append(inside)
-    kept = {name: shapely.union_all(lines) for name, lines in sorted(groups.items())} or {f"the {JUNCTION}": area}
+            groups["the junction" if edge.get("function") else name].append(inside)
+    kept = {name: shapely.union_all(lines) for name, lines in sorted(groups.items())} or {"the junction": area}
     return Approaches((*kept, PARKED), tuple(kept.values()), np.empty((0, 3)))
 
 
-def _inner_first(site: Site, root: ElementTree.Element, merged: dict[str, str], junctions: set[str]) -> list[str]:
-    """Junctions by their distance from the middle of the area."""
-    middle, away = (site.area[:2] + site.area[2:]) / 2, defaultdict[str, list[float]](list)
+def _name_junctions(
+    site: Site, root: ElementTree.Element, merged: dict[str, str], junctions: set[str]
+) -> dict[str, str]:
+    """Names of junctions by where they are in the area, those of one name numbered from its middle on."""
+    middle, spots = (site.area[:2] + site.area[2:]) / 2, defaultdict[str, list[Float64[np.ndarray, "2"]]](list)
     for each in root.findall("junction"):
-        place = np.array([float(each.get("x", 0)), float(each.get("y", 0))])
-        away[merged.get(each.get("id", ""), each.get("id", ""))].append(float(np.hypot(*(place - middle))))
-    return sorted(junctions, key=lambda node: (float(np.mean(away[node] or [np.inf])), node))
+        node = each.get("id", "")
+        spots[merged.get(node, node)].append(np.array([float(each.get("x", 0)), float(each.get("y", 0))]))
+    offsets = {node: np.mean(spots[node], axis=0) - middle if spots[node] else None for node in junctions}
+    away = {node: np.inf if offset is None else float(np.hypot(*offset)) for node, offset in offsets.items()}
+    places, names = defaultdict[str, list[str]](list), dict[str, str]()
+    for node in sorted(junctions, key=lambda node: (away[node], node)):
+        offset = offsets[node]
+        place = "" if offset is None else "middle" if away[node] <= MIDDLE_M else compass(site, offset)
+        places[f"the {place} junction" if place else "junction"].append(node)
+    for name, nodes in places.items():
+        for number, node in enumerate(nodes, 1):
+            names[node] = f"{name} {number}" if len(nodes) > 1 else name
+    return names
 
 
 def compass(site: Site, offset: Float64[np.ndarray, "2"]) -> str:

@@ -25,6 +25,7 @@ from dataclasses import dataclass, field
 from hashlib import sha256
 from io import BytesIO
 from pathlib import Path
+from warnings import catch_warnings, simplefilter
 
 from toolkit.runtime.files import name_errors, parse_toml, read_bytes
 from toolkit.sensors.models import find_model_class, make_model
@@ -39,6 +40,7 @@ RATES = {  # for each of what, and whether every year
 }
 _HEAD = ("title", "client", "author", "date", "logo")
 _LARGEST_LOGO = 200_000  # bytes
+MAX_LOGO_PX = 4000
 _LONGEST_HEAD = 200  # characters
 YEARS = 10.0  # that rates are added up for
 OWN = ("name", "model", "price")  # of a sensor, beside the fields of its model
@@ -121,12 +123,20 @@ def _read_logo(path: Path, where: str) -> str:
     content = read_bytes(path)
     if len(content) > _LARGEST_LOGO:
         raise ValueError(f"{where} must have at most {_LARGEST_LOGO // 1000} kB, got {len(content) // 1000}: shrink it")
+    size: tuple[int, ...]
     try:
-        with Image.open(BytesIO(content), formats=("PNG", "JPEG")) as picture:
-            picture.load()
-            kind = str(picture.format).lower()
+        with catch_warnings():
+            simplefilter("ignore", Image.DecompressionBombWarning)
+            with Image.open(BytesIO(content), formats=("PNG", "JPEG")) as picture:
+                size, kind = picture.size, str(picture.format).lower()
+                if max(size) <= MAX_LOGO_PX:
+                    picture.load()
+    except Image.DecompressionBombError:
+        size = (MAX_LOGO_PX + 1,)
     except (OSError, SyntaxError, ValueError):
         raise ValueError(f"{where}: {path.name} is no whole PNG or JPEG picture: save it again") from None
+    if max(size) > MAX_LOGO_PX:
+        raise ValueError(f"{where} must have at most {MAX_LOGO_PX} pixels a side, got more in {path.name}: shrink it")
     return f"data:image/{kind};base64,{b64encode(content).decode()}"
 
 

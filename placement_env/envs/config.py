@@ -1,7 +1,8 @@
 """Configurations of environments, checked before anything is rendered."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from difflib import get_close_matches
 from functools import cached_property
 from typing import Any, Literal, TypeVar, get_args
 
@@ -136,6 +137,10 @@ def build_config(kind: type[Config], config: Config | None, given: Mapping[str, 
     config = kind() if config is None else config
     if type(config) is not kind:
         raise TypeError(f"config must be a {kind.__name__}, got {config!r}: give single settings by name, as site=...")
+    known = {each.name for each in fields(kind)} | SETTING_FIELDS | RUN_FIELDS | {"iou"}
+    for name in given:
+        if name not in known:
+            raise TypeError(_describe_unknown(name, known, kind))
     own: dict[str, Any] = dict(given)
     asked, to_run = ({name: own.pop(name) for name in given if name in names} for names in (SETTING_FIELDS, RUN_FIELDS))
     if "iou" in own:
@@ -145,6 +150,13 @@ def build_config(kind: type[Config], config: Config | None, given: Mapping[str, 
     if to_run:
         own["run"] = replace(own.get("run", config.run), **to_run)
     return replace(config, **own)
+
+
+def _describe_unknown(name: str, known: Collection[str], kind: type[EnvConfig]) -> str:
+    """Sentence on a keyword that no configuration has, with the nearest that it may mean."""
+    near = get_close_matches(name, sorted(known), n=1, cutoff=0.5)
+    guess = f"did you mean {near[0]!r}?" if near else f"take one of {', '.join(sorted(known))}"
+    return f"{kind.__name__} has no {name!r}: {guess}"
 
 
 def _bounds(number: int | Sequence[int]) -> tuple[int, int]:

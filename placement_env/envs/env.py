@@ -105,15 +105,32 @@ class Task:
         return bird_view(objective, members) if mode == "rgb_array" else summary(objective, members)
 
 
+def find_reward_space() -> Box:
+    """Space of vector rewards: increases of AP, of -kbit per sensor and of -price."""
+    ends = np.array([1.0, np.inf, np.inf], np.float32)
+    return Box(-ends, ends, dtype=np.float32)
+
+
 class PlacementEnv(gym.Env[np.ndarray, Any]):
-    """One episode after another of a task. config: of the task, or its fields by name."""
+    """One episode after another of a task. config: of the task, or its fields by name.
+
+    vector_reward: give the increases of AP, of -kbit per sensor and of -price in place of their weighed sum, in
+    `reward_space`, as mo-gymnasium takes them."""
 
     metadata: ClassVar[dict[str, Any]] = METADATA  # type: ignore[misc]
     task_type: ClassVar[type[Task]] = Task
 
-    def __init__(self, config: EnvConfig | None = None, *, render_mode: str | None = None, **given: object) -> None:
+    def __init__(
+        self,
+        config: EnvConfig | None = None,
+        *,
+        render_mode: str | None = None,
+        vector_reward: bool = False,
+        **given: object,
+    ) -> None:
         self.task, self.render_mode = self.task_type.build(1, config, given), _check_render_mode(render_mode)
         self.observation_space, self.action_space = self.task.observation_space, self.task.action_space
+        self.reward_space = find_reward_space() if vector_reward else None
 
     def reset(self, *, seed: int | None = None, options: Options | None = None) -> tuple[np.ndarray, Info]:
         """Start an episode. options, for this episode: site, scheme, budget, failed (candidates that have failed, by
@@ -123,11 +140,16 @@ class PlacementEnv(gym.Env[np.ndarray, Any]):
         observations, info = self.task.observe()
         return observations[0], _first_info(info)
 
-    def step(self, action: ArrayLike) -> tuple[np.ndarray, float, bool, bool, Info]:
-        """Take an action. Raises ValueError for an invalid action, ResetNeeded before the first `reset`."""
-        reward, terminated, truncated = self.task.step(np.ones(1, np.bool_), self.task.read_actions(action))
+    def step(self, action: ArrayLike) -> tuple[np.ndarray, Any, bool, bool, Info]:
+        """Take an action; the reward is a number, or an array (3,) with `vector_reward`. Raises ValueError for an
+        invalid action, ResetNeeded before the first `reset`."""
+        actions, before = self.task.read_actions(action), self.task.state.objectives()
+        reward, terminated, truncated = self.task.step(np.ones(1, np.bool_), actions)
         observations, info = self.task.observe()
-        return observations[0], reward.item(), terminated.item(), truncated.item(), _first_info(info)
+        value: Any = reward.item()
+        if self.reward_space is not None:
+            value = (self.task.state.objectives() - before)[0].astype(np.float32)
+        return observations[0], value, terminated.item(), truncated.item(), _first_info(info)
 
     def action_masks(self) -> Bool[np.ndarray, " choices"]:
         """Tell which actions are legal, in the form of sb3-contrib's MaskablePPO."""
@@ -144,7 +166,8 @@ class PlacementEnv(gym.Env[np.ndarray, Any]):
 
 class PlacementVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     """n episodes of a task. An episode that has ended starts anew, without options, at the next step, whose reward is
-    0. config: of the task, or its fields by name, or the task of another environment, whose scenarios are shared."""
+    0. config: of the task, or its fields by name, or the task of another environment, whose scenarios are shared;
+    vector_reward: as of the scalar environment."""
 
     metadata: ClassVar[dict[str, Any]] = {**METADATA, "autoreset_mode": AutoresetMode.NEXT_STEP}  # type: ignore[misc]
     task_type: ClassVar[type[Task]] = Task
@@ -155,6 +178,7 @@ class PlacementVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         config: EnvConfig | Task | None = None,
         *,
         render_mode: str | None = None,
+        vector_reward: bool = False,
         **given: object,
     ) -> None:
         task = self.task = self.task_type.build(num_envs, config, given)
@@ -162,6 +186,9 @@ class PlacementVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self.single_observation_space, self.single_action_space = task.observation_space, task.action_space
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
+        self.reward_space: Space[Any] | None = None
+        if vector_reward:
+            self.reward_space = batch_space(find_reward_space(), self.num_envs)
         self._generators = [seeding.np_random()[0] for _ in range(self.num_envs)]
         self._ended, self._all = np.zeros(self.num_envs, np.bool_), np.ones(self.num_envs, np.bool_)
 
@@ -190,8 +217,12 @@ class PlacementVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
     def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, Info]:
         """Take an action in every episode."""
-        rewards, terminated, truncated = self.task.step(~self._ended, self.task.read_actions(actions))
+        chosen, before = self.task.read_actions(actions), self.task.state.objectives()
+        rewards, terminated, truncated = self.task.step(~self._ended, chosen)
         rewards = rewards.copy()
+        if self.reward_space is not None:
+            rewards = (self.task.state.objectives() - before).astype(np.float32)
+            rewards[self._ended] = 0.0
         if self._ended.any():
             self._start(np.flatnonzero(self._ended), None)
         self._ended = terminated | truncated

@@ -203,6 +203,8 @@ class Scenarios(EpisodeSource):
         self.shape = tuple(int(size) for size in np.max([each.shape for each in whole], axis=0))
         if max(map(len, whole)) > self.slots:
             raise ValueError(f"slots must hold all {max(map(len, whole))} candidates, got {self.slots}")
+        if config.budgets[1] > max(map(len, whole)):
+            raise ValueError(_describe_budget(config.budgets[1], max(map(len, whole))))
         if objective is None:
             self.check_scorable()
         self._made: dict[tuple[int, str, int], Scenario] = {}
@@ -217,6 +219,8 @@ class Scenarios(EpisodeSource):
         if objective and ("site" in options or other):
             raise ValueError("an environment made from an objective keeps its site and scheme: make it from a site")
         conditions = self.draw_conditions(rng, options)
+        if "budget" in options and conditions.budget > len(self.candidates(conditions.site)):
+            raise ValueError(_describe_budget(conditions.budget, len(self.candidates(conditions.site))))
         if conditions.key not in self._made:
             run = self.config.run.part(conditions.traffic)
             made = objective or Objective(self.setting(conditions.site, conditions.scheme), run)
@@ -231,6 +235,10 @@ class Scenarios(EpisodeSource):
         if not options and not self.config.leaves_open and self.drawn == 1:
             self._always = episode
         return episode
+
+
+def _describe_budget(budget: int, count: int) -> str:
+    return f"budget must be at most the number of candidates, {count}, got {budget}: lower it, or add candidates"
 
 
 def keep_few(made: dict[Key, Made], key: Key, value: Made) -> None:

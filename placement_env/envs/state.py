@@ -10,7 +10,7 @@ from placement_env.candidates.candidates import room_beside
 from placement_env.checks import check_whole
 from placement_env.envs.scenario import STATIC, Episode, Scenario
 from placement_env.objective import Objective, Scores
-from toolkit.arrays import Bool, Float32, Int64, Mask, Shaped
+from toolkit.arrays import Bool, Float32, Float64, Int64, Mask, Shaped
 from toolkit.detection.schemes import PAPER_SCHEMES
 
 DYNAMIC = ("marginal", "chosen", "allowed")
@@ -118,6 +118,11 @@ class State:
         last[:, 5], last[:, 6] = megabit / (megabit + 1), scores.price / (scores.price + 8)
         last[:, 7], last[:, 8:] = covered, self._constants
         return whole
+
+    def objectives(self) -> Float64[np.ndarray, "n 3"]:
+        """Return AP, -kbit per sensor and -price of the chosen sets, all to be maximised."""
+        scores = self.scores
+        return np.stack([scores.ap, 0 - scores.kbit_per_sensor, 0 - scores.price], axis=1)
 
     def info(self) -> Info:
         """Return the info, an array (n, ...) for each key."""

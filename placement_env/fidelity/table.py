@@ -246,6 +246,9 @@ def load_table(name: str | Path) -> Table:
         shipped = ", ".join(sorted(each.stem for each in SHIPPED.glob("*.npz"))) or "none yet"
         raise FileNotFoundError(f"no table {str(name)!r}; shipped: {shipped}; make one with coview table")
     arrays = read_arrays(path)
+    if odd := [key for key, column in arrays.items() if key != "origin" and column.dtype.kind != "f"]:
+        found = f"{odd[0]} must hold real numbers, got {arrays[odd[0]].dtype}"
+        raise ValueError(f"{path} is no table of sensor sets ({found}): make it again with coview table")
     try:
         values: dict[str, Any] = parse_json(arrays.pop("origin").tobytes().decode())
         # a table without a radius was made when only the built-in sites had one of their own

@@ -20,6 +20,7 @@ from placement_env.objective import Objective, Score
 from placement_env.protocol import Doubting, FidelityName
 from placement_env.search.checkpoint import NOWHERE, Checkpoint, find_unfinished, unfinished
 from placement_env.search.exact.cheapest import Demand
+from placement_env.search.first_look import describe_narrowing, narrow_pool, prepare_first_look
 from placement_env.search.methods import METHODS, check_search, load_search
 from placement_env.search.portfolio.curve import CurvePoint, budget_curve, list_amounts
 from placement_env.search.portfolio.portfolio import JUDGED_FRAMES, RACE_FRAMES, Judging
@@ -40,7 +41,6 @@ PORTFOLIO = "portfolio"
 FEWEST_AT_LEVEL = 100  # objects, below which a level of traffic is warned about
 UNFINISHED = ".parts"  # after the name of a folder: where the search for it is unfinished
 USUAL_FRAMES = 200
-FIRST_LOOK = 8  # of the frames that are looked at, those of a first answer
 BETTER = 0.001  # AP by which an answer must be better than the last one that was said
 SEARCHED = 48  # frames, spread over all, that a portfolio's searches look at if there are as many
 Summary = dict[str, Any]  # JSON values
@@ -173,7 +173,15 @@ def run_search(order: SearchOrder, checkpoint: Checkpoint = NOWHERE) -> Answer:
     frames = order.run.frames_or(USUAL_FRAMES)
     stride = max(1, frames // SEARCHED) if order.method == PORTFOLIO and order.fidelity in BY_LEVELS else 1
     tells = order.tell is not None and stride > 1 and order.setting.cases.levels == 1 and not order.curve
-    first = _find_first(order, stride) if tells else None
+    first, narrowed, pool = None, "", order.setting.pool
+    chosen_poses = narrow_pool(order.searched, order.run, stride)
+    if chosen_poses is not None:
+        narrowed = describe_narrowing(pool, chosen_poses)
+        order = replace(order, setting=replace(order.setting, candidates=pool.select(chosen_poses)))
+        if order.tell is not None:
+            order.tell(narrowed)
+    if tells:
+        first = _find_first(order, prepare_first_look(order.searched, order.run, stride))
     objective = Objective(order.searched, order.run, stride=stride)
     if order.tell is not None and first is not None:
         objective.watch = _Better(objective, first, order.tell)
@@ -197,7 +205,8 @@ def run_search(order: SearchOrder, checkpoint: Checkpoint = NOWHERE) -> Answer:
         most = objective.most_price
         amounts = () if math.isinf(most) else list_amounts(objective, order.budget, most)
         curve = budget_curve(objective, order.budget, amounts=amounts, judging=judging, checkpoint=checkpoint, **limits)
-        return _report_curve(order, objective, curve)
+        reported = _report_curve(order, objective, curve)
+        return replace(reported, lines=(*reported.lines, narrowed)) if narrowed else reported
     own: Summary = {} if order.demand is None else {"demand": order.demand}
     own |= {"judging": judging} if order.method == PORTFOLIO else {}
     own |= {"checkpoint": checkpoint} if METHODS[order.method].resumes else {}
@@ -205,6 +214,9 @@ def run_search(order: SearchOrder, checkpoint: Checkpoint = NOWHERE) -> Answer:
     chosen = result.best.subset
     by_errors = ap_at_profiles(objective, chosen, result.sensors)
     summary, lines = _report(objective, result)
+    if narrowed:
+        summary["narrowed"] = narrowed
+        lines.append(narrowed)
     lines += [f"asked to build on: {', '.join(order.setting.keep)}"] if order.setting.keep else []
     summary |= _state_errors(order, by_errors)
     if not chosen:
@@ -223,16 +235,13 @@ def run_search(order: SearchOrder, checkpoint: Checkpoint = NOWHERE) -> Answer:
     return Answer(objective, replace_infinite(summary), tuple(line for line in lines if line), True, result, chosen)
 
 
-def _find_first(order: SearchOrder, stride: int) -> Score:
+def _find_first(order: SearchOrder, few: Preparation) -> Score:
     """Tell greedy's answer from the first frames that are looked at, in seconds, and return its score there."""
-    whole = Preparation(order.searched, replace(order.run, progress=None), stride)
-    few = Preparation(whole.setting, whole.run, stride)
-    vars(few)["traffic"] = whole.traffic.part(0, FIRST_LOOK)
-    objective = Objective.of_moved(few, whole.setting.pool, few.visibility, order.setting.weights)
+    objective = Objective.of_moved(few, few.setting.pool, few.visibility, order.setting.weights)
     best = load_search("greedy")(objective, order.budget, seed=order.run.seed).best
     names = ", ".join(_names(objective, best.subset)) or "no sensors"
     if order.tell is not None:
-        order.tell(f"first answer, by greedy on {FIRST_LOOK} frames: {names}, predicted AP {best.ap:.3f}")
+        order.tell(f"first answer, by greedy on {len(few.traffic)} frames: {names}, predicted AP {best.ap:.3f}")
     return best
 
 

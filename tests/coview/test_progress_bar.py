@@ -10,6 +10,7 @@ from coview.progress_bar import progress_bar
 
 def test_without_a_terminal_lines_say_stage_done_and_time_left(capsys, monkeypatch):
     monkeypatch.setattr(progress, "EVERY_S", 0.02)
+    monkeypatch.setattr(progress, "MIN_LEFT_S", 0.0)
     with progress_bar("") as bar:
         bar.stage("poses rendered", 1, 4)
         time.sleep(0.2)
@@ -17,7 +18,7 @@ def test_without_a_terminal_lines_say_stage_done_and_time_left(capsys, monkeypat
         time.sleep(0.2)
     lines = capsys.readouterr().err.splitlines()
     assert any(line.startswith("coview: poses rendered: 1 of 4, about ") and line.endswith(" left") for line in lines)
-    assert any(line.startswith("coview: racing: 0, for ") for line in lines)
+    assert any(line.startswith("coview: racing, for ") for line in lines)
 
 
 @pytest.mark.parametrize("hidden", [True, False])
@@ -41,3 +42,32 @@ def test_time_left_goes_by_the_pace_of_the_stage(monkeypatch):
         assert bar.describe() == "judging: 2 of 5, about 15 s left"
         bar.stage("judging", 0, 5)
         assert bar.describe() == "judging: 0 of 5, for 0 s"
+
+
+def test_steps_say_which_of_how_many_and_the_time_of_all(monkeypatch):
+    now = [0.0]
+    monkeypatch.setattr(time, "monotonic", lambda: now[0])
+    with progress_bar("", hidden=True, steps={"poses rendered": 0.2, "searches": 0.3, "frames judged": 0.5}) as bar:
+        assert bar.describe() == "inputs prepared, for 0 s"
+        bar.stage("poses rendered", 0, 10)
+        assert bar.describe() == "step 1 of 3, poses rendered: 0 of 10, for 0 s"
+        now[0] = 20.0
+        bar.stage("searches", 1, 3)
+        assert bar.describe() == "step 2 of 3, about 67 s in all, searches: 1 of 3, about 0 s left".replace(
+            "about 0 s left", "finishing for 0 s"
+        )
+        bar.stage("sets scored", 4, None)
+        assert bar.describe().startswith("step 2 of 3, about 2 min in all, sets scored: 4")
+        bar.stage("poses rendered", 1, 10)  # of another drawing: steps do not go back
+        assert bar.describe().startswith("step 2 of 3")
+
+
+def test_no_time_left_is_zero_while_it_goes_on(monkeypatch):
+    now = [0.0]
+    monkeypatch.setattr(time, "monotonic", lambda: now[0])
+    with progress_bar("frames", 5, hidden=True) as bar:
+        now[0] = 10.0
+        bar._bar.total = 5
+        bar.to(5)
+        now[0] = 30.0
+        assert bar.describe() == "frames: 5 of 5, finishing for 30 s"

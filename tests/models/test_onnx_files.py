@@ -181,3 +181,42 @@ def test_missing_and_damaged_files_and_packages(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "onnxscript", None)
     with pytest.raises(ImportError, match=r"pip install coview\[onnx\]"):
         export_onnx("general", tmp_path / "g.onnx")
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"area": [-2000, -2000, 2000, 2000]}, "at most 5000000 columns of 500, but area -2000 -2000 2000 2000"),
+        ({"voxel_size": [1e-6, 1e-6, 0.4]}, "lower the area or raise voxel_size"),
+        ({"voxel_size": [0.2, 0.2, 1e-5]}, "columns of 500"),
+        ({"vfe_widths": [999_999]}, "widths of layers must be at most 4096, got 999999"),
+        ({"anchor_yaws": [0.1] * 20_000}, "anchors, got"),
+        ({"max_points": 10**6}, "max_points must be at most 10000"),
+    ],
+)
+def test_sizes_that_a_card_declares_are_bounded(changes, said):
+    with pytest.raises(ValueError, match=said):
+        VoxelNetConfig.from_dict({"area": [-8, -8, 8, 8], **changes})
+
+
+@pytest.mark.parametrize(
+    ("boxes", "scores", "said"),
+    [
+        ([[0, 0, 1, 4, 2, 1.5, 0]], [1.5], r"scores must be within 0\.\.1, got 1\.5: end the network in a sigmoid"),
+        ([[0, 0, 1, 4, 2, 1.5, 0]], [np.nan], "scores must be within 0..1, got nan"),
+        (
+            [[1e30, 0, 1, 4, 2, 1.5, 0]],
+            [0.9],
+            "boxes must be x y z length width height yaw with sizes above 0 up to 100 m",
+        ),
+        ([[0, 0, 1, 4, 1e30, 1.5, 0]], [0.9], "got 0 0 1 4 1e.30 1.5 0"),
+        ([[0, 0, 1, -4, 2, 1.5, 0]], [0.9], "sizes above 0"),
+        ([[0, 0, np.nan, 4, 2, 1.5, 0]], [0.9], "got 0 0 nan"),
+    ],
+)
+def test_scores_and_boxes_that_no_network_should_return_are_refused(boxes, scores, said):
+    detector = object.__new__(OnnxDetector)
+    detector.name = "net.onnx"
+    with pytest.raises(ValueError, match=said):
+        detector._check_boxes(np.array(boxes, float), np.array(scores))
+    detector._check_boxes(np.array([[0, 0, 1, 4, 2, 1.5, 0]]), np.array([1.0]))

@@ -84,6 +84,8 @@ def known_damage(name: str) -> tuple[Mutation, ...]:
             return structured.STRUCTURED_JSON
     for endings, mutations in (
         ((".pcd.bin", ".bin"), (structured.bin_change,)),
+        ((".onnx.json",), structured.STRUCTURED_CARD),
+        ((".safetensors",), (structured.header_change,)),
         ((".hdf5", ".packed"), structured.STRUCTURED_HDF5),
         ((".geojson",), structured.STRUCTURED_GEOJSON),
         ((".json", ".gltf"), structured.STRUCTURED_JSON),
@@ -109,7 +111,7 @@ def known_damage(name: str) -> tuple[Mutation, ...]:
 
 
 def _formats() -> dict[str, Format]:
-    read_weights = calls("models.weight_files:load_weights")
+    read_weights = networks.read_weights
     clouds = {
         "binary.ply": points.ply,
         "text.ply": points.ply_text,
@@ -135,6 +137,7 @@ def _formats() -> dict[str, Format]:
         "frames.packed": Format(_packed, _read_packed, HDF5, 3),
         "network.safetensors": Format(networks.weights, read_weights, SAFETENSORS, 2),
         "classes.safetensors": Format(networks.class_weights, read_weights, SAFETENSORS, 2),
+        "card.onnx.json": Format(networks.card, networks.read_card, JSON, 2),
         "published.pth": Format(networks.published_checkpoint, networks.read_published_checkpoint, BYTES, 0.5),
         "checkpoint.pt": Format(networks.checkpoint, networks.read_checkpoint, BYTES, 1),
         **{

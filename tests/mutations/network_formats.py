@@ -1,9 +1,12 @@
 """Sound files of networks: weights of vehicles alone and of several classes, checkpoints, and what reads them."""
 
+import json
+import tempfile
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 
 from models.config import VoxelNetConfig, road_users
@@ -71,3 +74,46 @@ def read_checkpoint(path: Path) -> None:
     with checkpoint_errors(path):
         VoxelNetConfig.from_dict(state["config"])
         network().load_state_dict(state["network"])
+
+
+def onnx_network() -> bytes:
+    """Content of a network that finds one box in any cloud."""
+    from onnx import TensorProto, helper
+
+    values = {"boxes": ([1, 7], [3.0, 3.0, 0.8, 4.0, 1.8, 1.6, 0.1]), "scores": ([1], [0.9])}
+    nodes = [
+        helper.make_node("Constant", [], [name], value=helper.make_tensor(name, TensorProto.FLOAT, shape, numbers))
+        for name, (shape, numbers) in values.items()
+    ]
+    zero = helper.make_tensor("labels", TensorProto.INT64, [1], [0])
+    nodes.append(helper.make_node("Constant", [], ["labels"], value=zero))
+    takes = [helper.make_tensor_value_info("points", TensorProto.FLOAT, ["n", 3])]
+    gives = [helper.make_tensor_value_info(name, TensorProto.FLOAT, shape) for name, (shape, _) in values.items()]
+    gives.append(helper.make_tensor_value_info("labels", TensorProto.INT64, [1]))
+    graph = helper.make_graph(nodes, "one", takes, gives)
+    opset = [helper.make_opsetid("", 17)]
+    return helper.make_model(graph, opset_imports=opset, ir_version=9).SerializeToString()
+
+
+def card(path: Path) -> None:
+    """Write a card of a network of boxes."""
+    values = {"decoded": True, "nms_threshold": 0.1, **network().config.to_dict()}
+    path.write_text(json.dumps(values, indent=1))
+
+
+def read_card(path: Path) -> None:
+    """Read the card next to its network, and detect."""
+    from models.onnx_files import OnnxDetector, card_file
+
+    with tempfile.TemporaryDirectory() as folder:
+        onnx_file = Path(folder, "net.onnx")
+        onnx_file.write_bytes(onnx_network())
+        card_file(onnx_file).write_bytes(path.read_bytes())
+        OnnxDetector(onnx_file)(np.full((50, 3), 1.0, np.float32))
+
+
+def read_weights(path: Path) -> None:
+    """Read weights as a detector, and detect."""
+    from models.detector import load_detector
+
+    load_detector(path)(np.full((50, 3), 1.0, np.float32))

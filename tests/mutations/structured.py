@@ -841,3 +841,51 @@ def osm_gz_change(content: bytes, rng: Rng) -> tuple[str, bytes]:
             file.write(filling * (1 << 20))
         file.write(b"-->\n" + body)
     return f"a comment of {filling!r}", stream.getvalue()
+
+
+# Networks: what a header or a card declares
+
+_SIZES: dict[str, tuple[object, ...]] = {
+    "area": ([-2000, -2000, 2000, 2000], [-1e6, -1e6, 1e6, 1e6], [0, 0, 1e-9, 1e-9], [0, 0, 0, 0], [6.4, 6.4, 0, 0]),
+    "voxel_size": ([1e-6, 1e-6, 1e-6], [1e-3, 1e-3, 0.4], [0.2, 0.2, 1e-5], [1e6, 1e6, 1e6], [-1, 0.2, 0.4]),
+    "height": ([0, 1e6], [-1e6, 1e6], [4, 0]),
+    "max_points": (0, 10**9, 999_999, -1),
+    "vfe_widths": ([10**5, 10**5], [999_999], [0], [8] * 5000),
+    "voxel_width": (10**5, 0, -3, 999_999),
+    "middle_widths": ([999_999] * 3, [0, 0, 0], []),
+    "column_width": (999_999, -1),
+    "rpn_widths": ([999_999] * 3, [0, 0, 0], [-1, 8, 8]),
+    "rpn_layers": ([[999_999], [0], [0]], [[0] * 100_000] * 3, [[], [], []], [[-1], [0], [0]]),
+    "upsample_width": (999_999, 0, -1),
+    "head3x3": (999_999, -1),
+    "anchor_yaws": ([0.1] * 100_000, []),
+    "anchor_size": ([1e6, 1e6, 1e6], [0, 0, 0], [1e-9, 1e-9, 1e-9]),
+    "quality_power": (1e6, -1e6),
+    "averaging": (1e6, -5),
+    "score_threshold": (-1, 1, 0.999999),
+    "labels": ([], ["vehicle"] * 2000, ["heavy"]),
+    "nms_threshold": (-1, 1e6, 0),
+}
+
+
+def size_change(content: bytes, rng: Rng) -> tuple[str, bytes]:
+    """One or two entries of a card are of another size."""
+    card = json.loads(content)
+    names = [pick(rng, list(_SIZES)) for _ in range(int(rng.integers(1, 3)))]
+    card.update({name: pick(rng, _SIZES[name]) for name in names})
+    return f"{' and '.join(names)} of another size", json.dumps(card).encode()
+
+
+def header_change(content: bytes, rng: Rng) -> tuple[str, bytes]:
+    """The configuration in the header of weights is damaged as a card."""
+    size = int.from_bytes(content[:8], "little")
+    header = json.loads(content[8 : 8 + size])
+    config = header["__metadata__"]["config"].encode()
+    what, changed = pick(rng, (size_change, size_change, json_change))(config, rng)
+    header["__metadata__"]["config"] = changed.decode()
+    packed = json.dumps(header).encode()
+    packed += b" " * (-len(packed) % 8)
+    return what, len(packed).to_bytes(8, "little") + packed + content[8 + size :]
+
+
+STRUCTURED_CARD: tuple[Mutation, ...] = (size_change, size_change, json_change)

@@ -10,7 +10,10 @@ import pytest
 from toolkit.datasets.recordings import LAYOUTS as LAYOUT_NAMES
 
 HERE = Path(__file__).parent
-ONE_HALF = "recording.hdf5 frames.packed network.safetensors classes.safetensors checkpoint.pt published.pth table.npz"
+ONE_HALF = (
+    "recording.hdf5 frames.packed network.safetensors classes.safetensors card.onnx checkpoint.pt published.pth "
+    "table.npz"
+)
 OTHER_HALF = (
     "published.hdf5 .ply .pcd cloud.npz .xyz .csv .npy .bin .feather poses site.json poles map. surrogate sqlite .obj "
     "plan.json live.json .stl .off .glb .gltf .toml"

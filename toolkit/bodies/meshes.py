@@ -28,7 +28,7 @@ from toolkit.arrays import Bool, Float64, Int64
 from toolkit.bodies.body import Body, make_body
 from toolkit.mesh import Mesh, Span, scale_mesh
 from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE
-from toolkit.runtime.files import name_errors, parse_toml, plain_file
+from toolkit.runtime.files import name_errors, parse_toml, read_plain
 
 _POINTS, _CELLS = 30_000, 32
 _COARSE = 16  # cells along an axis in which symmetry is judged
@@ -185,7 +185,7 @@ def read_mesh_table(folder: Path) -> dict[Path, MeshEntry]:
     path = folder / TABLE
     if not lexists(path):
         return {}
-    content = plain_file(path).read_bytes()
+    content = read_plain(path)
     with name_errors(path):
         tables = parse_toml(content)
     rows = tables.get("mesh")

@@ -240,7 +240,7 @@ def read_table(path: str | Path) -> dict[str, np.ndarray]:
         raise ImportError("reading .feather needs pyarrow: pip install pyarrow") from None
     unpacked = 0
     try:
-        content = files.plain_file(path).read_bytes()
+        content = files.read_plain(path)
         if content[:6] != b"ARROW1" or content[-6:] != b"ARROW1":
             raise ValueError("it is cut off or of another format: write it with pyarrow.feather")
         stream, batches = pyarrow.py_buffer(content).slice(8), 0  # the file's footer could point elsewhere
@@ -319,7 +319,7 @@ def _read(path: Path) -> Attributes:
         size, count = path.stat().st_size, len(names)
         if size % (4 * count):
             raise ValueError(f"{path} must hold rows of {count} float32, but {size} bytes are no whole number of them")
-        rows = np.fromfile(path, "<f4").reshape(-1, count)
+        rows = np.frombuffer(files.read_plain(path), "<f4").reshape(-1, count)
         if len(rows) and np.mean(rows[:, 3] < 0) > 0.01:
             held = f"{path} must hold rows of float32 {' '.join(names)}, but its intensities are below 0"
             raise ValueError(f"{held}: save other types or columns as .npy or .csv")

@@ -261,12 +261,24 @@ def plain_file(path: str | Path) -> Path:
 
 
 _PATIENCE, _LONGEST_PIPE = 10.0, 1 << 26  # s without a byte, bytes
+MAX_FILE_BYTES = 1 << 30
+MAX_TEXT_BYTES = 1 << 29  # of a text, of which twice as many letters come
+
+
+def read_plain(path: str | Path) -> bytes:
+    """Read a file whole. Raises OSError; ValueError for a pipe, a device and more than `MAX_FILE_BYTES`."""
+    size = plain_file(path).stat().st_size
+    if size > MAX_FILE_BYTES:
+        allowed = f"more than the {MAX_FILE_BYTES / 2**30:g} GiB that are read at a time"
+        raise ValueError(f"{path} has {size / 2**30:.1f} GiB, {allowed}: split it")
+    return Path(path).read_bytes()
 
 
 def read_bytes(path: str | Path) -> bytes:
-    """Read a file or a pipe. Raises OSError; ValueError for a device, and for a pipe that is silent or does not end."""
+    """Read a file or a pipe. Raises OSError; ValueError for a device, a file larger than `MAX_FILE_BYTES`, and a pipe
+    that is silent or does not end."""
     if not Path(path).is_fifo():
-        return plain_file(path).read_bytes()
+        return read_plain(path)
     content = bytearray()
     with open(path, "rb", 0, opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK)) as pipe:
         while len(content) < _LONGEST_PIPE and select.select([pipe], [], [], _PATIENCE)[0]:
@@ -279,6 +291,8 @@ def read_bytes(path: str | Path) -> bytes:
 
 def read_text(path: str | Path, kind: str = "text") -> str:
     """Read UTF-8 as `read_bytes`. kind: of the file, for the message of the ValueError if it is no text."""
+    if (size := os.stat(path).st_size) > MAX_TEXT_BYTES:
+        raise ValueError(f"{path} has {size / 2**30:.1f} GiB, too much for a {kind} file: split it")
     try:
         return read_bytes(path).decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -396,6 +410,25 @@ def check_links(root: str | Path) -> None:
 
 
 @contextmanager
+def limit_memory(size: int) -> Iterator[None]:
+    """Let this process map at most `size` more bytes, where the system can limit that; more raises MemoryError."""
+    try:
+        import resource
+
+        mapped = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+        soft, hard = resource.getrlimit(resource.RLIMIT_AS)
+        most = min(limit for limit in (mapped + size, soft, hard) if limit != resource.RLIM_INFINITY)
+        resource.setrlimit(resource.RLIMIT_AS, (most, hard))
+    except (ImportError, OSError, ValueError):
+        yield
+        return
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, (soft, hard))
+
+
+@contextmanager
 def name_errors(where: str | Path) -> Iterator[None]:
     """Put a file or field before the message of a ValueError."""
     try:
@@ -435,7 +468,7 @@ def write_arrays(path: str | Path, arrays: Mapping[str, np.ndarray]) -> None:
 
 def read_arrays(path: str | Path) -> dict[str, np.ndarray]:
     """Read the arrays of a file of `write_arrays`. Raises FileNotFoundError; ValueError for a damaged or other file."""
-    content = plain_file(path).read_bytes()
+    content = read_plain(path)
     content, checksum = content[:-_CHECKSUM], content[-_CHECKSUM:]
     if sha256(content).digest() != checksum:
         raise ValueError(f"{path} does not fit its checksum: it is damaged or not a coview file, make it again")

@@ -16,6 +16,12 @@ from placement_env.search.methods import usual_method
 from toolkit.runtime.run import Run
 from toolkit.sites.files import load_site
 
+SEARCH_STEPS = {
+    "poses rendered": 0.3,
+    "searches": 0.2,
+    "frames raced": 0.35,
+    "frames judged": 0.15,
+}  # shares of the time
 Method = Literal["portfolio", "exhaustive", "greedy", "raced", "swap", "cpsat", "hits", "cheapest", "cmaes", "ppo"]
 
 
@@ -91,7 +97,7 @@ def search(
         demand = Demand(search.at_least, setting.cases.failing, search.parts, setting.cases.levels)
         setting = replace(setting, cases=replace(setting.cases, failing=0, levels=1))
     built, currency = setting.build(place, run)
-    with progress_bar("", hidden=output.json) as bar:
+    with progress_bar("", hidden=output.json, steps=SEARCH_STEPS) as bar:
         order = SearchOrder(
             setting=built,
             run=replace(run, progress=bar.stage),

@@ -9,6 +9,7 @@ from tyro.conf import Positional, subcommand
 
 from coview.arguments import check_bearing, check_ending, check_least, check_turn, site_file
 from coview.outputs import OK, SITE_KIND, check_file, say
+from coview.progress_bar import progress_bar
 from toolkit.plots.canvas import check_picture
 from toolkit.runtime.files import write_text
 
@@ -77,7 +78,8 @@ class ImportMap:
         piece = MapPiece(maps[0], self.centre, self.size, radians(self._find_heading()), seed, self.furnish)
         check_file(self.out, inputs=maps, overwrite=self.overwrite, kind=SITE_KIND)
         check_ending(self.out, SITE_ENDINGS, "a site's file")
-        imported = import_osm(piece, lefthand=side) if self.osm else import_opendrive(piece)
+        with progress_bar("import of the map"):
+            imported = import_osm(piece, lefthand=side) if self.osm else import_opendrive(piece)
         if self.sensors is None:
             code = _save(imported, self.out)
             say(f"it has no sensors yet: coview plan {self.out} says which to build, --sensors N places some to try")
@@ -85,7 +87,8 @@ class ImportMap:
             return code
         from placement_env.search.greedy import with_first_sensors
 
-        placed = with_first_sensors(imported, self.sensors)
+        with progress_bar("first sensors"):
+            placed = with_first_sensors(imported, self.sensors)
         code = _save(placed.site, self.out)
         say(placed)
         return code

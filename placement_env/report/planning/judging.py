@@ -407,7 +407,7 @@ def choose_set(
     sizes, evaluator, races = found.sets.sum(axis=1), judge.evaluator, dict[int, Contest]()
     winners, close = list[tuple[int, float]](), list[tuple[float, int]]()
     order, raced = race_order(judge.frames, seed=run.seed), dict[int, tuple[float, Int64[np.ndarray, " k"]]]()
-    report = run.stage("judging", len(np.unique(sizes)))
+    report = run.stage("set sizes compared", len(np.unique(sizes)))
     for done, size in enumerate(np.unique(sizes)[::-1], 1):
         places = np.flatnonzero(sizes == size)
         if close and winners[-1][1] < max(close)[0] - NEAR:  # fewer sensors fall further behind: no race shows more
@@ -435,8 +435,8 @@ def choose_set(
         chosen, rule = alike[0], "as good"
     others = tuple(i for i in alike if i != chosen)
     places = np.flatnonzero(sizes == sizes[chosen])
-    confidence = known.measure_sureness(chosen, places, races.get(int(sizes[chosen])))
-    return Choice(options, found.sets, chosen, best, others, rule, confidence)
+    sureness = known.measure_sureness(chosen, places, races.get(int(sizes[chosen])))
+    return Choice(options, found.sets, chosen, best, others, rule, sureness)
 
 
 def _find_rivals(
@@ -454,10 +454,10 @@ def _find_cheapest(known: _Options, min_ap: float, run: Run) -> int | None:
     """Return the cheapest set whose AP reaches the requirement, None if none does. Sets are judged by price."""
     found, judge = known.found, known.judge
     order = race_order(judge.frames, seed=run.seed)[:LOOKED_AT]
-    seen = judge.evaluator.evaluate(found.sets, order, run.stage("first look", len(order)))
+    seen = judge.evaluator.evaluate(found.sets, order, run.stage("frames of the first look", len(order)))
     likely = shrink(seen.ap, seen.resamples, found.predicted, len(np.unique(order // BLOCK_FRAMES))).figure
     rows = np.lexsort((-likely, np.array([option.price for option in known.options]))).tolist()
-    report = run.stage("judging by price", len(rows))
+    report = run.stage("sets judged by price", len(rows))
     for done, i in enumerate(rows, 1):
         if likely[i] >= min_ap - DOUBT:
             known.judge_rows([i])

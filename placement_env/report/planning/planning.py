@@ -47,6 +47,7 @@ from placement_env.report.pages.report import REPORT_FILES, write_report
 from placement_env.report.planning import judging, sentences
 from placement_env.report.planning.plan_folder import CONTENT, format_stock
 from placement_env.report.planning.question import PART_FRAMES, Question
+from placement_env.search.first_look import narrow_pool
 from placement_env.search.order import describe_exclusions, explain_kept
 from placement_env.search.portfolio.entrants import Effort, Entrants, at_other_ious, join_entrants, keep_entrants
 from placement_env.setting import AP_ONLY
@@ -426,7 +427,7 @@ class ChosenSet:
 
     def stage(self, name: str) -> Callable[[int], None] | None:
         """Callback that counts the frames of a stage."""
-        return self.run.stage(name, self.judge.frames)
+        return self.run.stage(f"frames of the {name}", self.judge.frames)
 
     def rows(self, subsets: Bool[np.ndarray, "n k"]) -> Bool[np.ndarray, "n C"]:
         """Expand subsets of the set to rows over all candidates."""
@@ -543,7 +544,13 @@ def plan(question: Question) -> content.Planned:
     except NoCandidates as error:
         return _refuse(question, (f"There is no candidate: {error}.",))
     check_scorable(question.judged(pool), "detector")
-    first, asked = question.part("search"), question.at_drawings
+    first = question.part("search")
+    if (poses := narrow_pool(question.searched, first)) is not None:
+        names = tuple(pool.sensors[c].name for c in poses)
+        stock = replace(question.stock, only=names)
+        question = replace(question, setting=replace(question.setting, candidates=stock))
+        pool = question.setting.pool
+    asked = question.at_drawings
     prepared = [Preparation(each.searched, first) for each in asked]
     for each in prepared:
         there = each.visibility.labels

@@ -6,6 +6,7 @@ from functools import cached_property
 from hashlib import sha256
 from pathlib import Path
 
+import numpy as np
 import shapely
 
 from placement_env.candidates.candidates import Candidates, choose_candidates, with_terms
@@ -30,13 +31,14 @@ class Stock:
 
     candidates: "pool", "paper" for the site's own sensors, a GeoJSON file of poles, or candidates with their prices and
     links; catalogue: sensor models and prices, None for the paper's camera at no price; keep_out: areas where no sensor
-    may stand; capacity_kbit: of the link of every mount, None for each mount's own. Raises ValueError if a field does
-    not fit."""
+    may stand; capacity_kbit: of the link of every mount, None for each mount's own; only: names of the candidates to
+    take, none for all. Raises ValueError if a field does not fit."""
 
     candidates: str | Path | Candidates = "pool"
     catalogue: SensorCatalogue | None = None
     keep_out: tuple[shapely.Geometry, ...] = ()
     capacity_kbit: float | None = None
+    only: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         _check_amount("capacity_kbit", self.capacity_kbit)
@@ -51,6 +53,9 @@ class Stock:
         if isinstance(self.candidates, Candidates):
             return self.candidates
         found = choose_candidates(site, self.candidates, catalogue=self.catalogue, keep_out=self.keep_out)
+        if self.only:
+            names = set(self.only)
+            found = found.select(np.flatnonzero([sensor.name in names for sensor in found.sensors]))
         price = None if self.catalogue is None else self.catalogue.pole_price
         return with_terms(found, 1.0 if price is None else price, self.capacity_kbit)
 

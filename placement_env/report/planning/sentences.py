@@ -9,6 +9,7 @@ from placement_env.handover.mounted import LinkLoad, describe_narrow_links
 from placement_env.report.content import TEXTS, BreakdownRow, Judgement, Plan, PlanOption, Verdict
 from placement_env.report.planning.judging import Rule
 from placement_env.report.planning.question import Question
+from placement_env.search.first_look import LOOK_FRAMES
 from placement_env.search.order import FEWEST_AT_LEVEL, describe_money
 from toolkit.detection.codec import PAPER
 from toolkit.detection.scheme import scheme_codec
@@ -179,6 +180,11 @@ def list_assumptions(question: Question, fidelity: str, detector: str, *, sample
     elif stock.catalogue.pole_price is None:
         taken = f"the prices of poles are taken to be in {question.currency or 'its unit'}"
         lines.append(f"The catalogue names no pole_price: {taken}.")
+    if stock.only:
+        lines.append(
+            f"The poles offer more poses than can be searched: the {len(stock.only):,} that see most in the first "
+            f"{LOOK_FRAMES} frames went on."
+        )
     if fidelity == "coverage":
         lines.append("There is no surrogate for this scheme and IoU, so searches went by coverage.")
     if question.drawings > 1:

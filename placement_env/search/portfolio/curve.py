@@ -99,7 +99,7 @@ def budget_curve(
         return ()
     rows = as_rows([won["subset"] for won in winners], count)
     order = np.arange(final.frames) if seconds is None else race_order(final.frames)
-    judged = schedule.limit(final).evaluate(rows, order, objective.run.stage("judging", final.frames))
+    judged = schedule.limit(final).evaluate(rows, order, objective.run.stage("frames judged", final.frames))
     by_errors = aps_at_profiles(final, rows, order[: judged.frames])
     price, objects = objective.price(rows), final.count_objects(order[: judged.frames])
     cost = weigh_costs(objective, rows, judged.kbit)

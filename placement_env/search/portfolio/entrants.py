@@ -42,6 +42,7 @@ SWAP_EVALUATIONS = 60_000  # sets that swap may score for each number of sensors
 OTHER_IOUS = {"swap at IoU 0.7": (0.7,), "swap at mean IoU": IOUS}  # thresholds beside the objective's own
 OTHERS_SHARE = 4  # part of these sets that swap may score at other thresholds
 EXHAUSTIVE_SETS = 20_000  # that are all scored, at most
+USUAL_SIZES = 4  # numbers of sensors that have this effort each; more share it
 SOLVING = 10.0  # s of CP-SAT's deterministic time for each number of sensors
 THRIFT = 0.02  # AP that the mean price of a candidate costs in the thrifty search
 NEIGHBOURS_AT_ONCE = 50_000
@@ -159,10 +160,14 @@ def entrants(
     answers: dict[tuple[int, ...], dict[str, None]] = {}  # searches of each set in order, none of a neighbour
     considered, count = 0, len(objective.candidates)
     sizes = [size for size in effort.sizes if size >= len(objective.kept)]
-    report = objective.run.stage("searching", len(sizes))
-    for done, size in enumerate(sizes, 1):
+    searches_done = 0
+    for place, size in enumerate(sizes):
         own: dict[tuple[int, ...], None] = {}
-        for name, run in _searches(objective, size, effort, seed, checkpoint, others):
+        runs = list(_searches(objective, size, effort, seed, checkpoint, others))
+        report = objective.run.stage("searches", searches_done + (len(sizes) - place) * len(runs))
+        for name, run in runs:
+            if report is not None:
+                report(searches_done)
             part = f"{size} {name}"
             if part not in ended:
                 result = run()
@@ -173,6 +178,7 @@ def entrants(
             if members and objective.feasible(as_rows([members], count))[0]:
                 own[members] = None
                 answers.setdefault(members, {})[name] = None
+            searches_done += 1
         if not own:
             break
         near, scored = _neighbours(objective, as_rows(list(own), count), effort.neighbours)
@@ -180,7 +186,7 @@ def entrants(
         for row in near:
             answers.setdefault(tuple(np.flatnonzero(row).tolist()), {})
         if report is not None:
-            report(done)
+            report(searches_done)
     by_size = sorted(answers, key=len)
     sets = as_rows(by_size, count)
     searches = tuple(tuple(answers[members]) for members in by_size)
@@ -196,7 +202,8 @@ def _searches(
     others: Mapping[str, Objective] = {},
 ) -> Iterator[tuple[str, Callable[[], Result]]]:
     seconds, evaluations = effort.seconds, effort.evaluations
-    most = SWAP_EVALUATIONS if evaluations is None else evaluations
+    share = min(1.0, USUAL_SIZES / len(effort.sizes))
+    most = int(SWAP_EVALUATIONS * share) if evaluations is None else evaluations
     swapping = partial(swap.search, seed=seed, starts=swap.STARTS, seconds=seconds, evaluations=most)
     count = len(objective.candidates)
     if count <= exhaustive.LARGEST and sum(math.comb(count, k) for k in range(1, size + 1)) <= EXHAUSTIVE_SETS:
@@ -213,7 +220,7 @@ def _searches(
         yield "greedy by points", partial(greedy.search, by_points, size, seconds=seconds, evaluations=evaluations)
     if objective.visibility is not None and find_spec("ortools"):
         solving = 600.0 if seconds is None else seconds
-        yield "cpsat", partial(cpsat.search, objective, size, seed=seed, seconds=solving, effort=SOLVING)
+        yield "cpsat", partial(cpsat.search, objective, size, seed=seed, seconds=solving, effort=SOLVING * share)
     prices = objective.candidates.prices
     thrift = Weights(price=THRIFT / max(float(prices.mean()), 1e-300))
     if np.ptp(prices) > 0:
@@ -229,7 +236,7 @@ def _searches(
         yield f"swap for AP {asked:g}", partial(swapping, scored, size, evaluations=most // 3, checkpoint=part)
         if find_spec("ortools") and isinstance(objective.scored_by, Surrogate):
             demand, until = cheapest.Demand(asked), 600.0 if seconds is None else seconds
-            solve = partial(cheapest.search, seed=seed, seconds=until, demand=demand, effort=SOLVING_CHEAPEST)
+            solve = partial(cheapest.search, seed=seed, seconds=until, demand=demand, effort=SOLVING_CHEAPEST * share)
             yield f"cheapest for AP {asked:g}", partial(solve, objective, size)
 
 

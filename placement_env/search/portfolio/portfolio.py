@@ -155,7 +155,7 @@ def contest(
     thresholds wins, then the cheapest."""
 
     def rewards(rows: Sets, frames: Frames) -> Resampled:
-        found = evaluator.evaluate(rows, frames, objective.run.stage("racing", len(frames)))
+        found = evaluator.evaluate(rows, frames, objective.run.stage("frames raced", len(frames)))
         cost = weigh_costs(objective, rows, found.kbit)
         blocks = float(len(np.unique(frames[: found.frames] // BLOCK_FRAMES)))
         if objective.watch is not None:
@@ -190,7 +190,9 @@ def _assess(
     winner, (final, schedule) = int(ran.ranking[0]), judge
     others = enumerate(found.searches) if judging.contenders else ()
     rows = np.array([winner, *(i for i, names in others if names and i != winner)])
-    judged, frames = _judge_in_time(found.sets[rows], final, schedule, objective.run.stage("judging", final.frames))
+    judged, frames = _judge_in_time(
+        found.sets[rows], final, schedule, objective.run.stage("frames judged", final.frames)
+    )
     contenders = []
     for row, ap, resamples in zip(rows.tolist(), judged.ap.tolist(), judged.resamples, strict=False):
         interval = final.interval(ap, resamples, frames)

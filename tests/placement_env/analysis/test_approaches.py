@@ -17,16 +17,23 @@ def at(places, x, y):
 
 def test_approaches_of_junctions_with_or_without_a_network():
     places = find_approaches(load_site("tjunction"))
-    assert places.names == ("from the east", "from the north", "from the south", "leaving", "junction", "parked")
+    assert places.names == (
+        "from the east",
+        "from the north",
+        "from the south",
+        "leaving the junction",
+        "inside the junction",
+        "parked",
+    )
     # +y of the site lies west on its map, and -x south. Footways lie at y = 7.3 and 19.9.
     for name, x, y in (
         *(("from the south", -30.0, 11.6), ("from the north", 30.0, 15.6)),
-        *(("from the east", 1.2, -15.0), ("leaving", -30.0, 15.6)),
+        *(("from the east", 1.2, -15.0), ("leaving the junction", -30.0, 15.6)),
     ):
         assert at(places, x, y) == name
         assert places.lanes[places.names.index(name)].distance(shapely.Point(x, y)) < 0.5
     assert at(places, -30.0, 7.3) == "from the south"
-    assert at(places, 0.0, 13.0) == "junction"
+    assert at(places, 0.0, 13.0) == "inside the junction"
     x, y, _ = load_site("tjunction").parking[0]
     assert at(places, x + 0.5, y) == "parked"
     places = find_approaches(load_site("roundabout"))
@@ -34,10 +41,10 @@ def test_approaches_of_junctions_with_or_without_a_network():
     assert names == ["from the east", "from the north", "from the south", "from the west"]
     assert at(places, 35.0, 11.5) == "from the east"
     assert at(places, 60.0, 11.5) == "from the east"  # before the crossing
-    assert at(places, 35.0, -11.5) == "leaving"
-    assert at(places, 24.0, 0.0) == "junction"
+    assert at(places, 35.0, -11.5) == "leaving the junction"
+    assert at(places, 24.0, 0.0) == "inside the junction"
     places = find_approaches(Site("bare", np.array([-10.0, -10.0, 10.0, 10.0])))
-    assert places.names == ("junction", "parked")
+    assert places.names == ("inside the junction", "parked")
     assert places.locate(np.zeros((2, 7))).tolist() == [0, 0]
     assert places.locate(np.zeros((0, 7))).tolist() == []
     turned = Site("a", np.array([-1.0, -1, 1, 1]), map_SE3_site=pose(yaw=np.pi / 2))
@@ -63,7 +70,7 @@ def network(*edges, area=(-90.0, -90.0, 90.0, 90.0), more="", **nodes):
 
 def test_streets_that_only_lead_away_make_a_junction_too():
     places = find_approaches(network("AJ", "JB", "JC", A=(-50, 0), J=(0, 0), B=(50, 0), C=(0, 50)))
-    assert places.names == ("from the west", "leaving", "parked")
+    assert places.names == ("from the west", "leaving the junction", "parked")
     assert Approaches(("parked",), (), np.zeros((0, 3))).locate(np.zeros((2, 7))).tolist() == [0, 0]
 
 
@@ -78,7 +85,7 @@ def test_headings_are_from_the_far_end_of_bent_approaches_of_several_edges():
     """From B the road runs east, then north to the junction: B lies to its south-west, the bend to its south."""
     nodes = {"A": (-60, -60), "B": (-60, -40), "C": (-20, -40), "D": (0, -40), "J": (0, 0), "P": (20, 0), "Q": (0, 20)}
     places = find_approaches(network("AB", "BC", "CDJ", "JP", "JQ", **nodes))
-    assert places.names == ("from the south-west", "leaving", "parked")
+    assert places.names == ("from the south-west", "leaving the junction", "parked")
     assert at(places, -60.0, -50.0) == at(places, 0.0, -20.0) == "from the south-west"
 
 
@@ -87,9 +94,9 @@ def test_an_approach_ends_where_several_edges_come_from_before_and_never_turns_b
     twice = '<edge id="again" from="K" to="M"><lane id="again_0" shape="-40,9 -20,9"/></edge>'
     places = find_approaches(network("KM", "MJ", "JP", "JQ", more=twice, **nodes))
     assert at(places, -10.0, 0.0) == "from the west"
-    assert at(places, -30.0, 0.0) == at(places, -30.0, 9.0) == "leaving"
+    assert at(places, -30.0, 0.0) == at(places, -30.0, 9.0) == "leaving the junction"
     both_ways = find_approaches(network("LM", "ML", "MJ", "JM", "JP", "PJ", "JQ", **nodes))
-    assert both_ways.names == ("from the east", "from the west", "leaving", "parked")
+    assert both_ways.names == ("from the east", "from the west", "leaving the junction", "parked")
     assert at(both_ways, -30.0, 2.5) == "from the west"
 
 
@@ -103,11 +110,11 @@ def test_places_are_named_after_their_streets_and_lanes_of_one_point_are_none():
         '<edge id=":J" function="internal"><lane id=":J_0" shape="0,0 1,1"/></edge>'
     )
     places = find_approaches(network(more=roads))
-    assert places.names == ("Elm Road, from the west", "leaving", "junction", "parked")
-    assert at(places, 1.0, 1.0) == "junction"
+    assert places.names == ("Elm Road, from the west", "leaving the junction", "inside the junction", "parked")
+    assert at(places, 1.0, 1.0) == "inside the junction"
 
 
-def test_junctions_are_counted_from_the_middle_of_the_area_outwards():
+def test_junctions_are_named_by_their_places_in_the_area():
     """The nodes of the roundabout lie 20 m from the middle, (100, 0), and the crossing 50 m. Two roads make the first
     a junction, three the second."""
     nodes = {"R": (80, 0), "S": (120, 0), "T": (100, 20), "U": (100, -20), "J": (150, 0), "V": (150, 40), "W": (190, 0)}
@@ -117,21 +124,22 @@ def test_junctions_are_counted_from_the_middle_of_the_area_outwards():
     roads = "RT", "TS", "JS", "SJ", "VJ", "JW"
     places = find_approaches(network(*roads, area=(50.0, -50.0, 150.0, 50.0), more=ring, **nodes))
     assert places.names == (
-        *("from the east to junction 1", "from the north to junction 2", "from the west to junction 2"),
-        *("leaving", "junction", "parked"),
+        *("from the east to the middle junction", "from the north to the east junction"),
+        "from the west to the east junction",
+        *("leaving the junction", "inside the junction", "parked"),
     )
-    assert at(places, 90.0, 10.0) == "junction"  # in the ring
-    assert at(places, 170.0, 0.0) == "leaving"
+    assert at(places, 90.0, 10.0) == "inside the junction"  # in the ring
+    assert at(places, 170.0, 0.0) == "leaving the junction"
     # one without a place is taken to lie at 0, 0
     bare = ring.replace('x="150" y="0"', "")
     far = find_approaches(network(*roads, area=(-60.0, -50.0, 60.0, 50.0), more=bare, **nodes))
     assert far.names[:3] == (
-        "from the east to junction 2",
-        "from the north to junction 1",
-        "from the west to junction 1",
+        "from the east to the east junction",
+        "from the north to the middle junction",
+        "from the west to the middle junction",
     )
     near = find_approaches(network(*roads, area=(-50.0, -50.0, 249.0, 50.0), more=bare, **nodes))
-    assert near.names[0] == "from the east to junction 1"
+    assert near.names[0] == "from the east to the middle junction"
 
 
 @pytest.mark.parametrize("bare", ['x="0"', 'y="0"', ""])
@@ -140,7 +148,7 @@ def test_a_junction_without_a_coordinate_lies_at_nought_there(bare):
     nodes = {"J": (0, 0), "K": (0.5, 0.5), "A": (-40, 0), "B": (40, 0), "C": (0, -40), "D": (0, 40)}
     more = f'<junction id="J" {bare}/><junction id="K" x="0.5" y="0.5"/>'
     places = find_approaches(network("AJ", "JB", "JC", "DK", "KB", "KC", more=more, **nodes))
-    assert places.names[:2] == ("from the north to junction 2", "from the west to junction 1")
+    assert places.names[:2] == ("from the north to the middle junction 2", "from the west to the middle junction 1")
 
 
 def test_a_vehicle_is_parked_within_a_metre_and_a_half_of_a_bay():

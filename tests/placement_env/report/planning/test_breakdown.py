@@ -59,7 +59,9 @@ def test_zones_ranges_approaches_and_levels(street, scored):
     assert [row.name for row in rows] == ["0 to 10 m", "10 to 20 m", "20 to 30 m", "30 to 40 m", "beyond 40 m"]
     assert [row.judged and row.judged.vehicles for row in rows] == [None, 24, 8, None, None]
     assert rows[2].judged.recall == 1.0  # the car in the middle, 21 m from both
-    assert [(row.name, row.judged.vehicles) for row in by_approach(scored, street.site, 0)] == [("junction", 32)]
+    assert [(row.name, row.judged.vehicles) for row in by_approach(scored, street.site, 0)] == [
+        ("inside the junction", 32)
+    ]
     assert by_level(scored, street.judge, (0, 2)) == ()
     levels = (np.array([1, 3]), np.array([0, 2, 4, 5, 6, 7]))
     thin, dense = by_level(scored, Judge((street.detected,), Cases(levels=2), levels=levels), (0, 2))

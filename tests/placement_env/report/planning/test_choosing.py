@@ -63,8 +63,8 @@ def test_sets_of_each_size_race_and_the_best_are_judged(street):
     stages = []
     picked = choose_set(street.objective, found, street.judge, run=Run(progress=lambda *stage: stages.append(stage)))
     assert (picked.chosen, picked.rule) == (5, "best")
-    assert [stage for stage in stages if stage[0] == "judging"] == [
-        *(("judging", 1, 3), ("judging", 2, 3), ("judging", 3, 3))
+    assert [stage for stage in stages if stage[0] == "set sizes compared"] == [
+        *(("set sizes compared", done, 3) for done in (1, 2, 3))
     ]
     judged = [o.judged and o.judged.ap for o in picked.options]
     assert judged[:4] == [0.5, None, None, None]  # one of two equal ones; others come nowhere near the best

@@ -39,7 +39,7 @@ def planned(asked):
     """A plan that was interrupted while sets were judged, then made."""
 
     def interrupted(stage, done, total):
-        if stage == "judging":
+        if stage == "set sizes compared":
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):

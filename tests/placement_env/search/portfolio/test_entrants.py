@@ -80,7 +80,10 @@ def test_large_pools(make):
     stages = []
     objective = Objective(make(mounts=6, poses=4).setting, Run(progress=lambda *stage: stages.append(stage)))
     found = entrants(objective, Effort((1, 2), neighbours=3))
-    assert [stage for stage in stages if stage[0] == "searching"] == [("searching", 1, 2), ("searching", 2, 2)]
+    done = [(done, total) for name, done, total in stages if name == "searches"]
+    assert [each for each, _ in done] == sorted(each for each, _ in done)
+    assert done[0][0] == 0
+    assert done[-1][0] == done[-1][1]
     assert not any("exhaustive" in names for names in found.searches)
     assert 4 <= len(found.sets) <= 14
 

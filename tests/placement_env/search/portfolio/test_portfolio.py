@@ -26,7 +26,7 @@ VALUE = np.array([0.10, 0.30, 0.25, 0.20])  # of each sensor of the street, in t
 class Truth:
     """AP of a set: the sum of its sensors' values, in frames with noise."""
 
-    name, profiles = "detector", ("itself",)
+    name, profiles, cases = "detector", ("itself",), Cases()
 
     def __init__(self, frames=48, shift=0.0, noise=0.01, seconds=0.0):
         self.frames, self.shift, self.noise, self.asked = frames, shift, noise, []
@@ -104,7 +104,7 @@ def test_the_winner_is_the_best_by_the_race_and_its_ap_is_from_the_third_part(st
     unasked = Truth(frames=80)
     alone = portfolio.search(deceived(None), 2, judging=Judging(evaluators=(race, unasked))).assessment
     assert (alone.contenders, [len(sets) for sets, _ in unasked.asked]) == ((), [1])
-    assert {stage[0] for stage in stages} == {"sets scored", "searching", "racing", "judging"}
+    assert {stage[0] for stage in stages} == {"sets scored", "searches", "frames raced", "frames judged"}
     assert found.certificate.note == (
         f"the best of {said.entrants} sets compared by the detector; an estimate ruled out the others"
     )

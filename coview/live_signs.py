@@ -1,0 +1,100 @@
+"""Signs in the live planner's scene, as on a map: north, a scale, names of streets, and the poles that may be used."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import shapely
+
+from placement_env.report.pages.scene import add_site
+from toolkit.arrays import Float64
+from toolkit.plots.canvas import INK
+from toolkit.plots.plan_view import north, scale_length
+from toolkit.sites.site import Mount, Site
+from toolkit.sites.streets import find_lane_arrows, find_street_names
+from toolkit.viewing import scene
+from toolkit.viewing.scene import Handle
+
+if TYPE_CHECKING:
+    from viser import SceneApi
+
+LIFT_M = 0.15  # of signs above the ground
+ARROW_M, HEAD_M = 8.0, 2.0  # length of the north arrow, and of its head
+SCALE_SHARE = 0.25  # of the area's width that the scale takes at most
+MARGIN_M = 4.0  # between the area and its signs
+LANE_ARROW_M = 3.5
+TRIED_PLACES = 24  # along each side of the area, for a sign without solids
+MAX_NAMED_POLES = 60
+LANE_INK = "#8a8a90"
+
+
+def add_signs(api: "SceneApi", site: Site, poles: Sequence[Mount]) -> dict[str, Handle]:
+    """Add the site with all poles that may carry a sensor, and the signs of a map. Return the labels of poles, by name,
+    empty where there are more than `MAX_NAMED_POLES`."""
+    add_site(api, replace(site, mounts=tuple(poles)), set())
+    labels = {}
+    for k, pole in enumerate(poles if len(poles) <= MAX_NAMED_POLES else ()):
+        label = api.add_label(f"/signs/poles/{k}", pole.name, font_screen_scale=0.7, anchor="bottom-center")
+        label.position = pole.position + np.array([0.0, 0.0, pole.max_height])
+        labels[pole.name] = label
+    length = scale_length(SCALE_SHARE * float(site.area[2] - site.area[0]))
+    _add_north(api, site, _find_room(site, np.array([ARROW_M, ARROW_M + 2 * HEAD_M]), site.area[2:]))
+    _add_scale(api, site, length, _find_room(site, np.array([length, HEAD_M]), site.area[:2]))
+    low, high = site.area[:2] - MARGIN_M, site.area[2:] + MARGIN_M
+    for k, street in enumerate(find_street_names(site, low, high)):
+        place = _lift(site, np.array([[street.x, street.y]]))[0]
+        api.add_label(f"/signs/streets/{k}", street.name, position=place, anchor="center-center")
+    arrows = [_arrow(np.array([x, y]), angle, LANE_ARROW_M, 1.0) for x, y, angle in find_lane_arrows(site, low, high)]
+    _add_lines(api, "/signs/lanes", site, np.concatenate([np.empty((0, 2, 2)), *arrows]), LANE_INK, width=1.5)
+    return labels
+
+
+def _add_north(api: "SceneApi", site: Site, middle: Float64[np.ndarray, "2"]) -> None:
+    direction = north(site)
+    lines = _arrow(middle, float(np.arctan2(direction[1], direction[0])), ARROW_M, HEAD_M)
+    _add_lines(api, "/signs/north", site, lines, INK, width=3.0)
+    tip = _lift(site, (middle + (ARROW_M / 2 + 1.5) * direction)[None])[0]
+    api.add_label("/signs/north/letter", "N", position=tip, font_screen_scale=1.2, anchor="center-center")
+
+
+def _find_room(
+    site: Site, size: Float64[np.ndarray, "2"], corner: Float64[np.ndarray, "2"]
+) -> Float64[np.ndarray, "2"]:
+    """Middle of a place of this size (m) without solids, the nearest to a corner of the area within it; else there."""
+    low, high = site.area[:2] + size / 2, site.area[2:] - size / 2
+    axes = [np.linspace(a, max(a, b), TRIED_PLACES) for a, b in zip(low, high, strict=True)]
+    spots = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
+    order = np.argsort(np.linalg.norm(spots - corner, axis=1), kind="stable")
+    solids = shapely.union_all([shapely.Polygon(solid.footprint) for solid in site.solids])
+    shapely.prepare(solids)
+    free = (spot for spot in spots[order] if not solids.intersects(shapely.box(*(spot - size / 2), *(spot + size / 2))))
+    return np.asarray(next(free, spots[order[0]]))
+
+
+def _add_scale(api: "SceneApi", site: Site, length: float, middle: Float64[np.ndarray, "2"]) -> None:
+    half, tick = np.array([length / 2, 0.0]), np.array([0.0, 0.8])
+    start, end = middle - half, middle + half
+    lines = np.array([[start, end], [start - tick, start + tick], [end - tick, end + tick]])
+    _add_lines(api, "/signs/scale", site, lines, INK, width=3.0)
+    place = _lift(site, end[None])[0]
+    api.add_label("/signs/scale/length", f"{length:g} m", position=place, anchor="center-left")
+
+
+def _arrow(middle: Float64[np.ndarray, "2"], angle: float, length: float, head: float) -> Float64[np.ndarray, "3 2 2"]:
+    """Lines of an arrow: its shaft and both sides of its head (m)."""
+    along, aside = np.array([np.cos(angle), np.sin(angle)]), np.array([-np.sin(angle), np.cos(angle)])
+    start, tip = middle - length / 2 * along, middle + length / 2 * along
+    sides = [tip - head * along + side * head / 2 * aside for side in (1, -1)]
+    return np.array([[start, tip], [sides[0], tip], [sides[1], tip]])
+
+
+def _add_lines(
+    api: "SceneApi", name: str, site: Site, lines: Float64[np.ndarray, "n 2 2"], colour: str, *, width: float
+) -> None:
+    lifted = _lift(site, lines.reshape(-1, 2)).reshape(-1, 2, 3)
+    scene.add_lines(api, name, lifted, colour, width=width, visible=True)
+
+
+def _lift(site: Site, places: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n 3"]:
+    return np.column_stack([places, site.ground(places) + LIFT_M])
