@@ -90,7 +90,7 @@ def check_folder(
     """Check that a command may write the file `holds` into a folder, new or old. writes: names of its other files;
     kind: of `holds`.
 
-    Raises ValueError for a file that is read, and for one that is there without `holds`, so that another made it."""
+    Raises ValueError for a file that is read, and for a file without `holds` next to it, which another made."""
     inputs = list(inputs)
     check_output(out, inputs=inputs, overwrite=True)
     for name in writes:

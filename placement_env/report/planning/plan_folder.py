@@ -33,8 +33,8 @@ from toolkit.sites.files import format_attitude, format_model, load_site, read_m
 from toolkit.sites.site import MOST_HEIGHT, ORIGINS, Mount, Site
 
 CONTENT = "plan.json"
-MAX_POLES, MAX_MODELS, MAX_STEPS, MAX_SENSORS, MAX_AREAS = 5000, 100, 360, 10_000, 1000
-MAX_POSES = 400_000  # of a stock
+MAX_STOCK_POLES, MAX_MODELS, MAX_STEPS, MAX_SENSORS, MAX_AREAS = 5000, 100, 360, 10_000, 1000
+MAX_STOCK_POSES = 400_000  # of a stock
 MAX_FRAMES, MAX_SEED = 100_000, 2**63 - 1
 MAX_PRICE, MAX_KBIT = 1e15, 1e12
 MAX_POLE_GAP_M = 1.5  # between a sensor and its pole
@@ -302,7 +302,7 @@ def _read_stated(chosen: JsonObject, errors: str) -> StatedFigure:
 
 
 def _read_stock(stock: JsonObject, site: Site, head: dict[str, str]) -> Stock:
-    poles = tuple(_read_pole(pole) for pole in stock.nodes("poles", MAX_POLES))
+    poles = tuple(_read_pole(pole) for pole in stock.nodes("poles", MAX_STOCK_POLES))
     models = [_read_priced(model) for model in stock.nodes("models", MAX_MODELS)]
     if not poles or not models:
         raise ValueError("stock must hold a pole and a model: the file is damaged")
@@ -372,8 +372,8 @@ def _read_pool(
     if max(len(heights), len(tilts)) > MAX_STEPS:
         raise ValueError(f"stock.heights_m and tilts_deg must hold at most {MAX_STEPS} numbers")
     poses = len(poles) * len(heights) * headings * len(tilts) * len(models)
-    if poses > MAX_POSES:
-        raise ValueError(f"stock must have at most {MAX_POSES} poses, got {poses}: leave out poles")
+    if poses > MAX_STOCK_POSES:
+        raise ValueError(f"stock must have at most {MAX_STOCK_POSES} poses, got {poses}: leave out poles")
     offer: Any = [each.model for each, _ in models]
     if all(priced for _, priced in models):
         offer = {each.model: each.price for each, _ in models}
