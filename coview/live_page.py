@@ -219,7 +219,7 @@ class LivePage:
             job()
         except (ValueError, OSError, ImportError) as error:
             self._note = str(error)
-        except Exception as error:  # of one control, drag or drawing: the page lives on
+        except Exception as error:  # one control, drag or drawing failed: the page lives on
             traceback.print_exc()
             self._note = f"that did not work, by a fault of coview ({type(error).__name__}: {error!s:.80}); {GO_ON}"
         else:
