@@ -57,7 +57,7 @@ def test_all_figures_are_said_and_how_sure_they_are():
     [
         (
             *(2500.0, 0.5, 0.0),
-            "none of the 6 candidates fits its link: they send 2500 kbit per frame or more, and no link",
+            "none of the 6 candidates fits its link: in 95 % of the frames they send up to 2500 kbit or more",
         ),
         (100.0, 0.0, 0.0, "no candidate that fits its link detects a vehicle in these frames"),
         (100.0, 0.5, 0.01, "no sensor is worth what it costs"),
