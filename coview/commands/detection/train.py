@@ -1,5 +1,6 @@
 """`coview train`, `coview adapt` and `coview export`: networks of your own."""
 
+import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -113,6 +114,9 @@ def adapt(
     ):
         if len(opened) < FEWEST_TO_ADAPT:
             raise ValueError(f"there must be {FEWEST_TO_ADAPT} frames at least to adapt to, got {len(opened)}")
+        if not all(math.isfinite(opened[number].time) for number in range(2)):
+            remedy = "name the files of each frame by its time, in seconds since 1970, or write times to labels.json"
+            raise ValueError(f"{recording}: its frames have no times, by which objects are followed: {remedy}")
         known = recording_detector(settings.start + BACKGROUND, opened, place)
         assert isinstance(known, KnownBackground)
         area = known.detector.area  # type: ignore[attr-defined]
