@@ -90,7 +90,7 @@ def learn_standing_scene(frames: Frames) -> StandingScene | None:
     if not len(keys) or not len(high):
         return None
     seconds = max(times) - min(times)
-    scene = StandingScene(origin, _grow(keys), len(frames), 0 < seconds < MAX_WAITING_S)
+    scene = StandingScene(origin, _grow(keys), len(frames), not seconds >= MAX_WAITING_S)  # unknown times are NaN
     return scene if scene.holds(high).mean() >= MIN_SCENE_SHARE else None
 
 
