@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 MAX_VIEWS = 8  # pictures of a report
 VIEW_INCHES, MIN_VIEW_INCHES = 4.8, 1.0  # width of a picture without its margins, and its least height
-MAX_OFF_RAY = 0.02  # of a point's direction from the nearest ray, as a chord of the unit sphere
+MAX_OFF_RAY = 0.02  # between a point's direction and the nearest ray, a chord of the unit sphere
 NEAR_M, FAR_M = 3.0, 100.0  # distances that are shown lightest and darkest
 TITLE_INCHES = 0.3
 
@@ -29,7 +29,7 @@ TITLE_INCHES = 0.3
 def draw_sensor_views(site: Site, sensors: Sequence[Sensor], moments: Sequence[Moment]) -> list[str]:
     """Draw what each sensor sees at the empty site, and its points on the vehicles of the first moment, as SVG.
 
-    sensors: of the moments' clouds, in their order. Points are green on what is found and red on what is missed."""
+    sensors: those behind the moments' clouds, in order. Points on what is found are green, else red."""
     shown = sensors[:MAX_VIEWS]
     backgrounds = Renderer(site, (), shown).background
     return [

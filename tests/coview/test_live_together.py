@@ -36,7 +36,7 @@ def page(engine, tmp_path):
     with viser_server(18931, "together") as server:
         project = ProjectFile(tmp_path / "a.live.json", engine)
         page = LivePage(server, engine, project, tmp_path)
-        page._aimed[0] = (page._slant, 1.5, False, page._middle)  # as if a browser had come
+        page._cameras.aimed[0] = (page._cameras.slant, 1.5, False, page._cameras.middle)  # as if a browser had come
         wait_for(lambda: page._begun and page._nodes)
         yield page
         page.close()

@@ -44,7 +44,7 @@ OTHER_IOUS: dict[str, tuple[float, ...]] = {  # thresholds beside the objective'
     "swap at IoU 0.9": (0.9,),
     "swap at mean IoU": IOUS,
 }
-OTHERS_SHARE = 4  # part of these sets that swap may score at other thresholds
+OTHERS_SHARE = 4  # part of the sets that swap may score at other thresholds
 EXHAUSTIVE_SETS = 20_000  # that are all scored, at most
 USUAL_SIZES = 4  # numbers of sensors that have this effort each; more share it
 SOLVING = 10.0  # s of CP-SAT's deterministic time for each number of sensors
@@ -94,7 +94,7 @@ class _EnoughAP:
 def at_other_ious(objective: Objective, preparation: Preparation | None = None) -> dict[str, Objective]:
     """Same objective at other IoU thresholds than its own, by name; none where no surrogate scores it.
 
-    preparation: of an objective that does not know its own."""
+    preparation: for an objective that does not know its own."""
     made = objective.preparation or preparation
     if made is None or made.setting.fidelity != "surrogate" or objective.visibility is None:
         return {}
