@@ -13,6 +13,7 @@ from collections import deque
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -26,9 +27,9 @@ from coview.live_tables import (
     describe_ap,
     describe_suggestions,
     details_html,
+    draw_small_maps,
     figures_html,
     hint_html,
-    map_html,
     note_html,
     site_html,
     variants_html,
@@ -302,8 +303,10 @@ class LivePage:
             gui.add_button("From above").on_click(lambda event: self.do(lambda: self._cameras.look_down(event.client)))
             gui.add_button("Overview").on_click(lambda event: self.do(lambda: self._cameras.show_all(event.client)))
         with tabs.add_tab("Files"):
-            gui.add_button("Export site, map and schedule").on_click(lambda _: self._later("exporting", self._export))
-            gui.add_button("Judge and write the report").on_click(lambda _: self._later("judging", self._report))
+            export = partial(self._write, export_variant, self.folder)
+            report = partial(self._write, report_variant, self.folder / "report")
+            gui.add_button("Export site, map and schedule").on_click(lambda _: self._later("exporting", export))
+            gui.add_button("Judge and write the report").on_click(lambda _: self._later("judging", report))
 
     def _add_score_tab(self) -> None:
         gui, first, now = self.server.gui, self.planner.first, self.planner.asked
@@ -494,13 +497,8 @@ class LivePage:
         self._measured = f"measured {describe_ap(found)}, predicted {predicted.ap:.3f}, {number}"
         self._note = f"by the detector: {self._measured}"
 
-    def _export(self) -> None:
-        written = export_variant(self.planner, self.folder)
-        self._note = f"written to {self.folder}: {', '.join(path.name for path in written)}"
-
-    def _report(self) -> None:
-        written = report_variant(self.planner, self.folder / "report")
-        self._note = f"written to {self.folder / 'report'}: {', '.join(path.name for path in written)}"
+    def _write(self, write: Callable[[LivePlanner, Path], Iterable[Path]], folder: Path) -> None:
+        self._note = f"written to {folder}: {', '.join(path.name for path in write(self.planner, folder))}"
 
     # drawing
 
@@ -541,10 +539,7 @@ class LivePage:
 
     def _draw_variants(self) -> None:
         yard, variants = self.planner.yard, self.planner.variants
-        for variant in set(variants.values()) - self._small.keys():
-            sensors = [(yard.build_sensor(variant, each), each.failed) for each in variant.sensors]
-            self._small[variant] = map_html(yard.site, sensors)
-        self._small = {variant: self._small[variant] for variant in variants.values()}
+        self._small = draw_small_maps(yard, variants.values(), self._small)
         shown, estimate = self.planner.current, self.planner.estimate
         known = {} if self._answer is None else {shown: self._answer}
         answers = {name: known.get(name) or estimate(each) for name, each in variants.items()}

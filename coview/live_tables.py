@@ -12,6 +12,7 @@ from toolkit.plots.canvas import BAR, FAINT, GROUND, INK, OUTCOME, SOLID, sensor
 if TYPE_CHECKING:
     from placement_env.live.figures import FoundShare, LiveAnswer
     from placement_env.live.planner import Suggestion
+    from placement_env.live.variant import Variant, Yard
     from toolkit.sensors.sensor import Sensor
     from toolkit.sites.site import Site
 
@@ -161,6 +162,17 @@ def map_html(site: "Site", sensors: "Iterable[tuple[Sensor, bool]]") -> str:
         )
     box = f"{xmin:.1f} {-ymax:.1f} {xmax - xmin:.1f} {ymax - ymin:.1f}"
     return f'<svg viewBox="{box}" style="width:84px;display:block"><use href="#live-site"/>{"".join(shapes)}</svg>'
+
+
+def draw_small_maps(
+    yard: "Yard", variants: "Iterable[Variant]", known: "Mapping[Variant, str]"
+) -> dict["Variant", str]:
+    """Draw a small map of each variant. known: those that are drawn already."""
+    maps = {}
+    for variant in variants:
+        sensors = [(yard.build_sensor(variant, sensor), sensor.failed) for sensor in variant.sensors]
+        maps[variant] = known.get(variant) or map_html(yard.site, sensors)
+    return maps
 
 
 def _path(corners: Iterable[Iterable[float]]) -> str:

@@ -17,7 +17,7 @@ import pytest
 from coview.live_page import LivePage
 from coview.live_start import interrupted_by_sigterm
 from placement_env import LivePlanner
-from placement_env.live.project import ProjectFile
+from placement_env.live.project import ProjectFile, export_variant
 from toolkit.viewing.scene import viser_server
 
 MAX_WAITING = 20  # jobs of a page
@@ -176,7 +176,7 @@ def do_something(page, rng):
         lambda: page._change(lambda: planner.show(variant, copy=True)),
         lambda: page._choose(name),
         lambda: page._change(page._move_as_typed, name, "370", 5.0, 5.0),
-        lambda: page._later("exporting", page._export),
+        lambda: page._later("exporting", lambda: page._write(export_variant, page.folder)),
     )
     deeds[int(rng.integers(len(deeds) - 1)) if rng.random() < 0.98 else -1]()
 
