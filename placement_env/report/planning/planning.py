@@ -19,6 +19,7 @@ import numpy as np
 from placement_env.analysis.agreement import StageFigure, check_agreement
 from placement_env.analysis.approaches import compass, find_approaches, find_streets
 from placement_env.analysis.intervals import (
+    AP_TOLERANCE,
     BLOCK_FRAMES,
     RESAMPLES,
     Tally,
@@ -401,9 +402,11 @@ def check_stages(findings: Findings, judged: content.Judgement) -> None:
 def judge_sureness(
     confidence: float | None, judged: content.Judgement, drawn: Float64[np.ndarray, " resamples"]
 ) -> float | None:
-    """Confidence that no set of as many sensors is better, with what the judgement adds: none exceeds an AP of 1."""
+    """Confidence that no set of as many sensors is better, with what the judgement adds: no AP exceeds 1.
+
+    None for an AP so near 1 that no set could be better, from frames too few for an interval that would show it."""
     if confidence is None or not judged.known:
-        return confidence
+        return None if judged.ap > 1 - AP_TOLERANCE else confidence
     return max(confidence, share_beyond_reach(drawn))
 
 

@@ -625,6 +625,7 @@ def test_sureness_is_that_of_the_chosen_set_on_all_frames_and_never_below_what_t
     assert 0 <= choice.confidence <= 1
     perfect = Judgement(1.0, 0.99, 1.0, 1.0, 1.0, 400, 120)
     assert planning.judge_sureness(0.19, perfect, np.ones(100)) == 1.0
-    assert planning.judge_sureness(0.19, replace(perfect, low=np.nan), np.ones(100)) == 0.19
+    assert planning.judge_sureness(0.19, replace(perfect, low=np.nan), np.ones(100)) is None
+    assert planning.judge_sureness(0.19, replace(perfect, low=np.nan, ap=0.9), np.ones(100)) == 0.19
     assert planning.judge_sureness(0.8, perfect, np.full(100, 0.9)) == 0.8
     assert planning.judge_sureness(None, perfect, np.ones(100)) is None
