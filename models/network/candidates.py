@@ -136,7 +136,7 @@ def average_boxes(candidates: Detections, kept: Int64[np.ndarray, " k"], iou_thr
 
 TOGETHER = 0.3  # overlap, as a share of the smaller footprint, above which two claim one place
 LEAST_RIVAL = 0.2  # least score of a rival
-LARGE_RIVAL_SHARES = {"vehicle": 1.0, "heavy": 0.3}  # of the other's score, if the network's header has no shares
+LARGE_RIVAL_SHARES = {"vehicle": 0.8, "heavy": 0.3}  # of the other's score, if the network's header has no shares
 
 
 def share_ground(boxes: Float[np.ndarray, "n 7"]) -> Bool[np.ndarray, "n n"]:

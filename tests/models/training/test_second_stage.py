@@ -263,7 +263,7 @@ def test_a_box_with_too_small_a_share_of_its_rivals_score_is_dropped():
 
 
 LARGE = {
-    "a van under a surer truck": ((0.5, 0.6), [False, True]),
+    "a van under a surer truck": ((0.5, 0.7), [False, True]),
     "a truck's box over a far surer car": ((0.9, 0.25), [True, False]),
     "a truck's box that is nearly as sure": ((0.9, 0.4), [True, True]),
 }
