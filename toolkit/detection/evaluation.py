@@ -271,14 +271,13 @@ def evaluate_recording(
         bits, ms = [each.bits for each in fused], float(np.median([each.ms for each in fused]))
         kbit = float(np.mean([sent.mean() / 1000 if len(sent) else 0.0 for sent in bits]))
         score = partial(evaluate, found, objects, metric=asked.metric, protocol=counting, counted=counted)
-        second_scores = _second_scores(found, truths, outside, asked.metric)
         for label, thresholds in ious.items():
             true_iou = TRUE_IOU[label_index(label)]
             scores = score(label=label, iou_thresholds=[*thresholds, true_iou], outside=outside)
             for iou, at in ((iou, scores[iou]) for iou in thresholds):
                 shares = at.ap, at.recall, at.precision
                 rows.append(Row(name, chosen, iou, *shares, kbit, ms, at.curve, label, at.truths, at.fp / total))
-            second = second_scores if label == LABELS[VEHICLE] else np.zeros(0)
+            second = _second_scores(found, truths, outside, metric=asked.metric, label=label)
             classes.append(_rate_class(name, chosen, label, scores[true_iou], total, second))
         title = name if len(sets) == 1 else f"{name} {_sensor_text(chosen)}"
         if breakdown:
@@ -306,10 +305,17 @@ def evaluate_recording(
 
 
 def _second_scores(
-    found: Sequence[Detections], truths: Sequence[FrameTruth], outside: Sequence[Mask] | None, metric: Overlap
+    found: Sequence[Detections],
+    truths: Sequence[FrameTruth],
+    outside: Sequence[Mask] | None,
+    *,
+    metric: Overlap,
+    label: str,
 ) -> Float64[np.ndarray, " n"]:
-    """Scores of the vehicles that are an object's second label, in all frames."""
+    """Scores of the detections that are an object's second label, in all frames. Only vehicles are."""
     scores = [np.zeros(0)]
+    if label != LABELS[VEHICLE]:
+        return scores[0]
     for number, (detections, truth) in enumerate(zip(found, truths, strict=True)):
         beyond = None if outside is None else outside[number]
         second = second_labels(detections, truth.objects, metric=metric, counted=truth.counted, outside=beyond)
