@@ -133,8 +133,8 @@ def recording_detector(
 ) -> "Detector":
     """Return the detector for a recording: cluster, which learns its empty site, or one of `site_detector`.
 
-    name: None for the one that plans take, `find_network`, at a known site, else general; +background: that of the
-    site, or where the site has no scenery, of what the recording shows behind all that moves; place: where it will
+    name: None for the one that plans take, `find_network`, at a known site, else general; +background: the
+    site's, or where the site has no scenery, of what the recording shows behind all that moves; place: where it will
     detect, if not at the site itself; scenes: empty ones to learn from."""
     from toolkit.detection.background import KnownBackground, recording_background
     from toolkit.detection.cluster import ClusterDetector, learn_cluster_detector

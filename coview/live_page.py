@@ -13,20 +13,23 @@ from collections import deque
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from coview.live_signs import add_signs
+from coview.live_cameras import LiveCameras, Spot
+from coview.live_signs import add_signs, draw_view, find_target, lay_picture
 from coview.live_tables import (
     MAP_KEY,
     describe_ap,
+    describe_suggestions,
     details_html,
+    draw_small_maps,
     figures_html,
     hint_html,
-    map_html,
     note_html,
     site_html,
     variants_html,
@@ -38,7 +41,6 @@ from placement_env.live.planner import LivePlanner, Suggestion
 from placement_env.live.project import ProjectFile, export_variant, report_variant
 from placement_env.live.seen_map import MAP_HEIGHTS, SeenMaps
 from placement_env.live.variant import LiveSensor, Variant
-from toolkit.arrays import Float64
 from toolkit.detection.schemes import PAPER_SCHEMES
 from toolkit.display import describe_count
 from toolkit.plots.canvas import FAINT, INK, OUTCOME, sensor_colour
@@ -54,21 +56,15 @@ if TYPE_CHECKING:
     from placement_env.live.figures import LiveAnswer
     from placement_env.setting import Setting
 FOUND = 0.5  # hit probability from which a road user is drawn as found
-REACH = 20.0  # m: a handle is where the sensor looks at the ground, but no farther
 PATIENCE = 1.0  # s that a suggestion waits for more poles to be looked at
 MOVING, QUIET, CALM = 0.1, 0.4, 2.0  # s after a change until work goes on; views that are shown are refined; others
 LATE = 0.3  # s after which what is slow to draw no longer waits for the pointer to rest
 PAINT = 1.2  # s that a browser gets for the first figures alone
 TIDY = 10.0  # s of use after which freed memory is handed back
 CATCH = 3.0  # m from the pointer within which a pole catches a sensor that is carried
-AWAY, WIDE = 1.25, 1.3  # times as far from the area as the report's view, in windows at least so wide for their height
-HOUSING_M, LOOK_M = 1.2, 12.0  # from a sensor to the camera that looks through it, and to what it looks at
-MIN_LOOK_FOV_RAD, MAX_LOOK_FOV_RAD = 0.7, 1.4
-PHONE, SHEET = 576, 0.6  # px of width below which the panel is a sheet over this share of the scene
 GHOST, KEPT_OUT = "#4463f6", "#b3261e"
 GO_ON = "go on, and report the lines in the terminal"
 CLASSES = {"vehicle": ("vehicle",), "cyclist and pedestrian": SMALL, "all three": ("vehicle", *SMALL)}
-Spot = Float64[np.ndarray, "3"]
 
 
 class LivePage:
@@ -107,10 +103,8 @@ class LivePage:
         self._await_spot: Callable[[Spot], None] | None = None
         self._filling = False
         self._begun = False  # once a browser has had time to show the figures, it gets controls and the scene
-        eye, self._middle = (np.array(each) for each in scene.overview(tuple(planner.yard.site.area.tolist())))
-        self._slant = AWAY * (eye - self._middle)
-        scene.set_view(server, tuple(self._middle + self._slant), tuple(self._middle))
-        self._aimed: dict[int, tuple[Spot, float, bool, Spot]] = {}  # view, aspect and place of each browser's camera
+        self._cameras = LiveCameras(planner.yard.site.area)
+        scene.set_view(server, tuple(self._cameras.middle + self._cameras.slant), tuple(self._cameras.middle))
         server.on_client_connect(self._greet)
         server.scene.on_click()(self._click)
         self._add_figures()
@@ -144,7 +138,7 @@ class LivePage:
                 self._touched = time.monotonic()
                 self._try(job)
             elif not self._begun:
-                if self._aimed and self._answer is not None and time.monotonic() > self._touched + PAINT:
+                if self._cameras.aimed and self._answer is not None and time.monotonic() > self._touched + PAINT:
                     self._try(self._begin)
             elif self._play.value and time.monotonic() - self._played > 0.25:
                 self._played = time.monotonic()
@@ -219,7 +213,7 @@ class LivePage:
             job()
         except (ValueError, OSError, ImportError) as error:
             self._note = str(error)
-        except Exception as error:  # of one control, drag or drawing: the page lives on
+        except Exception as error:  # one control, drag or drawing failed: the page lives on
             traceback.print_exc()
             self._note = f"that did not work, by a fault of coview ({type(error).__name__}: {error!s:.80}); {GO_ON}"
         else:
@@ -306,11 +300,13 @@ class LivePage:
             self._frame = gui.add_slider("Frame", 0, max(planner.frames - 1, 1), 1, busiest)
             self._frame.on_update(lambda _: self.do(self._draw_traffic))
             self._play = gui.add_checkbox("Play the traffic", False)
-            gui.add_button("From above").on_click(lambda event: self.do(lambda: self._look_down(event.client)))
-            gui.add_button("Overview").on_click(lambda event: self.do(lambda: self._look_over(event.client)))
+            gui.add_button("From above").on_click(lambda event: self.do(lambda: self._cameras.look_down(event.client)))
+            gui.add_button("Overview").on_click(lambda event: self.do(lambda: self._cameras.show_all(event.client)))
         with tabs.add_tab("Files"):
-            gui.add_button("Export site, map and schedule").on_click(lambda _: self._later("exporting", self._export))
-            gui.add_button("Judge and write the report").on_click(lambda _: self._later("judging", self._report))
+            export = partial(self._write, export_variant, self.folder)
+            report = partial(self._write, report_variant, self.folder / "report")
+            gui.add_button("Export site, map and schedule").on_click(lambda _: self._later("exporting", export))
+            gui.add_button("Judge and write the report").on_click(lambda _: self._later("judging", report))
 
     def _add_score_tab(self) -> None:
         gui, first, now = self.server.gui, self.planner.first, self.planner.asked
@@ -398,12 +394,7 @@ class LivePage:
         self._drawn["/picture"] = picture
         self.server.scene.remove_by_name("/picture")
         if picture is not None:
-            alpha = np.full((picture.height, picture.width), 215, np.uint8)
-            pixels = np.dstack([picture.read(self._beside)[::-1], alpha])
-            wide, long = picture.width * picture.scale, picture.height * picture.scale
-            laid = self.server.scene.add_image("/picture", pixels, wide, long, cast_shadow=False)
-            laid.position = picture.x, picture.y, float(site.ground(np.array([picture.x, picture.y]))) + 0.06
-            laid.wxyz = np.cos(picture.turn / 2), 0.0, 0.0, np.sin(picture.turn / 2)
+            lay_picture(self.server.scene, site, picture, self._beside)
 
     def _draw_areas(self) -> None:
         """Draw the keep-out areas, and the one that is being drawn."""
@@ -480,11 +471,7 @@ class LivePage:
 
         def job() -> None:
             found = self._ghosts = list(self.planner.suggest(kind, name, patience=PATIENCE))
-            said = "; ".join(f"{s.sensor.name} on {s.sensor.mount}: {describe_ap(s.answer)}" for s in found)
-            title = {"add": "next sensor", "move": "best place", "remove": "missed least"}[kind]
-            known = f" (of {found[0].considered} poses so far)" if found and kind != "remove" else ""
-            none = "none" if kind == "remove" else "none among the poles looked at so far; ask again"
-            self._note = f"{title}: {said or none}{known}"
+            self._note = describe_suggestions(kind, found)
             self.do(self._draw)
 
         self._later("comparing poses", job)
@@ -510,13 +497,8 @@ class LivePage:
         self._measured = f"measured {describe_ap(found)}, predicted {predicted.ap:.3f}, {number}"
         self._note = f"by the detector: {self._measured}"
 
-    def _export(self) -> None:
-        written = export_variant(self.planner, self.folder)
-        self._note = f"written to {self.folder}: {', '.join(path.name for path in written)}"
-
-    def _report(self) -> None:
-        written = report_variant(self.planner, self.folder / "report")
-        self._note = f"written to {self.folder / 'report'}: {', '.join(path.name for path in written)}"
+    def _write(self, write: Callable[[LivePlanner, Path], Iterable[Path]], folder: Path) -> None:
+        self._note = f"written to {folder}: {', '.join(path.name for path in write(self.planner, folder))}"
 
     # drawing
 
@@ -557,10 +539,7 @@ class LivePage:
 
     def _draw_variants(self) -> None:
         yard, variants = self.planner.yard, self.planner.variants
-        for variant in set(variants.values()) - self._small.keys():
-            sensors = [(yard.build_sensor(variant, each), each.failed) for each in variant.sensors]
-            self._small[variant] = map_html(yard.site, sensors)
-        self._small = {variant: self._small[variant] for variant in variants.values()}
+        self._small = draw_small_maps(yard, variants.values(), self._small)
         shown, estimate = self.planner.current, self.planner.estimate
         known = {} if self._answer is None else {shown: self._answer}
         answers = {name: known.get(name) or estimate(each) for name, each in variants.items()}
@@ -608,10 +587,10 @@ class LivePage:
             if live.name not in self._nodes:
                 self._nodes[live.name] = self._add_sensor(live, sensor, colour)
             housing, handle, way, label = self._nodes[live.name]
-            target = self._find_target(sensor)
+            target = find_target(self.planner.yard.site, sensor)
             housing.position, handle.position = sensor.position, target
             housing.color = handle.color = colour
-            way.points, way.colors = self._view_lines(sensor, target), np.array(colour, np.uint8)
+            way.points, way.colors = draw_view(self.planner.yard.site, sensor, target), np.array(colour, np.uint8)
             label.position = target + np.array([0.0, 0.0, 1.1])  # apart, where two hang on a pole
             label.text = f"{live.name}{' (failed)' if live.failed else ''}{' (locked)' if live.locked else ''}"
 
@@ -619,7 +598,7 @@ class LivePage:
         api, node = self.server.scene, f"/planned/{secrets.token_hex(4)}"
         housing = api.add_box(f"{node}/housing", colour, (1.2, 1.2, 0.9))
         handle = api.add_icosphere(f"{node}/handle", 0.8, colour, subdivisions=2)
-        lines = self._view_lines(sensor, self._find_target(sensor))
+        lines = draw_view(self.planner.yard.site, sensor, find_target(self.planner.yard.site, sensor))
         way = api.add_line_segments(f"{node}/view", lines, colour, thickness=2.5, thickness_units="screen")
         label = api.add_label(f"{node}/label", live.name, font_screen_scale=1.2, anchor="bottom-center")
         name = live.name
@@ -701,37 +680,19 @@ class LivePage:
             self._choose(name)
             self._draw_sensors()
 
-    def _find_target(self, sensor: Sensor) -> Spot:
-        """Place of a sensor's handle: where it looks at the ground, no farther than `REACH`."""
-        ahead = sensor.world_SE3_body[:3, 0]
-        ground = float(self.planner.yard.site.ground(sensor.position[:2]))
-        level = max(float(np.hypot(*ahead[:2])), 1e-6)
-        down = (sensor.position[2] - ground - 0.3) / max(-float(ahead[2]), 1e-9)
-        return np.asarray(sensor.position + ahead * min(down, REACH / level))
-
-    def _view_lines(self, sensor: Sensor, target: Spot) -> np.ndarray:
-        """Lines from a sensor to its handle, and along both sides of its field of view."""
-        half = min(sensor.model.horizontal_fov / 2, np.pi)
-        ahead, ends = target - sensor.position, [target]
-        for turn in (-half, half) if half < np.pi - 1e-6 else ():
-            cos, sin = np.cos(turn), np.sin(turn)
-            side = np.array([cos * ahead[0] - sin * ahead[1], sin * ahead[0] + cos * ahead[1], ahead[2]])
-            ends.append(sensor.position + side)
-        foot = np.array([*sensor.position[:2], self.planner.yard.site.ground(sensor.position[:2])])
-        pairs = [(sensor.position, end) for end in (*ends, foot)] + [(ends[0], end) for end in ends[1:]]
-        return np.array(pairs, np.float32)
-
     def _draw_ghosts(self) -> None:
         for handle in self._nodes.pop("", []):
             handle.remove()
         made: list[Handle] = []
         for k, each in enumerate(self._ghosts):
             sensor = self.planner.yard.build_sensor(self.planner.variant, each.sensor)
-            node, target = f"/ghosts/{k}", self._find_target(sensor)
+            node, target = f"/ghosts/{k}", find_target(self.planner.yard.site, sensor)
             api, colour = self.server.scene, scene.rgb(GHOST)
             made.append(api.add_box(f"{node}/housing", colour, (1.1, 1.1, 0.9), opacity=0.4, position=sensor.position))
             made[-1].on_click(lambda _, each=each: self._change(self.planner.accept, each))
-            made.append(api.add_line_segments(f"{node}/view", self._view_lines(sensor, target), colour))
+            made.append(
+                api.add_line_segments(f"{node}/view", draw_view(self.planner.yard.site, sensor, target), colour)
+            )
             text = f"{'without ' * (each.kind == 'remove')}AP {each.answer.ap:.3f}"
             place = sensor.position + np.array([0.0, 0.0, 2.2])
             made.append(api.add_label(f"{node}/label", text, position=place, anchor="bottom-center"))
@@ -782,48 +743,10 @@ class LivePage:
             "/seen", colours, len(found.x) * cell, len(found.y) * cell, position=place, cast_shadow=False
         )
 
-    def _look_down(self, client: Handle) -> None:
-        if client is not None:
-            client.camera.fov = scene.VERTICAL_FOV
-            self._aim(client, np.array([0.0, -0.02, 1.0]) * np.linalg.norm(self._slant))
-
-    def _look_over(self, client: Handle) -> None:
-        if client is not None:
-            client.camera.fov = scene.VERTICAL_FOV
-            self._aim(client, self._slant)
+    def _greet(self, client: Handle) -> None:
+        self._touched = time.monotonic()
+        self._cameras.greet(client)
 
     def _look_through(self, client: Handle) -> None:
-        """Put a browser's camera in the chosen sensor's place, with as much of its view as a screen holds."""
-        if client is None:
-            return
-        sensor = self.planner.yard.build_sensor(self.planner.variant, self.planner.variant.find(self._name))
-        ahead = sensor.world_SE3_body[:3, 0]
-        with client.atomic():
-            client.camera.fov = min(max(sensor.model.vertical_fov, MIN_LOOK_FOV_RAD), MAX_LOOK_FOV_RAD)
-            client.camera.position = sensor.position + HOUSING_M * ahead
-            client.camera.look_at = sensor.position + LOOK_M * ahead
-
-    def _greet(self, client: Handle) -> None:
-        self._touched, camera = time.monotonic(), client.camera
-        self._aim(client, self._slant, phone=camera.image_width < PHONE)
-
-        def fit(_: Handle) -> None:  # the panel docks, or the window changes: fit what nobody has moved
-            away, aspect, phone, place = self._aimed[client.client_id]
-            if abs(camera.aspect - aspect) > 0.01 and np.allclose(camera.position, place, atol=0.1):
-                self._aim(client, away, phone=phone)
-
-        camera.on_update(fit)
-
-    def _aim(self, client: Handle, way: Spot, *, phone: bool | None = None) -> None:
-        """Aim a browser's camera at the area, from farther away where the window is narrow or a sheet covers it."""
-        camera = client.camera
-        if phone is None:
-            phone = self._aimed[client.client_id][2]
-        away = way * max(WIDE / camera.aspect, 1.0)
-        ahead, east = -away / np.linalg.norm(away), np.array([1.0, 0.0, 0.0])
-        east = east - ahead * (east @ ahead)
-        covered = SHEET * np.tan(scene.VERTICAL_FOV / 2) * np.linalg.norm(away) if phone else 0.0
-        middle = self._middle - covered * np.cross(east / np.linalg.norm(east), ahead)
-        self._aimed[client.client_id] = way, camera.aspect, phone, middle + away
-        with client.atomic():
-            camera.position, camera.look_at = middle + away, middle
+        variant = self.planner.variant
+        self._cameras.look_through(client, self.planner.yard.build_sensor(variant, variant.find(self._name)))

@@ -1,16 +1,19 @@
-"""Signs in the live planner's scene, as on a map: north, a scale, names of streets, and the poles that may be used."""
+"""Drawings in the live planner's scene: a map's signs, poles that may be used, sensors' views, pictures below."""
 
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 import shapely
 
+from placement_env.live.picture import GroundPicture
 from placement_env.report.pages.scene import add_site
-from toolkit.arrays import Float64
+from toolkit.arrays import Float32, Float64
 from toolkit.plots.canvas import INK
 from toolkit.plots.plan_view import north, scale_length
+from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Mount, Site
 from toolkit.sites.streets import find_lane_arrows, find_street_names
 from toolkit.viewing import scene
@@ -19,9 +22,11 @@ from toolkit.viewing.scene import Handle
 if TYPE_CHECKING:
     from viser import SceneApi
 
-LIFT_M = 0.15  # of signs above the ground
+LIFT_M = 0.15  # signs above the ground
+REACH_M = 20.0  # to where a sensor looks at the ground, and no farther: its handle is there
+PICTURE_LIFT_M, PICTURE_ALPHA = 0.06, 215
 ARROW_M, HEAD_M = 8.0, 2.0  # length of the north arrow, and of its head
-SCALE_SHARE = 0.25  # of the area's width that the scale takes at most
+SCALE_SHARE = 0.25  # largest part of the area's width that the scale takes
 MARGIN_M = 4.0  # between the area and its signs
 LANE_ARROW_M = 3.5
 TRIED_PLACES = 24  # along each side of the area, for a sign without solids
@@ -98,3 +103,36 @@ def _add_lines(
 
 def _lift(site: Site, places: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n 3"]:
     return np.column_stack([places, site.ground(places) + LIFT_M])
+
+
+def find_target(site: Site, sensor: Sensor) -> Float64[np.ndarray, "3"]:
+    """Find the place of a sensor's handle (m): where it looks at the ground, no farther than `REACH_M`."""
+    ahead = sensor.world_SE3_body[:3, 0]
+    ground = float(site.ground(sensor.position[:2]))
+    level = max(float(np.hypot(*ahead[:2])), 1e-6)
+    down = (sensor.position[2] - ground - 0.3) / max(-float(ahead[2]), 1e-9)
+    return np.asarray(sensor.position + ahead * min(down, REACH_M / level))
+
+
+def draw_view(site: Site, sensor: Sensor, target: Float64[np.ndarray, "3"]) -> Float32[np.ndarray, "n 2 3"]:
+    """Lines from a sensor to its handle and its foot, and along both sides of its field of view (m)."""
+    half = min(sensor.model.horizontal_fov / 2, np.pi)
+    ahead, ends = target - sensor.position, [target]
+    for turn in (-half, half) if half < np.pi - 1e-6 else ():
+        cos, sin = np.cos(turn), np.sin(turn)
+        side = np.array([cos * ahead[0] - sin * ahead[1], sin * ahead[0] + cos * ahead[1], ahead[2]])
+        ends.append(sensor.position + side)
+    foot = np.array([*sensor.position[:2], site.ground(sensor.position[:2])])
+    pairs = [(sensor.position, end) for end in (*ends, foot)] + [(ends[0], end) for end in ends[1:]]
+    return np.array(pairs, np.float32)
+
+
+def lay_picture(api: "SceneApi", site: Site, picture: GroundPicture, folder: Path) -> None:
+    """Lay a picture on the ground. folder: where its file is kept."""
+    alpha = np.full((picture.height, picture.width), PICTURE_ALPHA, np.uint8)
+    pixels = np.dstack([picture.read(folder)[::-1], alpha])
+    wide, long = picture.width * picture.scale, picture.height * picture.scale
+    laid = api.add_image("/picture", pixels, wide, long, cast_shadow=False)
+    ground = float(site.ground(np.array([picture.x, picture.y])))
+    laid.position = picture.x, picture.y, ground + PICTURE_LIFT_M
+    laid.wxyz = np.cos(picture.turn / 2), 0.0, 0.0, np.sin(picture.turn / 2)

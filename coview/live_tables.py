@@ -1,6 +1,6 @@
 """HTML of the live planner's panel: the hint, figures, notes and the table of variants. Names are escaped."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from typing import TYPE_CHECKING
 
@@ -11,6 +11,8 @@ from toolkit.plots.canvas import BAR, FAINT, GROUND, INK, OUTCOME, SOLID, sensor
 
 if TYPE_CHECKING:
     from placement_env.live.figures import FoundShare, LiveAnswer
+    from placement_env.live.planner import Suggestion
+    from placement_env.live.variant import Variant, Yard
     from toolkit.sensors.sensor import Sensor
     from toolkit.sites.site import Site
 
@@ -162,6 +164,17 @@ def map_html(site: "Site", sensors: "Iterable[tuple[Sensor, bool]]") -> str:
     return f'<svg viewBox="{box}" style="width:84px;display:block"><use href="#live-site"/>{"".join(shapes)}</svg>'
 
 
+def draw_small_maps(
+    yard: "Yard", variants: "Iterable[Variant]", known: "Mapping[Variant, str]"
+) -> dict["Variant", str]:
+    """Draw a small map of each variant. known: those that are drawn already."""
+    maps = {}
+    for variant in variants:
+        sensors = [(yard.build_sensor(variant, sensor), sensor.failed) for sensor in variant.sensors]
+        maps[variant] = known.get(variant) or map_html(yard.site, sensors)
+    return maps
+
+
 def _path(corners: Iterable[Iterable[float]]) -> str:
     return f"M{' '.join(f'{x:.1f},{-y:.1f}' for x, y in corners)}Z"
 
@@ -188,6 +201,21 @@ def variants_html(answers: "Mapping[str, LiveAnswer]", current: str, maps: Mappi
 def describe_ap(answer: "LiveAnswer") -> str:
     """AP with its interval."""
     return f"AP {answer.ap:.3f} ({_ends(answer.low, answer.high)})"
+
+
+def describe_suggestions(kind: str, suggestions: "Sequence[Suggestion]") -> str:
+    """Line on suggestions, the best first. kind: add, move or remove."""
+    described = []
+    for suggestion in suggestions:
+        sensor, pole = suggestion.sensor.name, suggestion.sensor.mount
+        place = sensor if sensor.startswith(pole) else f"{sensor} on {pole}"
+        described.append(f"{place}: {describe_ap(suggestion.answer)}")
+    title = {"add": "next sensor", "move": "best place", "remove": "missed least"}[kind]
+    if kind == "remove":
+        return f"{title}: {'; '.join(described) or 'none'}"
+    if not described:
+        return f"{title}: none among the poles looked at so far; ask again"
+    return f"{title}: {'; '.join(described)} (of {suggestions[0].considered} poses so far)"
 
 
 def _ends(low: float, high: float, form: str = ".3f") -> str:

@@ -18,7 +18,7 @@ from toolkit.runtime.text_tables import escape
 
 OK, SUSPECTED, BAD_INPUT, MISSING, LOST, INTERNAL, INTERRUPTED, PIPE_CLOSED = 0, 1, 2, 3, 4, 70, 130, 141
 NOT_MET = SUSPECTED  # a plan's requirement cannot be met; "no", like a suspicion of the doctor
-FILE_KINDS = {  # of files that take long to make again, by a key that no other has
+FILE_KINDS = {  # files that take long to make again, by a key that no other has
     "map_SE3_site": "a site's file",
     "coview_plan": "a plan",
     "coview_live": "a project of coview live",
@@ -90,7 +90,7 @@ def check_folder(
     """Check that a command may write the file `holds` into a folder, new or old. writes: names of its other files;
     kind: of `holds`.
 
-    Raises ValueError where one of them is read, or is there without `holds`, so that another made it."""
+    Raises ValueError for a file that is read, and for a file without `holds` next to it, which another made."""
     inputs = list(inputs)
     check_output(out, inputs=inputs, overwrite=True)
     for name in writes:

@@ -16,7 +16,7 @@ Steps = Mapping[str, float]  # main stages of a command in order, and the usual 
 NO_STEPS: Steps = MappingProxyType({})
 EVERY_S = 10.0  # between two lines where there is no terminal
 MIN_LEFT_S = 1.0  # below which no time left is stated
-MIN_SHARE = 0.05  # of the work, before which no time for all is stated
+MIN_SHARE = 0.05  # part of the work, before which no time for all is stated
 
 
 class Bar:

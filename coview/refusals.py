@@ -44,8 +44,16 @@ def describe_refusal(event: Any, text: str, words: Sequence[str]) -> str | None:
     command = "coview" if words[0].startswith("-") else words[0]
     if type(event).__name__ == "MissingArgs" and words[0] in COMMANDS_OF_COMMANDS:
         command = " ".join(words[:2])
+    descriptions = {
+        "UnrecognizedArgs": _describe_unknown,
+        "InvalidChoice": _describe_choice,
+        "InstantiationFailure": _describe_values,
+        "BadValue": _describe_too_few,
+        "MissingArgs": _describe_missing,
+        "MissingSubcommand": _describe_missing_command,
+    }
     try:
-        return _DESCRIPTIONS[type(event).__name__](event, _plain(text), command)
+        return descriptions[type(event).__name__](event, _plain(text), command)
     except (KeyError, AttributeError, TypeError, IndexError):
         return None
 
@@ -139,13 +147,3 @@ def _kind(argument: Any) -> str:
     if "..." in metavar or "*" in metavar:
         return f"one or several {_KINDS[kinds[0]][1]}"
     return _KINDS[kinds[0]][0] if len(kinds) == 1 else f"{len(kinds)} {_KINDS[kinds[0]][1]}"
-
-
-_DESCRIPTIONS = {
-    "UnrecognizedArgs": _describe_unknown,
-    "InvalidChoice": _describe_choice,
-    "InstantiationFailure": _describe_values,
-    "BadValue": _describe_too_few,
-    "MissingArgs": _describe_missing,
-    "MissingSubcommand": _describe_missing_command,
-}

@@ -8,7 +8,7 @@ from typing import Any, Literal, SupportsFloat
 
 from toolkit.objects import LABELS
 
-MAX_COLUMNS = 5_000_000  # of the grid, whose maps take some 300 bytes each
+MAX_COLUMNS = 5_000_000  # in the grid, whose maps take some 300 bytes each
 MAX_HEIGHT_CELLS, MAX_MAP_ANCHORS = 500, 16_000_000
 MAX_WIDTH, MAX_LAYERS = 4096, 64  # channels of a layer, and layers of a block
 MAX_VOXEL_POINTS = 10_000

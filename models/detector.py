@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from models.config import SHIPPED, VoxelNetConfig
+from models.config import MAX_COLUMNS, SHIPPED, VoxelNetConfig
 from models.network import candidates as decoding
 from models.network.faces import measure_faces
 from models.network.grid import anchors, collate, voxelise
@@ -28,7 +28,9 @@ from toolkit.sites.site import check_area
 SPREAD = np.array([0.7548776662466927, 0.5698402909980532])  # steps whose multiples fill a square evenly (Roberts 2018)
 MOST_PHASES = 16
 LEAST_KNOWN = 0.05  # score of what a detector reports where it is judged anew, since the empty site is known
+BLOCK_CELLS, MARGIN_CELLS = 512, 128  # voxels of a block of a wide area, multiples of the coarsest stride
 SAME = 0.3  # footprint IoU above which boxes of several grids are averaged
+_Area = tuple[float, float, float, float]
 _Clouds = Sequence[Float[np.ndarray, "_ 3"]]
 
 
@@ -113,7 +115,7 @@ class VoxelNetDetector:
         """Detect in one cloud."""
         if self.phases == 1 or not len(points):
             return self.batch([points])[0]
-        (xmin, _, xmax, _), (rows, _) = self.area, self.config.map_shape
+        (xmin, _, xmax, _), (rows, _) = self.config.area, self.config.map_shape
         parts = []
         for phase in range(self.phases):
             shift = np.append(phase * SPREAD % 1 * (xmax - xmin) / rows, 0.0)
@@ -195,6 +197,74 @@ class VoxelNetDetector:
         return found if self.faces is None else measure_faces(self.faces, found, np.asarray(cloud), self.config.faces)
 
 
+def is_wide(area: _Area, config: VoxelNetConfig) -> bool:
+    """Return True for an area with more columns of voxels than one grid may have."""
+    (xmin, ymin, xmax, ymax), (dx, dy, _) = area, config.voxel_size
+    return ((xmax - xmin) / dx + 8) * ((ymax - ymin) / dy + 8) > MAX_COLUMNS
+
+
+class WideVoxelNetDetector(VoxelNetDetector):
+    """Detector of one network in an area too large for one grid, block by block.
+
+    A box depends on the points within some metres, so a grid of one block, with a margin on every side, finds there
+    what a grid of the whole area finds. Blocks lie on the whole grid's cells, and only those with points are computed.
+    network: for any area, with coordinates from its voxels. Other arguments as `VoxelNetDetector`."""
+
+    def __init__(
+        self,
+        network: VoxelNet,
+        area: _Area,
+        *,
+        device: str | torch.device = "cpu",
+        score_threshold: float | None = None,
+        nms_threshold: float = 0.1,
+    ) -> None:
+        cells = BLOCK_CELLS + 2 * MARGIN_CELLS
+        sides = cells * network.config.voxel_size[0], cells * network.config.voxel_size[1]
+        block = VoxelNet(replace(network.config, area=(0.0, 0.0, *sides)))
+        block.load_state_dict(network.state_dict())
+        super().__init__(block, device=device, score_threshold=score_threshold, nms_threshold=nms_threshold)
+        self._tiled = None  # unions are detected one after another
+        self._wide = area
+
+    @property
+    def area(self) -> _Area:
+        """Area of detection: xmin ymin xmax ymax, m, world frame."""
+        return self._wide
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of weights, configuration and thresholds, with the area."""
+        return f"{super().digest} in {' '.join(f'{side:g}' for side in self._wide)}"
+
+    def batch(self, clouds: _Clouds) -> list[Detections]:
+        """Detect in several clouds, block by block."""
+        return [self._detect_blocks(np.asarray(cloud)) for cloud in clouds]
+
+    def _detect_blocks(self, cloud: Float[np.ndarray, "n 3"]) -> Detections:
+        voxel = np.array(self.config.voxel_size[:2])
+        low, high = np.array(self._wide[:2]), np.array(self._wide[2:])
+        block, margin = BLOCK_CELLS * voxel, MARGIN_CELLS * voxel
+        xy = cloud[:, :2].astype(np.float64)
+        inside = ((xy > low) & (xy < high)).all(axis=1)
+        inside &= (cloud[:, 2] > self.config.height[0]) & (cloud[:, 2] < self.config.height[1])
+        cloud, xy = cloud[inside], xy[inside]
+        corners = np.floor((xy - low) / block).astype(np.int64)
+        parts = []
+        for corner in np.unique(corners, axis=0):
+            start = low + corner * block - margin
+            near = ((xy > start) & (xy < start + block + 2 * margin)).all(axis=1)
+            points = np.column_stack([xy[near] - start, cloud[near, 2]]).astype(np.float32)
+            (found,) = super().batch([points])
+            centres = found.boxes[:, :2]
+            own = ((centres >= margin) & (centres < margin + block)).all(axis=1)
+            world = centres + start
+            own &= ((world >= low) & (world <= high)).all(axis=1)
+            shift = np.append(start, np.zeros(5))
+            parts.append(replace(found[own], boxes=found.boxes[own] + shift))
+        return Detections.merge(parts) if parts else Detections.empty()
+
+
 def load_detector(
     name: str | Path,
     *,
@@ -213,9 +283,17 @@ def load_detector(
     trained_for = header.site or "general"
     if site is not None and trained_for not in (site, "general"):
         raise ValueError(f"{name} holds weights for {trained_for!r}, not for {site!r}: take {site!r} or 'general'")
+    detector: VoxelNetDetector
     if area is not None:
         xmin, ymin, xmax, ymax = check_area([float(side) for side in area]).tolist()
-        network = relocate(network, (xmin, ymin, xmax, ymax), trained_for)
+        corners = (xmin, ymin, xmax, ymax)
+        if is_wide(corners, network.config) and goes_anywhere(network, trained_for):
+            detector = WideVoxelNetDetector(
+                network, corners, device=device, score_threshold=score_threshold, nms_threshold=nms_threshold
+            )
+            detector.name = str(name)
+            return detector
+        network = relocate(network, corners, trained_for)
     detector = VoxelNetDetector(network, device=device, score_threshold=score_threshold, nms_threshold=nms_threshold)
     detector.name = str(name)
     return detector
@@ -227,12 +305,17 @@ def load_site_detector(site: str, area: Iterable[SupportsFloat]) -> VoxelNetDete
     return load_detector(site if own else "general", area=area)
 
 
+def goes_anywhere(network: VoxelNet, trained_for: str) -> bool:
+    """Return True for a network of any area."""
+    return trained_for == "general" and network.config.point_features == "local"
+
+
 def relocate(network: VoxelNet, area: tuple[float, float, float, float], trained_for: str) -> VoxelNet:
     """Return a network with the same weights on another area. Raises ValueError for weights that know only one area."""
     config = network.config
     if area == config.area:
         return network
-    if trained_for != "general" or config.point_features != "local":
+    if not goes_anywhere(network, trained_for):
         own, got = (" ".join(f"{side:g}" for side in corners) for corners in (config.area, area))
         remedy = f"give that area (--area {own}), or take detector general"
         raise ValueError(f"these weights are for the area {own} of {trained_for!r} alone, got {got}: {remedy}")

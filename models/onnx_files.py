@@ -31,8 +31,8 @@ from toolkit.arrays import Float, Points
 from toolkit.objects import Detections
 from toolkit.runtime.files import limit_memory, parse_json, read_plain, read_text, writing
 
-MAX_TRIAL_S, MAX_TRIAL_BYTES = 15.0, 3 << 29  # of a network's first run, with two points
-MAX_PLACE_M, MAX_SIZE_M, MAX_YAW_RAD = 1e5, 100.0, 1e3  # of boxes that a network returns
+MAX_TRIAL_S, MAX_TRIAL_BYTES = 15.0, 3 << 29  # for a network's first run, with two points
+MAX_PLACE_M, MAX_SIZE_M, MAX_YAW_RAD = 1e5, 100.0, 1e3  # in boxes that a network returns
 _POINTS, _VOXELS, _BOXES = ["points"], ["features", "voxel", "cells"], ["boxes", "scores", "labels"]
 _MISSING = "networks in ONNX need {}: pip install coview[onnx]"
 

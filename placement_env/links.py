@@ -9,8 +9,8 @@ import numpy as np
 
 from toolkit.arrays import Float64
 
-LINK_SHARE = 0.95  # of the frames, in which a link must carry what is sent
-ROUNDING_SHARE = 1e-9  # of a capacity, by which rounding may exceed it
+LINK_SHARE = 0.95  # part of the frames in which a link must carry what is sent
+ROUNDING_SHARE = 1e-9  # part of a capacity by which rounding may exceed it
 
 
 def link_load(kbit: Float64[np.ndarray, "*n frames"], share: float = LINK_SHARE) -> Float64[np.ndarray, "*n"]:

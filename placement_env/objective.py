@@ -220,7 +220,7 @@ class Objective:
         )
 
     def fits_links(self, members: Sequence[int], kbit: Float64[np.ndarray, "k frames"]) -> bool:
-        """True if the links of a set carry what its sensors send. kbit: of each, in frames of any traffic."""
+        """True if the links of a set carry what its sensors send. kbit: each sensor's, in frames of any traffic."""
         if not self.scheme.sends_points:
             return True
         mounts = self.candidates.mount[list(members)]

@@ -31,7 +31,7 @@ from toolkit.runtime.light_open3d import o3d
 from toolkit.sensors.sensor import Sensor
 
 PointCloud = o3d.t.geometry.PointCloud
-AnyCloud = PointCloud | o3d.geometry.PointCloud | np.ndarray  # of which arrays are (n, 3), or (n, 4) with intensity
+AnyCloud = PointCloud | o3d.geometry.PointCloud | np.ndarray  # arrays are (n, 3), or (n, 4) with intensity
 MAX_LISTED_CLOUDS = 10
 
 
@@ -99,7 +99,7 @@ def fuse(clouds: Iterable[AnyCloud], poses: Sequence[Pose] | None = None) -> Poi
     frame into the common one, with which positions become float64 and normals turn. Without poses the clouds must be in
     one frame already, and a warning names the clouds that neither a pose nor a number of a sensor vouches for.
 
-    Attributes that all clouds have stay; a warning names the others, or those of different widths. Clouds without
+    Attributes that all clouds have stay; a warning names the others, also for other widths. Clouds without
     points do not count. Raises ValueError for what is no cloud or no pose, for unequal numbers of both, and where a
     cloud would get the number of another's sensor."""
     if isinstance(clouds, PointCloud | o3d.geometry.PointCloud) or getattr(clouds, "ndim", 3) == 2:
@@ -174,7 +174,7 @@ def cloud_attributes(cloud: AnyCloud) -> Attributes:
 def down_sample(cloud: AnyCloud, voxel_m: float) -> PointCloud:
     """Keep one point of each sensor in each cube of edge `voxel_m` (m), in their order, with all its attributes.
 
-    cloud: of any kind that `fuse` takes. It is the point nearest to the mean of the sensor's points there, the first of
+    cloud: any that `fuse` takes. It is the point nearest to the mean of the sensor's points there, the first of
     equals. Sensors are thinned separately, so that sets of sensors stay comparable."""
     if not 0 < voxel_m < np.inf:
         raise ValueError(f"voxel_m must be above 0 m, got {voxel_m}")
@@ -197,7 +197,7 @@ def down_sample(cloud: AnyCloud, voxel_m: float) -> PointCloud:
 def crop(cloud: AnyCloud, area: Area, height: float | None = None, *, floor: float = 0.0) -> PointCloud:
     """Keep the points inside an area, at floor < z < height.
 
-    cloud: of any kind that `fuse` takes; area: a site, or xmin, ymin, xmax, ymax (m); height: the site's by default,
+    cloud: any that `fuse` takes; area: a site, or xmin, ymin, xmax, ymax (m); height: the site's by default,
     else 4 m (paper section II-B). If the site slopes, z counts from its plane."""
     if np.isnan(floor):
         raise ValueError("floor must be a number of metres, got NaN")
@@ -206,7 +206,7 @@ def crop(cloud: AnyCloud, area: Area, height: float | None = None, *, floor: flo
 
 
 def points_per_box(cloud: AnyCloud, boxes: Float[np.ndarray, "m 7"]) -> Int64[np.ndarray, " m"]:
-    """Number of points in each box, the paper's point density. cloud: of any kind that `fuse` takes."""
+    """Number of points in each box, the paper's point density. cloud: any that `fuse` takes."""
     return count_points(cloud_attributes(cloud)["positions"], boxes)
 
 

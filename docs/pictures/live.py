@@ -12,7 +12,8 @@ import numpy as np
 from PIL import Image
 from playwright.sync_api import Page, sync_playwright
 
-from coview.live_page import AWAY
+from coview.live_cameras import AWAY
+from coview.live_signs import find_target
 from coview.live_start import LiveSession
 from placement_env import LivePlanner
 from toolkit.runtime.run import Run
@@ -61,7 +62,7 @@ class Film:
         """Drag a sensor's handle, or its box, by some pixels."""
         planner = self.session.planner
         sensor = planner.yard.build_sensor(planner.variant, planner.variant.find(name))
-        start = self.pixel(sensor.position if housing else self.session.page._find_target(sensor))
+        start = self.pixel(sensor.position if housing else find_target(planner.yard.site, sensor))
         self.tab.mouse.move(*start)
         self.shoot(2)
         self.tab.mouse.down()

@@ -214,16 +214,17 @@ class Preparation:
 
     def at(self, candidates: Candidates, visibility: Visibility) -> "Preparation":
         """Same traffic and network for other candidates."""
-        there = replace(self, setting=replace(self.setting, candidates=candidates))
-        shared = {name: getattr(self, name) for name in ("traffic", "network", "_hit_models")}
-        vars(there).update(shared, visibility=visibility)
-        return there
+        return self._share(replace(self.setting, candidates=candidates), visibility)
 
     def at_cases(self, cases: Cases) -> "Preparation":
         """Same traffic, network and view of the candidates over other cases."""
-        other = replace(self, setting=replace(self.setting, cases=cases))
-        shared = ("traffic", "network", "_hit_models", "visibility")
-        vars(other).update({name: getattr(self, name) for name in shared})
+        return self._share(replace(self.setting, cases=cases), self.visibility)
+
+    def _share(self, setting: Setting, visibility: Visibility) -> "Preparation":
+        """Preparation of another setting in the same traffic."""
+        other = replace(self, setting=setting)
+        shared = {name: getattr(self, name) for name in ("traffic", "network", "_hit_models")}
+        vars(other).update(shared, visibility=visibility)
         return other
 
     def take_traffic(self, other: "Preparation") -> None:

@@ -19,7 +19,7 @@ from toolkit.sites.georeference import bearing_deg, longitude_latitude
 from toolkit.sites.site import Mount, Site
 
 RATE = 10.0  # frames a second over a link
-POSE_NAME = re.compile(r"_\d+(\.\d+)?m_h-?\d+(\.\d+)?_t-?\d+(\.\d+)?_\w+")  # of a pool's candidate, after its pole
+POSE_NAME = re.compile(r"_\d+(\.\d+)?m_h-?\d+(\.\d+)?_t-?\d+(\.\d+)?_\w+")  # in a pool's candidate, after its pole
 LETTERED = re.compile(r" [a-z]{1,2}$")
 SAME_SPOT = 0.1  # m between the feet of mounts that count as one
 MBIT = 1000.0  # kbit
@@ -33,8 +33,8 @@ class PlannedSensor:
 
     x, y, z: position (m, site frame); longitude, latitude: degrees, None without a geographic reference; height: above
     the foot of its pole (m); bearing_deg: compass bearing of the optical axis, clockwise from north (+y of the site's
-    map); tilt_deg: below the horizon; kbit, peak_kbit: mean and maximum per frame; capacity_kbit: of its link;
-    load_kbit: that it takes up of it (`placement_env.links`)."""
+    map); tilt_deg: below the horizon; kbit, peak_kbit: mean and maximum per frame; capacity_kbit: its link's;
+    load_kbit: what it takes of the link (`placement_env.links`)."""
 
     name: str
     pole: str
@@ -59,7 +59,7 @@ class PlannedSensor:
 class LinkLoad:
     """Load of one pole's link at `RATE` frames a second, and its capacity.
 
-    mbit_s, peak_mbit_s, load_mbit_s: mean, largest frame, and what counts against the capacity, of which it is `share`:
+    mbit_s, peak_mbit_s, load_mbit_s: mean, largest frame, and what counts against the capacity, with its `share`:
     see `placement_env.links`."""
 
     pole: str
@@ -103,7 +103,7 @@ def format_sensors(
     """Describe each sensor of a set for its installer, in the order of the set.
 
     chosen, moved: as for `mounted_site`, whose sensors have the same names; kbit: sent by each sensor, per frame;
-    catalogue: with names of models, None for their usual names; link_share: of the frames, for the loads. A mount is
+    catalogue: with names of models, None for their usual names; link_share: part of the frames, for loads. A mount is
     paid for with the first sensor on it. Raises ValueError if their numbers differ; ImportError if the site's map
     needs pyproj."""
     sensors, mounts = _sensors(candidates, chosen, moved)
@@ -169,7 +169,7 @@ def _sensors(
 def name_by_poles(names: Sequence[str], poles: Sequence[str], known: Sequence[str] = ()) -> tuple[str, ...]:
     """Return the names that the sensors of a set have everywhere: their poles', with a, b, ... where several share one.
 
-    names: those that the sensors have; poles: of each; known: names of all poles. Only names of poses in a pool
+    names: as the sensors have them; poles: each sensor's; known: names of all poles. Only names of poses in a pool
     (post07_6.0m_h90_t15_camera) and names of poles are replaced: d0 of a site stays. Names hold - for /, as a
     recording's groups are named by them.
 

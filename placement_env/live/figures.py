@@ -55,7 +55,7 @@ class LiveAnswer:
     """Figures of a variant.
 
     ap, low, high: predicted AP and its 95 % interval, over frames and the error of the prediction; spread: standard
-    error of the prediction, NaN where unknown; kbit: of all sensors per frame; price, budget: in `currency`, "" for
+    error of the prediction, NaN where unknown; kbit: all sensors' per frame; price, budget: in `currency`, "" for
     ordinary poles; worst, worst_low, worst_high: AP left after the worst single failure, of `worst_sensor`; levels: of
     traffic; change, change_low, change_high: AP since the answer before, on the same frames; unseen, hidden: road users
     without a point on them, their number and which; probability: that each is found; problems: sentences on what cannot
@@ -199,7 +199,7 @@ class Meter:
     def _by_class(
         self, surrogate: Surrogate, standing: Bool[np.ndarray, " C"], seen: Visibility, spread: float
     ) -> tuple[tuple[FoundShare, ...], Float64[np.ndarray, " resamples"], Float64[np.ndarray, " O"]]:
-        """Each class, resampled AP of all, and the hit probability of each object. spread: of the prediction."""
+        """Each class, resampled AP of all, and the hit probability of each object. spread: the prediction's."""
         resamples, drawn = self._resample(surrogate, standing)
         probability, rows = np.zeros(len(seen.boxes)), []
         aps = surrogate.by_class(standing[None]).ap[0].tolist()

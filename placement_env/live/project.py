@@ -191,7 +191,7 @@ def _check_export(folder: Path) -> None:
 def report_variant(planner: LivePlanner, folder: Path) -> list[Path]:
     """Judge the sensors of the variant that is shown on fresh traffic, and write the full report; return its paths.
 
-    The traffic is that of the plan if there is one. It takes minutes. Raises ValueError without a sensor, OSError if
+    The traffic is the plan's if there is one. It takes minutes. Raises ValueError without a sensor, OSError if
     the folder cannot be written."""
     from placement_env.report.planning.planning import plan, write_plan
     from placement_env.report.planning.question import Question

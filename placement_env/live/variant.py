@@ -26,7 +26,7 @@ PASSABLE = ("kerb", "island")  # solids that a pole may stand on
 KERB_GAP = 0.3  # m between a pole and a lane, wall or keep-out area
 FARTHEST = 100.0  # m between a pole and the detection area
 LONGEST_NAME = 60
-MAX_VARIANT_SENSORS, MAX_VARIANT_POLES = 1000, 1000  # of a variant
+MAX_VARIANT_SENSORS, MAX_VARIANT_POLES = 1000, 1000  # in a variant
 MAX_TURN_RAD = 1000.0
 SLACK_M = 1e-6
 MAX_FOOT_GAP_M = 20.0  # between the foot of a pole and the ground
@@ -275,7 +275,7 @@ class Yard:
             raise ValueError(f"names of sensors must differ, got {', '.join(names)[:80]}")
         poles = [pole.name for pole in variant.poles]
         if len(set(poles)) < len(poles) or not self.mounts.keys().isdisjoint(poles):
-            raise ValueError(f"names of poles must differ, also from those of the site, got {', '.join(poles)[:80]}")
+            raise ValueError(f"names of poles must differ, also from the site's, got {', '.join(poles)[:80]}")
         for pole in variant.poles:
             self._check_pole(pole)
         for sensor in variant.sensors:

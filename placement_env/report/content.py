@@ -24,7 +24,7 @@ from toolkit.objects import Detections, Objects
 from toolkit.runtime.files import read_own_table
 from toolkit.sites.site import Site
 
-PLAN_VERSION = 1  # of plan.json
+PLAN_VERSION = 1  # in plan.json
 CONFIDENCE = 0.95  # of every interval
 TEXTS: dict[str, Any] = read_own_table(__file__, "texts.toml")
 

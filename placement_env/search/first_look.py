@@ -1,7 +1,7 @@
 """First look: all candidates on a few frames, for a first answer and to narrow a large pool.
 
 Memory and time of a search grow with the square of the candidates. So of more than `MAX_POSES` poses only some go on.
-Poles are thinned first, before anything is rendered: of each square of a grid the pole nearest to the area's middle
+Poles are thinned first, before anything is rendered: in each square of a grid the pole nearest to the area's middle
 goes on, in squares so large that at most `MAX_POLES` are left. Then the poses go on that see most at the first look:
 the best few of each pole, then the best of all. Poles that must carry a sensor stay."""
 
@@ -19,10 +19,10 @@ from toolkit.arrays import Float64, Int64
 from toolkit.display import describe_count
 from toolkit.runtime.run import Run
 
-LOOK_FRAMES = 8  # of those that are searched
-MAX_POSES = 8_000  # that are searched
+LOOK_FRAMES = 8  # among the frames that are searched
+MAX_POSES = 4_000  # that are searched
 MAX_POLES = 400  # that carry them
-MIN_POSES_ON_POLE = 4  # of each of these poles, where it has as many
+MIN_POSES_ON_POLE = 4  # on each such pole, if it has as many
 MIN_SPACING_M = 1.0  # side of the squares that thin the poles, at first
 SPACING_GROWTH = 1.2  # by which they grow until few enough poles are left
 

@@ -98,7 +98,7 @@ class Assessment:
     objects, frames: used to judge it; predicted: AP by the searched objective; confidence: that no entrant is better by
     more than `tolerance`, NaN from too few frames or objects; `asked` is the level to reach; entrants: sets that raced;
     raced: frames that the winner was raced on; contenders: judged answers of searches; by_errors: AP at each of several
-    error profiles by itself, of which `ap` is the "worst" or the "mean", as `errors_by` says."""
+    error profiles, from which `ap` is the "worst" or the "mean", as `errors_by` says."""
 
     by: str
     ap: float

@@ -12,7 +12,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from coview.live_page import AWAY, LivePage
+from coview.live_cameras import AWAY, LiveCameras
 from coview.live_start import LiveSession
 from placement_env import LivePlanner
 from placement_env.live.project import ProjectFile
@@ -319,16 +319,14 @@ def test_a_map_is_opened_from_the_page(browser, tmp_path, kind):
 def test_all_sensors_are_in_view_in_any_window(width, height, shown, above):
     camera = SimpleNamespace(image_width=width, aspect=width / height, fov=np.deg2rad(75.0))  # not yet the scene's own
     client = SimpleNamespace(client_id=0, camera=camera, atomic=nullcontext)
-    page, fits = object.__new__(LivePage), []
-    eye, page._middle = (np.array(each) for each in scene.overview(tuple(SITE.area.tolist())))
-    page._slant, page._aimed = AWAY * (eye - page._middle), {}
+    cameras, fits = LiveCameras(SITE.area), []
     camera.on_update = fits.append
-    page._greet(client)
+    cameras.greet(client)
     if width == 444:  # a tablet, whose panel docks after the page has opened
-        page._aimed[0] = (page._slant, 768 / height, False, camera.position)
+        cameras.aimed[0] = (cameras.slant, 768 / height, False, camera.position)
         fits[0](camera)
     if above:
-        page._look_down(client)
+        cameras.look_down(client)
     ahead = (camera.look_at - camera.position) / np.linalg.norm(camera.look_at - camera.position)
     right = np.cross(ahead, [0, 0, 1]) / np.linalg.norm(np.cross(ahead, [0, 0, 1]))
     half = np.tan(scene.VERTICAL_FOV / 2)
@@ -337,3 +335,19 @@ def test_all_sensors_are_in_view_in_any_window(width, height, shown, above):
         across, up = np.array([way @ right, way @ np.cross(right, ahead)]) / (way @ ahead) / half
         assert abs(across) <= camera.aspect
         assert 1 - 2 * shown <= up <= 1
+
+
+def test_a_camera_looks_through_a_sensor_and_back():
+    camera = SimpleNamespace(image_width=1280, aspect=1.6, fov=np.deg2rad(75.0), on_update=lambda follow: None)
+    client, cameras = SimpleNamespace(client_id=0, camera=camera, atomic=nullcontext), LiveCameras(SITE.area)
+    cameras.greet(client)
+    before, sensor = camera.position, SITE.sensors[0]
+    cameras.look_through(client, sensor)
+    np.testing.assert_allclose(np.linalg.norm(camera.position - sensor.position), 1.2)
+    ahead = (camera.look_at - camera.position) / np.linalg.norm(camera.look_at - camera.position)
+    np.testing.assert_allclose(ahead, sensor.world_SE3_body[:3, 0], atol=1e-9)
+    assert 0.7 <= camera.fov <= 1.4
+    cameras.show_all(client)
+    np.testing.assert_allclose(camera.position, before)
+    assert camera.fov == scene.VERTICAL_FOV
+    cameras.look_through(None, sensor)  # of a browser that has gone

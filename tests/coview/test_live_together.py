@@ -17,7 +17,7 @@ import pytest
 from coview.live_page import LivePage
 from coview.live_start import interrupted_by_sigterm
 from placement_env import LivePlanner
-from placement_env.live.project import ProjectFile
+from placement_env.live.project import ProjectFile, export_variant
 from toolkit.viewing.scene import viser_server
 
 MAX_WAITING = 20  # jobs of a page
@@ -36,7 +36,7 @@ def page(engine, tmp_path):
     with viser_server(18931, "together") as server:
         project = ProjectFile(tmp_path / "a.live.json", engine)
         page = LivePage(server, engine, project, tmp_path)
-        page._aimed[0] = (page._slant, 1.5, False, page._middle)  # as if a browser had come
+        page._cameras.aimed[0] = (page._cameras.slant, 1.5, False, page._cameras.middle)  # as if a browser had come
         wait_for(lambda: page._begun and page._nodes)
         yield page
         page.close()
@@ -176,7 +176,7 @@ def do_something(page, rng):
         lambda: page._change(lambda: planner.show(variant, copy=True)),
         lambda: page._choose(name),
         lambda: page._change(page._move_as_typed, name, "370", 5.0, 5.0),
-        lambda: page._later("exporting", page._export),
+        lambda: page._later("exporting", lambda: page._write(export_variant, page.folder)),
     )
     deeds[int(rng.integers(len(deeds) - 1)) if rng.random() < 0.98 else -1]()
 

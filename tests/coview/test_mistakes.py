@@ -147,6 +147,8 @@ def test_an_argument_is_refused_before_an_old_answer(line, said, refused, record
         ("search tjunction --surrogate nowhere.json", "no surrogate nowhere.json: fit one with coview surrogate"),
         ("plan tjunction --drawings 3", "nothing was drawn at site 'tjunction': leave --drawings out"),
         ("plan tjunction --capacity 0", "capacity_kbit must be above 0"),
+        ("plan tjunction --link-share 0", "link_share must lie above 0 and up to 1, got 0.0: 0.95 is usual"),
+        ("search tjunction --link-share 95", "link_share must lie above 0 and up to 1, got 95.0: 0.95 is usual"),
         ("table tjunction --out t.npz", "tjunction is a site, no recording"),
         ("table REC --out t.json", "a table's file must end in .npz, by which it is loaded, got t.json"),
         ("surrogate tjunction --out s.npz", "the name of a surrogate must end in .json, got s.npz"),

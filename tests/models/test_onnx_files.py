@@ -203,7 +203,7 @@ def test_sizes_that_a_card_declares_are_bounded(changes, said):
     ("boxes", "scores", "said"),
     [
         ([[0, 0, 1, 4, 2, 1.5, 0]], [1.5], r"scores must be within 0\.\.1, got 1\.5: end the network in a sigmoid"),
-        ([[0, 0, 1, 4, 2, 1.5, 0]], [np.nan], "scores must be within 0..1, got nan"),
+        ([[0, 0, 1, 4, 2, 1.5, 0]], [np.nan], r"scores must be within 0\.\.1, got nan"),
         (
             [[1e30, 0, 1, 4, 2, 1.5, 0]],
             [0.9],

@@ -52,7 +52,7 @@ def support_mask(cells: _Cells, step: float, slope: float, *, others: int) -> Bo
 
 def lowest_mask(cells: _Cells, slope: float, step: float, *, window: float = STEP_WINDOW) -> Bool[np.ndarray, " m"]:
     """Mark cells than which none within the window (m) lies lower by more than slope and step. Raises ValueError if the
-    cells reach too far for an image of them."""
+    cells reach too far for an image."""
     from scipy.ndimage import grey_erosion
 
     if not len(cells):
@@ -81,7 +81,7 @@ class HeightMap:
     cell: float = GROUND_CELL
 
     def at(self, xy: Float[np.ndarray, "n 2"]) -> Float64[np.ndarray, " n"]:
-        """Height at each place, interpolated bilinearly; outside the grid that of its edge."""
+        """Height at each place, interpolated bilinearly; outside the grid its edge's."""
         from scipy.ndimage import map_coordinates
 
         place = (np.asarray(xy, np.float64) - self.origin) / self.cell

@@ -17,25 +17,25 @@ from toolkit.calibration.height_map import HeightMap
 LINK_M = 5.0  # farthest neighbour that continues a surface
 LINK_STEP_M, LINK_SLOPE = 0.08, 0.11  # rise that continues it
 JOIN_M, JOIN_SLOPE = 8.0, 0.07  # gap between pieces of one surface, and its rise
-MIN_JOIN_CELLS = 12  # of a piece
-MAX_NEIGHBOURS = 12  # of a cell, nearest first
-FLAT_SHARE = 0.45  # of a cell's neighbours that continue it
-OFF_M, EDGE_M = 0.3, 0.1  # from the main ground: of a level's core, and of its edges
+MIN_JOIN_CELLS = 12  # in a piece
+MAX_NEIGHBOURS = 12  # around a cell, nearest first
+FLAT_SHARE = 0.45  # part of a cell's neighbours that continue it
+OFF_M, EDGE_M = 0.3, 0.1  # from the main ground to a level's core and its edges
 SECTORS, MIN_SECTORS = 8, 6  # about a cell inside a road, and those with a neighbour in the ring
 RING_M = (2.3, 5.0)
 MIN_RAISED_CELLS, MIN_RAISED_M = 20, 28.0  # cells inside a raised road, and its length
 MIN_SUNKEN_CELLS, MIN_SUNKEN_M = 5, 10.0
-MIN_LINKS = 2  # of a cell that extends a level
+MIN_LINKS = 2  # from a cell that extends a level
 EXTENSIONS, EXTENSION_M = 4, 0.2  # rounds, and height off the level
 MAX_BANK_M, BANK_SLOPES = 12.0, (0.25, 1.2)  # from the cells of both levels, and m per m
-MAX_BANK_BEND = 0.3  # of its height, off the line from foot to edge
+MAX_BANK_BEND = 0.3  # part of its height, off the line from foot to edge
 BANK_CELLS_M, MIN_BANK_CELLS, BANK_STEP_M = 4.0, 5, 0.12  # cells that show one bank, and their height off its plane
 MAX_GAP_M = 15.0  # from a level's cells to what may be on it
-MAX_CLEARANCE_M = 0.5  # of a road user
-MIN_DOUBT_SHARE, MIN_DOUBT_M = 0.05, 0.8  # of the points, and above the ground found
+MAX_CLEARANCE_M = 0.5  # above a road user
+MIN_DOUBT_SHARE, MIN_DOUBT_M = 0.05, 0.8  # part of the points, and above the ground found
 ON_GROUND_M = 0.3
-MAX_HEIGHT_M = 100.0  # of points above or below the main plane
-_SCALES_M = (12.0, 12.0, 12.0, 6.0, 6.0, 6.0, 3.0, 3.0, 1.5, 1.5)  # of the means that draw a level
+MAX_HEIGHT_M = 100.0  # from points above or below the main plane
+_SCALES_M = (12.0, 12.0, 12.0, 6.0, 6.0, 6.0, 3.0, 3.0, 1.5, 1.5)  # for the means that draw a level
 MIN_FREE_SCALE_M = 4.0  # from which kerbs and road users do not count less
 _TRUST = 0.2  # cells: weight of the wider mean
 KERB_M = 0.09  # above the drawn surface a cell counts half
@@ -47,7 +47,7 @@ class GroundLevel:
 
     Attributes:
         height_m: median height above the main ground.
-        share: of all points, those on it.
+        share: part of all points on it.
         followed: True for ground, False for a surface that may be a roof."""
 
     height_m: float
@@ -137,7 +137,7 @@ class _Squares(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _Surface:
-    """Cells, their neighbours (n, k) with a mask of those that continue the cell, and a mask of flat cells."""
+    """Cells, their neighbours (n, k) with a mask of what continues the cell, and a mask of flat cells."""
 
     cells: Float64[np.ndarray, "n 3"]
     other: Int64[np.ndarray, "n k"]

@@ -43,7 +43,7 @@ def detect_frames(
     frames: Iterable[Frame], detector: Detector, place: Place = Place(), scene: StandingScene | None = None
 ) -> Iterator[Detected]:
     """Yield the detections in all points of each frame together, on level ground. detector: sees points counted from
-    the middle of the area, or at a known site, those of the site. scene: of which detections are left out. A frame
+    the middle of the area, or at a known site, the site's. scene: whose detections are left out. A frame
     without points has no detections."""
     for frame, stand in place.stands(frames, getattr(frames, "site", None)):
         site = stand.area if isinstance(stand.area, Site) else None

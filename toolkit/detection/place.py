@@ -26,7 +26,7 @@ LEVELS: tuple[Level, ...] = ("map", "plane", "none")
 DETECTION_REACH = 50.0  # m about the sensors, where no area is given
 CROP_HEIGHT = 4.0  # m, as in the paper's crop
 GROUND_MARGINS_M = (0.0, 5.0, 20.0)  # about the area, in which its ground is looked for
-MIN_GROUND_SQUARES = 150  # of a metre, with points
+MIN_GROUND_SQUARES = 150  # a metre wide, with points
 MARGIN_AROUND = 5.0  # m around the area in which objects are kept, so that those on its edge are known
 
 
@@ -100,7 +100,7 @@ class Place:
         return site is not None and self.level is None and self.area is None
 
     def find_ground(self, points: Points, method: Literal["map", "plane"]) -> Ground:
-        """Find the ground below points (n, 3) m counted from the middle: that of the area, if one is given.
+        """Find the ground below points (n, 3) m counted from the middle: the area's, if one is given.
 
         Raises ValueError if no ground is found."""
         if self.area is None:

@@ -17,15 +17,15 @@ from toolkit.objects import HEAVY, VEHICLE, Detections
 
 MIN_STANDING_FRAMES = 10  # with fewer, whoever waits is in most frames
 MAX_LEARNT_FRAMES = 20
-STANDING_SHARE = 0.75  # of the frames, in which a voxel has points
+STANDING_SHARE = 0.75  # part of the frames in which a voxel has points
 STANDING_VOXEL_M = 0.25
 MAX_STILL_TURN_RAD = float(np.deg2rad(0.5))
-MIN_SCENE_SHARE = 0.5  # of the points off the ground in such voxels, where the sensors stand still
+MIN_SCENE_SHARE = 0.5  # part of the points off the ground in such voxels, where the sensors stand still
 MAX_WAITING_S = 60.0  # in shorter recordings, vehicles that stand may wait
-MIN_WAITING_SCORE = 0.5  # of vehicles that are kept as waiting
+MIN_WAITING_SCORE = 0.5  # from which vehicles are kept as waiting
 _OFF_GROUND_M = 0.5  # above the lowest point of its square
 _SQUARE_M = 2.0
-_BITS = 21  # of each index of a voxel
+_BITS = 21  # for each index of a voxel
 _FACES = np.array([[0, 0, 0], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]])
 
 
@@ -35,7 +35,7 @@ class StandingScene:
 
     Attributes:
         origin: (3,) m, corner of the grid, world frame.
-        keys: (n,) sorted keys of the voxels and of those that share a face with one.
+        keys: (n,) sorted keys of the voxels and their neighbours across a face.
         frames: number of frames of the recording.
         waiting: True where vehicles that stand may only wait."""
 
@@ -90,7 +90,7 @@ def learn_standing_scene(frames: Frames) -> StandingScene | None:
     if not len(keys) or not len(high):
         return None
     seconds = max(times) - min(times)
-    scene = StandingScene(origin, _grow(keys), len(frames), 0 < seconds < MAX_WAITING_S)
+    scene = StandingScene(origin, _grow(keys), len(frames), not seconds >= MAX_WAITING_S)  # unknown times are NaN
     return scene if scene.holds(high).mean() >= MIN_SCENE_SHARE else None
 
 
@@ -129,7 +129,7 @@ def _join_index(index: Int64[np.ndarray, "n 3"]) -> Int64[np.ndarray, " n"]:
 
 
 def _grow(keys: Int64[np.ndarray, " n"]) -> Int64[np.ndarray, " m"]:
-    """Return keys and those of the voxels that share a face."""
+    """Return keys, also of the voxels that share a face."""
     mask = (1 << _BITS) - 1
     index = np.column_stack([keys >> 2 * _BITS, (keys >> _BITS) & mask, keys & mask])
     return np.unique(np.concatenate([_join_index(index + face) for face in _FACES]))

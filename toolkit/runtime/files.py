@@ -262,7 +262,7 @@ def plain_file(path: str | Path) -> Path:
 
 _PATIENCE, _LONGEST_PIPE = 10.0, 1 << 26  # s without a byte, bytes
 MAX_FILE_BYTES = 1 << 30
-MAX_TEXT_BYTES = 1 << 29  # of a text, of which twice as many letters come
+MAX_TEXT_BYTES = 1 << 29  # for a text, which becomes up to twice as many
 
 
 def read_plain(path: str | Path) -> bytes:

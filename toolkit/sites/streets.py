@@ -18,7 +18,7 @@ ARROW_PLACE = 0.5  # share of the lane's length at which its arrow is
 
 @dataclass(frozen=True)
 class StreetName:
-    """Name of a street, where it is written. x, y: m; angle: of the text, counter-clockwise from +x (rad), upright."""
+    """Name of a street, where it is written. x, y: m; angle: the text's, counter-clockwise from +x (rad), upright."""
 
     name: str
     x: float

@@ -1,5 +1,6 @@
 """`coview train`, `coview adapt` and `coview export`: networks of your own."""
 
+import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,6 +18,7 @@ from toolkit.detection.place import Corners, Place
 
 if TYPE_CHECKING:
     from models.network.voxelnet import VoxelNet
+    from toolkit.frame import Recording
 
 UNSURE = 0.1  # least score of the detections that are joined
 BESIDE = 0.3  # m around an object within which points are its own
@@ -61,6 +63,13 @@ class Adaptation:
     """Error profile of sensors that measured images, as in coview evaluate."""
     seed: int = 0
     """Seed of order and augmentation."""
+
+
+def _check_times(opened: "Recording", path: Path) -> None:
+    """Raise ValueError for a recording whose first frames have no times."""
+    if not all(math.isfinite(opened[number].time) for number in range(2)):
+        remedy = "name the files of each frame by its time, in seconds since 1970, or write times to labels.json"
+        raise ValueError(f"{path}: its frames have no times, by which objects are followed: {remedy}")
 
 
 def adapt(
@@ -113,6 +122,7 @@ def adapt(
     ):
         if len(opened) < FEWEST_TO_ADAPT:
             raise ValueError(f"there must be {FEWEST_TO_ADAPT} frames at least to adapt to, got {len(opened)}")
+        _check_times(opened, recording)
         known = recording_detector(settings.start + BACKGROUND, opened, place)
         assert isinstance(known, KnownBackground)
         area = known.detector.area  # type: ignore[attr-defined]

@@ -74,9 +74,9 @@ class LiveConditions:
     """LiveConditions under which sensors are scored."""
 
     iou: float | None = None
-    """IoU at which a detection counts; that of the plan, or 0.7, when left out."""
+    """IoU at which a detection counts; the plan's, or 0.7, when left out."""
     errors: str | None = None
-    """Error profile of the sensors if the detector measures: paper, surveyed, typical, glare or poor; that of the plan,
+    """Error profile of the sensors if the detector measures: paper, surveyed, typical, glare or poor; the plan's,
     or paper, when left out."""
 
     def apply(self, cases: Cases) -> Cases:

@@ -43,6 +43,7 @@ from placement_env.report.pages.document import (
     use_pole_names,
 )
 from placement_env.report.pages.scene import build_scene
+from placement_env.report.sensor_views import draw_sensor_views
 from toolkit.display import describe_count
 from toolkit.runtime.files import writing_together
 from toolkit.sites.georeference import bearing_deg
@@ -554,8 +555,28 @@ REPORT_FILES = ("report.html", "report.pdf")
 NOTHING_CHOSEN = "No set of sensors may be built, so there is nothing to show here."
 
 
-def build_document(plan: content.Plan, site: Site, ground: Ground | None) -> Document:
-    """Build the document. site: with the chosen sensors mounted; ground: that they see, None if unknown."""
+def views_section(plan: content.Plan, site: Site, moments: Sequence[content.Moment]) -> Content:
+    """Pictures of what each sensor sees, with its points on the vehicles of a moment."""
+    drawn = draw_sensor_views(site, site.sensors, moments)
+    marked = " Its points on vehicles of one moment are green where all sensors together find the vehicle, else red."
+    views = [
+        Drawing(
+            svg,
+            f"{sensor.name}: the empty site, lighter where nearer.{marked if moments else ''}",
+            f"Distances that sensor {sensor.name} measures at the empty site",
+        )
+        for sensor, svg in zip(site.sensors, drawn, strict=False)
+    ]
+    count, sensors = len(drawn), len(plan.sensors)
+    shown = "Each sensor" if count == sensors else f"Each of the first {count} of {sensors} sensors"
+    return say(f"{shown} looks at the junction from its pole as drawn here.", *views)
+
+
+def build_document(
+    plan: content.Plan, site: Site, ground: Ground | None, moments: Sequence[content.Moment] = ()
+) -> Document:
+    """Build the document. site: with the chosen sensors mounted; ground: that they see, None if unknown; moments: with
+    the clouds of these sensors."""
     contents = dict.fromkeys(content.TEXTS["titles"], say(NOTHING_CHOSEN))
     contents["decision"] = decision_section(plan, site, ground)
     contents["ground"] = ground_section(plan, site, ground)
@@ -563,6 +584,7 @@ def build_document(plan: content.Plan, site: Site, ground: Ground | None) -> Doc
     if plan.chosen is not None:
         contents |= {
             "schedule": schedule_section(plan, site),
+            "views": views_section(plan, site, moments),
             "materials": materials_section(plan),
             "detection": detection_section(plan),
             "failures": failures_section(plan, plan.chosen),
@@ -595,7 +617,7 @@ def write_report(planned: content.Planned, out: Path) -> None:
     plan, site = use_pole_names(planned.plan, replace(planned.site, mounts=offered))
     plan, site, note = settle_names(plan, site)
     ground = planned.ground
-    document = drop_unset(add_note(build_document(plan, site, ground), note))
+    document = drop_unset(add_note(build_document(plan, site, ground, planned.moments), note))
     scene = None if plan.chosen is None else build_scene(plan, site, ground, planned.moments)
     with writing_together(out) as folder:
         (folder / "report.html").write_text(to_html(document, scene), encoding="utf-8")

@@ -270,7 +270,7 @@ def _judgement(figures: _Figures, classes: Classes) -> Judgement:
 
 
 def state_figure(stage: str, judged: Judgement) -> StageFigure:
-    """Figure of a judgement by the detector, to be held against that of another stage."""
+    """Figure of a judgement by the detector, to be held against another stage's."""
     return StageFigure(stage, judged.ap, judged.vehicles, judged.frames)
 
 
@@ -376,7 +376,7 @@ class _Options:
     def measure_sureness(self, row: int, places: Int64[np.ndarray, " k"], ran: Contest | None) -> float | None:
         """Measure how sure it is that no set of as many sensors is better than a judged one by `AP_TOLERANCE`.
 
-        Judged sets count with all frames, the others with those of their last rung. places: of the sets of the size;
+        Judged sets count with all frames, the others with their last rung's. places: the sets of the size;
         ran: their race. None without one, and where frames or objects are too few."""
         counted = self.options[row].counted
         if ran is None or counted is None or not intervals.is_comparable(counted.frames, counted.vehicles):

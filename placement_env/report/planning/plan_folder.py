@@ -34,7 +34,7 @@ from toolkit.sites.site import MOST_HEIGHT, ORIGINS, Mount, Site
 
 CONTENT = "plan.json"
 MAX_STOCK_POLES, MAX_MODELS, MAX_STEPS, MAX_SENSORS, MAX_AREAS = 5000, 100, 360, 10_000, 1000
-MAX_STOCK_POSES = 400_000  # of a stock
+MAX_STOCK_POSES = 400_000  # in a stock
 MAX_FRAMES, MAX_SEED = 100_000, 2**63 - 1
 MAX_PRICE, MAX_KBIT = 1e15, 1e12
 MAX_POLE_GAP_M = 1.5  # between a sensor and its pole
@@ -92,7 +92,7 @@ class PlanFolder:
 
 
 def is_plan_folder(where: object) -> bool:
-    """Return True for the path of a folder, which must be that of a plan."""
+    """Return True for the path of a folder, which must be a plan's."""
     return isinstance(where, str | Path) and Path(where).is_dir()
 
 
@@ -290,7 +290,7 @@ def _read_codec(question: JsonObject) -> Codec:
     for name in CODECS:
         if find_codec(name).digest == digest:
             return find_codec(name)
-    raise ValueError(f"question.codec must be that of {' or '.join(CODECS)}, got {digest[:60]!r}: {PLAN_AGAIN}")
+    raise ValueError(f"question.codec must belong to {' or '.join(CODECS)}, got {digest[:60]!r}: {PLAN_AGAIN}")
 
 
 def _read_stated(chosen: JsonObject, errors: str) -> StatedFigure:

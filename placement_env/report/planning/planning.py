@@ -382,7 +382,7 @@ def build_plan(findings: Findings, final: judging.Judge, ground: Ground) -> cont
 def check_stages(findings: Findings, judged: content.Judgement) -> None:
     """Raise ValueError where the prediction, the comparison and the judgement of the answer exclude each other.
 
-    judged: the answer, intact. The prediction is that of the shipped network without errors, so it is held against such
+    judged: the answer, intact. The prediction is the shipped network's without errors, so it is held against such
     a detector only."""
     choice, question, objective = findings.choice, findings.question, findings.objective
     last = judging.state_figure("in the judgement", judged)

@@ -31,7 +31,7 @@ class Stock:
 
     candidates: "pool", "paper" for the site's own sensors, a GeoJSON file of poles, or candidates with their prices and
     links; catalogue: sensor models and prices, None for the paper's camera at no price; keep_out: areas where no sensor
-    may stand; capacity_kbit: of the link of every mount, None for each mount's own; only: names of the candidates to
+    may stand; capacity_kbit: every mount's link, None for each mount's own; only: names of the candidates to
     take, none for all. Raises ValueError if a field does not fit."""
 
     candidates: str | Path | Candidates = "pool"

@@ -18,6 +18,8 @@ from toolkit.objects import LABELS
 from toolkit.sites.site import Site
 from toolkit.sites.surroundings import count_things, describe_things
 
+FEWEST_OVERRATED = 3  # judged sets that show by how much predictions overrate
+
 
 def refuse_question(question: Question) -> tuple[str, ...]:
     """Reasons against any plan that need no simulation."""
@@ -118,7 +120,8 @@ def explain_choice(
         lines.append(f"The AP by which sets are compared is {'' if question.cases.failing else 'that '}{cases}.")
     score = "coverage" if fidelity == "coverage" else "predicted AP"
     figures = second and (
-        f"; its {score} is {chosen.predicted:.3f}, its AP among the judged sets {second.format_ap()} "
+        f"; its {score} is {_describe_prediction(plan, chosen, fidelity)}, "
+        f"its AP among the judged sets {second.format_ap()} "
         f"({second.describe_interval()})"
     )
     lines.append(f"It comes from {searches}{figures or ''}.")
@@ -144,6 +147,17 @@ def explain_choice(
         worst = min(alone, key=lambda case: case.judged.ap)
         lines.append(f"The failure of {worst.failed[0]} hurts most: AP {worst.judged.format_ap()} is left.")
     return tuple(lines)
+
+
+def _describe_prediction(plan: Plan, chosen: PlanOption, fidelity: str) -> str:
+    """Prediction of the searches, less what predictions overrate the judged sets by."""
+    off = [option.predicted - option.counted.ap for option in plan.considered if option.counted is not None]
+    if fidelity == "coverage" or len(off) < FEWEST_OVERRATED:
+        return f"{chosen.predicted:.3f}"
+    mean = sum(off) / len(off)
+    if mean <= 0:
+        return f"{chosen.predicted:.3f}"
+    return f"{chosen.predicted - mean:.3f} ({mean:.3f} deducted, by which predictions overrate the judged sets)"
 
 
 def list_assumptions(question: Question, fidelity: str, detector: str, *, sampled: bool) -> tuple[str, ...]:

@@ -39,8 +39,12 @@ from toolkit.runtime.cache import Cache, code_digest, make_key
 
 ENTRANTS = 9  # neighbours for each number of sensors, beside the searches' own answers
 SWAP_EVALUATIONS = 60_000  # sets that swap may score for each number of sensors
-OTHER_IOUS = {"swap at IoU 0.7": (0.7,), "swap at mean IoU": IOUS}  # thresholds beside the objective's own
-OTHERS_SHARE = 4  # part of these sets that swap may score at other thresholds
+OTHER_IOUS: dict[str, tuple[float, ...]] = {  # thresholds beside the objective's own
+    "swap at IoU 0.7": (0.7,),
+    "swap at IoU 0.9": (0.9,),
+    "swap at mean IoU": IOUS,
+}
+OTHERS_SHARE = 4  # part of the sets that swap may score at other thresholds
 EXHAUSTIVE_SETS = 20_000  # that are all scored, at most
 USUAL_SIZES = 4  # numbers of sensors that have this effort each; more share it
 SOLVING = 10.0  # s of CP-SAT's deterministic time for each number of sensors
@@ -90,7 +94,7 @@ class _EnoughAP:
 def at_other_ious(objective: Objective, preparation: Preparation | None = None) -> dict[str, Objective]:
     """Same objective at other IoU thresholds than its own, by name; none where no surrogate scores it.
 
-    preparation: of an objective that does not know its own."""
+    preparation: for an objective that does not know its own."""
     made = objective.preparation or preparation
     if made is None or made.setting.fidelity != "surrogate" or objective.visibility is None:
         return {}
@@ -271,7 +275,8 @@ def _neighbours(objective: Objective, answers: Sets, count: int) -> tuple[list[B
         considered += len(sets)
         if len(sets):
             reward = objective.scores(sets).reward
-            best += [(float(reward[i]), sets[i]) for i in np.argsort(-reward, kind="stable")[:FRONT_OF]]
+            ranked_rows = np.argsort(-reward, kind="stable")[:FRONT_OF]
+            best += [(float(reward[i]), sets[i].copy()) for i in ranked_rows]  # a view would hold all sets in memory
     best.sort(key=lambda pair: -pair[0])
     ranked = [row for _, row in best]
     kept: dict[bytes, Bool[np.ndarray, " C"]] = {}  # by the mounts that it uses

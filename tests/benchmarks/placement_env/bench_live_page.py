@@ -20,7 +20,8 @@ from pathlib import Path
 import numpy as np
 from playwright.sync_api import Page, sync_playwright
 
-from coview.live_page import AWAY
+from coview.live_cameras import AWAY
+from coview.live_signs import find_target
 from coview.live_start import LiveSession
 from placement_env import LivePlanner
 from placement_env.live.project import ProjectFile
@@ -125,7 +126,7 @@ class Bench:
     def place(self, name: str, housing: bool) -> np.ndarray:
         """Pixel of a sensor's handle, or housing."""
         sensor = self.planner.yard.build_sensor(self.planner.variant, self.planner.variant.find(name))
-        return self.pixel(sensor.position if housing else self.session.page._find_target(sensor))
+        return self.pixel(sensor.position if housing else find_target(self.session.planner.yard.site, sensor))
 
     def drag(self, name: str, end, *, housing: bool = False, shift: bool = False) -> dict[str, float] | None:
         """Drag a sensor; return the parts of the time of its last step."""
@@ -158,7 +159,7 @@ class Bench:
             missed = "beside the handle" if not heard else "nothing new" if same else "LOST"
             self.why.append(missed)
             for client in self.session._server.get_clients().values():  # a drag beside the handle turns the camera
-                self.session.page._aim(client, self.session.page._slant)
+                self.session.page._cameras.aim(client, self.session.page._cameras.slant)
             self.tab.wait_for_timeout(1000)
             return None
         at = pointer[-1][1]

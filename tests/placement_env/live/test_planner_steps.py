@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from placement_env import LivePlanner
-from placement_env.live.planner import KEPT_STEPS
+from placement_env.live.planner import KEPT_STEPS, Suggestion
 from placement_env.live.variant import TILT_SPAN, Variant
 from placement_env.report.planning.question import Stock
 from placement_env.setting import Setting
@@ -301,6 +301,11 @@ def test_a_search_can_be_stopped_and_a_suggestion_needs_a_kind_and_room(planner)
     assert best[0] not in {sensor.name for sensor in planner.sensors}
 
 
+def always(value):
+    """Property, or function of nothing, that is always the same."""
+    return property(lambda *_: value)
+
+
 def test_refining_looks_from_other_heights_the_nearest_first_unless_memory_is_full(planner, monkeypatch):
     planner.finish()
     looked, further = [], []
@@ -309,14 +314,18 @@ def test_refining_looks_from_other_heights_the_nearest_first_unless_memory_is_fu
         looked.append((k, float(sensor.position[2] - every.sensors[k].position[2])))
         return False
 
+    def look_further():
+        further.append(True)
+        return True
+
     monkeypatch.setattr("placement_env.live.planner.make_table_ahead", lambda *_: False)
     monkeypatch.setattr("placement_env.live.planner._look", look)
-    monkeypatch.setattr(planner._stock, "look_further", lambda: further.append(True) or True)
+    monkeypatch.setattr(planner._stock, "look_further", look_further)
     live, count = planner.preparation.live, len(planner.sensors)
     for full in (True, False):
-        monkeypatch.setattr(type(live), "full", property(lambda _, full=full: full))
+        monkeypatch.setattr(type(live), "full", always(full))
         looked.clear()
-        assert planner.refine(lambda full=full: full)
+        assert planner.refine(always(full).fget)
         assert live.hold() is full
         assert looked[:count] == [(k, 0.0) for k in range(count)]
         away = [abs(up) for _, up in looked[count:]]
@@ -327,3 +336,57 @@ def test_refining_looks_from_other_heights_the_nearest_first_unless_memory_is_fu
     monkeypatch.setattr("placement_env.live.planner._look", lambda *_: True)
     assert planner.refine()
     assert len(further) == 2  # what is shown comes first
+
+
+def test_suggestions_are_of_different_poles_with_room(planner, monkeypatch):
+    stock, free = planner.yard.stock, free_mounts(planner)
+    on = {
+        mount.name: [k for k, m in enumerate(stock.mount) if stock.mounts[m].name == mount.name]
+        for mount in stock.mounts
+    }
+    used = next(sensor.mount for sensor in planner.sensors if on.get(sensor.mount))
+    first, second, third = (on[mount.name] for mount in [each for each in free if len(on[each.name]) > 1][:3])
+    ranked = [first[0], first[1], on[used][0], second[0], third[0], third[1]]
+    asked = []
+
+    def improve(kind, base, sensor):
+        asked.append((kind, sensor.mount, len(base.sensors)))
+        return Suggestion(kind, sensor, replace(planner.answer(), ap=len(asked) / 10), 0)
+
+    monkeypatch.setattr(planner._stock, "at_least_coarse", lambda *_: False)
+    monkeypatch.setattr(planner._stock, "rank", lambda *_: ranked)
+    monkeypatch.setattr(planner, "_improve", improve)
+    found = planner.suggest("add", count=2)
+    mounts = [stock.mounts[stock.mount[k]].name for k in (first[0], second[0], third[0])]
+    assert [mount for _, mount, _ in asked] == mounts[:2]
+    assert [each.answer.ap for each in found] == [0.2, 0.1]  # the best first
+    asked.clear()
+    assert len(planner.suggest("add", count=9)) == 3
+    assert [mount for _, mount, _ in asked] == mounts
+    assert {(kind, count) for kind, _, count in asked} == {("add", 6)}
+    asked.clear()
+    name = next(sensor.name for sensor in planner.sensors if sensor.mount == used)
+    planner.suggest("move", name, count=9)
+    assert used in {mount for _, mount, _ in asked}  # its own pole has room for it
+    assert {(kind, count) for kind, _, count in asked} == {("move", 5)}
+
+
+@pytest.mark.parametrize(("gain", "yields"), [(None, 0), (-0.1, 0), (5e-5, 0), (0.1, 1)])
+def test_a_search_goes_on_only_where_a_move_helps(planner, monkeypatch, gain, yields):
+    before = planner.finish()
+    asked = []
+
+    def suggest(kind, name, count):
+        asked.append((kind, name, count))
+        if gain is None or len(asked) > 1:
+            return ()
+        sensor = replace(planner.variant.find(name), heading=1.0)
+        return (Suggestion(kind, sensor, replace(before, ap=before.ap + gain), 9),)
+
+    monkeypatch.setattr(planner, "suggest", suggest)
+    assert len(list(planner.search())) == yields
+    names = [sensor.name for sensor in planner.sensors]
+    assert [name for _, name, _ in asked[:1]] == names[:1]
+    assert {name for _, name, _ in asked} == set(names)
+    assert len(asked) == len(names)  # after a gain all but the moved one are tried again
+    assert {(kind, count) for kind, _, count in asked} == {("move", 1)}

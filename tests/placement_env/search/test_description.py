@@ -46,7 +46,7 @@ def test_all_figures_are_said_and_how_sure_they_are():
     each = (result.ProfileAP("paper", 0.9, 0.85, 0.95), result.ProfileAP("poor", 0.8, 0.7, 0.9))
     lines, more = (order.describe_assessment(a) for a in (plain, replace(plain, by_errors=each, errors_by="worst")))
     assert [line for line in more if line not in lines] == [
-        "  the worst over error profiles: paper AP 0.9000 (0.8500 to 0.9500), poor AP 0.8000 (0.7000 to 0.9000)"
+        "  the worst over error profiles: paper AP 0.900 (0.850 to 0.950), poor AP 0.800 (0.700 to 0.900)"
     ]
     assert [line for line in more if line in lines] == lines
     assert order.describe_by_errors({"paper": 0.9, "poor": 0.8}) == [
@@ -60,7 +60,7 @@ def test_all_figures_are_said_and_how_sure_they_are():
     [
         (
             *(2500.0, 0.5, 0.0),
-            "none of the 6 candidates fits its link: they send 2500 kbit per frame or more, and no link",
+            "none of the 6 candidates fits its link: in 95 % of the frames they send up to 2500 kbit or more",
         ),
         (100.0, 0.0, 0.0, "no candidate that fits its link detects a vehicle in these frames"),
         (100.0, 0.5, 0.01, "no sensor is worth what it costs"),

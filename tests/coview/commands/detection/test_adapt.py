@@ -41,3 +41,11 @@ def test_a_recording_without_labels_makes_weights(tmp_path, run, refused):
     slow = tmp_path / "slow.hdf5"
     simulate_dataset("tjunction", slow, run=Simulation(frames=40, seed=5))
     assert "at most 1.6 s apart, got 5 to 5 s" in refused("adapt", slow, "--out", tmp_path / "b")
+
+
+def test_frames_without_times_are_refused_before_any_work(tmp_path, refused):
+    rng = np.random.default_rng(0)
+    for k in range(40):
+        np.save(tmp_path / f"frame{k:02d}.npy", rng.uniform(-20, 20, (200, 3)))
+    said = refused("adapt", tmp_path, "--layout", "folder", "--out", tmp_path.with_name("adapted"))
+    assert "its frames have no times, by which objects are followed: name the files of each frame by its time" in said

@@ -23,7 +23,7 @@ def test_shipped_networks_detect_the_same(name, recording, tmp_path, run):
     asked = ("export", name, tmp_path / "a.onnx", "--json", *(("--area", *area) if area else ()))
     code, said, err = run(*asked)
     assert code == 0, err
-    assert json.loads(said)["card"] == str(tmp_path / "a.json")
+    assert json.loads(said)["card"] == str(tmp_path / "a.onnx.json")
     nodes = onnx.load(tmp_path / "a.onnx").graph.node
     assert not [each for each in nodes if each.op_type == "ScatterND" and each.attribute]  # its threads lose summands
     exported, torches = load_detector(tmp_path / "a.onnx"), load_detector(name, area=area)
@@ -62,7 +62,7 @@ def test_commands_take_the_file_for_a_detector(recording, tmp_path, run, refused
     found = ("detect", recording, "--detector", tmp_path / "t.onnx")
     assert run(*found, *area, "--level", "none", "--out", tmp_path / "boxes.json")[0] == 0
     assert "got -9 -20 9 20" in refused(*found, "--area", -9, -20, 9, 20, "--out", tmp_path / "b.json")
-    card = tmp_path / "t.json"
+    card = tmp_path / "t.onnx.json"
     card.write_text(card.read_text().replace('"sha256"', '"sha"'))
     assert "has no sha" in refused(*found, "--out", tmp_path / "b.json")
     card.unlink()

@@ -86,7 +86,7 @@ def test_outlines_have_title_navigation_and_pictures_of_their_own(outline):
     assert [len(outline.all(tag)) for tag in ("title", "h1", "main", "nav", "header")] == [1] * 5
     links = [each["href"] for each in outline.all("a") if "class" not in each]
     assert links == [f"#{section['id']}" for section in outline.all("section")]
-    assert len(links) == 12
+    assert len(links) == 13
     pictures = outline.all("img")
     assert len(pictures) == 13
     assert all(len(each["alt"]) > 20 and each["src"].startswith("data:image/svg+xml;base64,") for each in pictures)

@@ -240,7 +240,7 @@ def test_the_tabulator_goes_down_the_page(page):
 
 
 ORDER = (
-    *("decision", "schedule", "materials", "ground", "detection", "failures"),
+    *("decision", "schedule", "materials", "ground", "views", "detection", "failures"),
     *("links", "order", "others", "schemes", "worth", "method"),
 )
 

@@ -206,10 +206,10 @@ def test_objectives_at_other_ious_are_those_of_a_setting_there():
 
     usual, mean = make(0.7), make(IOUS)
     rows = np.eye(6, dtype=bool)
-    assert list(module_of_entrants.at_other_ious(usual)) == ["swap at mean IoU"]
-    (at_usual,) = module_of_entrants.at_other_ious(mean).values()
+    assert list(module_of_entrants.at_other_ious(usual)) == ["swap at IoU 0.9", "swap at mean IoU"]
+    at_usual = module_of_entrants.at_other_ious(mean)["swap at IoU 0.7"]
     np.testing.assert_array_equal(at_usual.scores(rows).ap, usual.scores(rows).ap)
-    (at_mean,) = module_of_entrants.at_other_ious(usual).values()
+    at_mean = module_of_entrants.at_other_ious(usual)["swap at mean IoU"]
     np.testing.assert_array_equal(at_mean.scores(rows).ap, mean.scores(rows).ap)
     assert list(module_of_entrants.at_other_ious(make(0.9))) == ["swap at IoU 0.7", "swap at mean IoU"]
     assert module_of_entrants.at_other_ious(Objective(Setting("tjunction", fidelity="coverage"), Run(frames=8))) == {}

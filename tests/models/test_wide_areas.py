@@ -1,0 +1,49 @@
+"""Areas too large for one grid are detected in block by block, with the same boxes and little memory."""
+
+import numpy as np
+import pytest
+
+from models import detector as module
+from models.detector import VoxelNetDetector, WideVoxelNetDetector, load_detector
+from toolkit.bodies.drawn_bodies import draw_body
+from toolkit.objects import VEHICLE
+
+
+def cars(rng, low, high, count):
+    """Ground and points on drawn cars."""
+    parts = [np.column_stack([rng.uniform(low, high, (count * 100, 2)), rng.normal(0.02, 0.01, count * 100)])]
+    for _ in range(count):
+        body = draw_body(VEHICLE, rng)
+        corners = body.vertices[body.triangles[rng.integers(len(body.triangles), size=60)]]
+        points = (corners * rng.dirichlet([1, 1, 1], 60)[:, :, None]).sum(axis=1)
+        middle = np.append(rng.uniform(low, high, 2), body.size[2] / 2)
+        parts.append(points + middle)
+    return np.concatenate(parts).astype(np.float32)
+
+
+def test_blocks_find_what_one_grid_finds(monkeypatch):
+    monkeypatch.setattr(module, "BLOCK_CELLS", 256)
+    area = (-70.0, -60.0, 66.0, 70.0)
+    cloud = cars(np.random.default_rng(0), -60, 60, 40)
+    whole = load_detector("general", area=area)
+    assert type(whole) is VoxelNetDetector
+    monkeypatch.setattr(module, "MAX_COLUMNS", 100_000)
+    wide = load_detector("general", area=area)
+    assert type(wide) is WideVoxelNetDetector
+    assert wide.area == whole.area
+    assert wide.digest != whole.digest
+    found, expected = wide(cloud), whole(cloud)
+    sure = expected.boxes[expected.scores > 0.5, :3]
+    assert len(sure) > 15
+    apart = np.linalg.norm(sure[:, None] - found.boxes[None, :, :3], axis=2).min(axis=1)
+    assert np.median(apart) < 0.001
+    assert apart.max() < 0.3
+    assert abs(len(found) - len(expected)) <= 2
+    assert not len(wide(cloud[:0]))
+
+
+def test_few_points_in_a_wide_area_take_little():
+    wide = load_detector("general", area=(-600.0, -580.0, 600.0, 580.0))
+    cloud = cars(np.random.default_rng(1), 300, 320, 3)
+    assert len(wide(cloud)) == pytest.approx(3, abs=2)
+    assert wide.anchors.nbytes < 200 << 20
