@@ -111,7 +111,9 @@ class VoxelNetConfig:
     score_threshold: float = 0.1  # of detections, where the caller gives none
     thresholds: tuple[float, ...] = ()  # the same by label; (): `score_threshold` for all
     known_thresholds: tuple[float, ...] = ()  # the same of `known` scores; (): `thresholds`
-    rival_shares: tuple[float, ...] = ()  # by label, of a rival's score; boxes with less are dropped, (): none is
+    rival_shares: tuple[float, ...] = ()
+    """Per label a share of a rival's score; boxes with less are dropped. (): `LARGE_RIVAL_SHARES` of
+    `models.network.candidates`, between vehicles and heavy ones; zeros: no box is dropped."""
 
     def __post_init__(self) -> None:
         xmin, ymin, xmax, ymax = self.area

@@ -66,7 +66,7 @@ class VoxelNetDetector:
         own = config.thresholds or (config.score_threshold,) * len(config.labels)
         self.thresholds = own if score_threshold is None else (score_threshold,) * len(own)
         self.known_thresholds = self.thresholds if score_threshold is not None else config.known_thresholds or own
-        self.rival_shares = () if score_threshold is not None else config.rival_shares
+        self.rival_shares = None if score_threshold is not None else decoding.rival_shares(config)
         self.nms_threshold, self.phases = nms_threshold, 1
         self.anchors = anchors(config).to(self.device)
 
@@ -168,7 +168,7 @@ class VoxelNetDetector:
     def at_known_site(self) -> "VoxelNetDetector":
         """Same detector, which reports what it is less sure of too, where `score_known` is to judge it."""
         other = copy.copy(self)
-        other.thresholds, other.rival_shares = tuple(min(least, LEAST_KNOWN) for least in self.thresholds), ()
+        other.thresholds, other.rival_shares = tuple(min(least, LEAST_KNOWN) for least in self.thresholds), None
         return other if self.config.known else self
 
     def score_known(self, found: Detections) -> Detections:
@@ -180,19 +180,19 @@ class VoxelNetDetector:
 
     def _take_above(self, found: Detections, thresholds: tuple[float, ...]) -> Detections:
         rows = [label_index(name) for name in self.labels]
-        least, shares = np.zeros((2, len(LABELS)))
+        least, shares = np.zeros(len(LABELS)), np.zeros((len(LABELS), len(rows)))
         least[rows] = thresholds
         found = found[found.scores > least[found.labels]]
-        if not self.rival_shares:
+        if self.rival_shares is None:
             return found
         shares[rows] = self.rival_shares
-        rivals = decoding.strongest_rivals(found, self.config).max(axis=1)
-        return found[found.scores >= shares[found.labels] * rivals]
+        rivals = shares[found.labels] * decoding.strongest_rivals(found, self.config)
+        return found[found.scores >= rivals.max(axis=1)]
 
     def _finish(self, boxes: Tensor, scores: Tensor, cloud: Points) -> Detections:
         """Suppress duplicates, deduct rivals and measure faces."""
         found = decoding.suppress(boxes, scores, self.config, self.nms_threshold)
-        if self.config.rivalry or self.rival_shares:
+        if self.config.rivalry or self.rival_shares is not None:
             found = self._take_above(decoding.apply_rivals(found, self.config), self.thresholds)
         return found if self.faces is None else measure_faces(self.faces, found, np.asarray(cloud), self.config.faces)
 

@@ -136,6 +136,7 @@ def average_boxes(candidates: Detections, kept: Int64[np.ndarray, " k"], iou_thr
 
 TOGETHER = 0.3  # overlap, as a share of the smaller footprint, above which two claim one place
 LEAST_RIVAL = 0.2  # least score of a rival
+LARGE_RIVAL_SHARES = {"vehicle": 0.8, "heavy": 0.3}  # of the other's score, if the network's header has no shares
 
 
 def share_ground(boxes: Float[np.ndarray, "n 7"]) -> Bool[np.ndarray, "n n"]:
@@ -154,6 +155,21 @@ def strongest_rivals(found: Detections, config: VoxelNetConfig) -> Float[np.ndar
     for column, name in enumerate(config.labels):
         strongest[:, column] = scores[:, found.labels == label_index(name)].max(axis=1, initial=0.0)
     return strongest
+
+
+def rival_shares(config: VoxelNetConfig) -> Float[np.ndarray, "L L"] | None:
+    """Share of each rival label's score below which a box of a label is dropped; None if no box ever is.
+
+    Rows and columns are in the order of `config.labels`. Without `config.rival_shares` only vehicles and heavy vehicles
+    are rivals: a person next to a car is another object, the front of a truck is not."""
+    labels = config.labels
+    shares = np.zeros((len(labels), len(labels)))
+    if config.rival_shares:
+        shares += np.array(config.rival_shares)[:, None]
+    elif LARGE_RIVAL_SHARES.keys() <= set(labels):
+        large = [labels.index(label) for label in LARGE_RIVAL_SHARES]
+        shares[np.ix_(large, large)] = np.array(list(LARGE_RIVAL_SHARES.values()))[:, None]
+    return shares if shares.any() else None
 
 
 def apply_rivals(found: Detections, config: VoxelNetConfig) -> Detections:

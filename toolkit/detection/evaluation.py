@@ -28,7 +28,7 @@ from typing import Any, Literal, overload
 
 import numpy as np
 
-from toolkit.arrays import Mask
+from toolkit.arrays import Float64, Mask
 from toolkit.boxes import Overlap, count_points
 from toolkit.calibration.empty_scene import Scenes
 from toolkit.calibration.poses import FoundPose
@@ -39,7 +39,17 @@ from toolkit.detection.breakdown import FrameTruth, GroupRow, format_rows, group
 from toolkit.detection.codec import PAPER, Codec, ImageCodec, check_codec
 from toolkit.detection.detect import describe_summary
 from toolkit.detection.link.message import SetLoad, format_loads, link_load
-from toolkit.detection.metrics import TRUE_IOU, USUAL_IOUS, Curve, Reliability, evaluate, matches, reliability
+from toolkit.detection.metrics import (
+    TRUE_IOU,
+    USUAL_IOUS,
+    Curve,
+    DetectionScore,
+    Reliability,
+    evaluate,
+    matches,
+    reliability,
+    second_labels,
+)
 from toolkit.detection.place import Place, Stand
 from toolkit.detection.provenance import dataset_origin, detector_origin, settings_origin, with_file_digest
 from toolkit.detection.scheme import Chained, Fused, Scheme, scheme_codec
@@ -88,7 +98,8 @@ class Row:
 @dataclass(frozen=True)
 class ClassFigures:
     """Worth of the detector's own threshold for one class, with one scheme and sensor set (indices). A detection is
-    true from the IoU `iou` on (`TRUE_IOU`). truths, detections: those that count, in all `frames`."""
+    true from the IoU `iou` on (`TRUE_IOU`). truths, detections: those that count, in all `frames`. The second label of
+    an object (`second_labels`) is a false alarm here."""
 
     scheme: str
     sensors: tuple[int, ...]
@@ -266,9 +277,8 @@ def evaluate_recording(
             for iou, at in ((iou, scores[iou]) for iou in thresholds):
                 shares = at.ap, at.recall, at.precision
                 rows.append(Row(name, chosen, iou, *shares, kbit, ms, at.curve, label, at.truths, at.fp / total))
-            at = scores[true_iou]
-            worth = (at.truths, at.tp + at.fp, at.recall, at.precision, at.fp / total, reliability(at.scores, at.hits))
-            classes.append(ClassFigures(name, chosen, label, true_iou, total, *worth))
+            second = _second_scores(found, truths, outside, metric=asked.metric, label=label)
+            classes.append(_rate_class(name, chosen, label, scores[true_iou], total, second))
         title = name if len(sets) == 1 else f"{name} {_sensor_text(chosen)}"
         if breakdown:
             judged = [truth.judge(each) for truth, each in zip(truths, found, strict=True)]
@@ -292,6 +302,52 @@ def evaluate_recording(
     origin = settings_origin(asked.codec, **placed, **drawn, schemes=digests)
     provenance = dataset_origin(recording) | detector_origin(detector) | origin
     return Evaluation(tuple(rows), provenance, tuple(classes), tuple(loads), figures, tuple(groups))
+
+
+def _second_scores(
+    found: Sequence[Detections],
+    truths: Sequence[FrameTruth],
+    outside: Sequence[Mask] | None,
+    *,
+    metric: Overlap,
+    label: str,
+) -> Float64[np.ndarray, " n"]:
+    """Scores of the detections that are an object's second label, in all frames. Only vehicles are."""
+    scores = [np.zeros(0)]
+    if label != LABELS[VEHICLE]:
+        return scores[0]
+    for number, (detections, truth) in enumerate(zip(found, truths, strict=True)):
+        beyond = None if outside is None else outside[number]
+        second = second_labels(detections, truth.objects, metric=metric, counted=truth.counted, outside=beyond)
+        scores.append(detections.scores[second])
+    return np.concatenate(scores)
+
+
+def _rate_class(
+    scheme: str,
+    sensors: tuple[int, ...],
+    label: str,
+    at: DetectionScore,
+    frames: int,
+    second: Float64[np.ndarray, " n"],
+) -> ClassFigures:
+    """Rate the detector's threshold, with scores of second labels as false alarms."""
+    detections = at.tp + at.fp + len(second)
+    scores = np.append(at.scores, second)
+    hits = np.append(at.hits, np.zeros(len(second), bool))
+    return ClassFigures(
+        scheme=scheme,
+        sensors=sensors,
+        label=label,
+        iou=TRUE_IOU[label_index(label)],
+        frames=frames,
+        truths=at.truths,
+        detections=detections,
+        recall=at.recall,
+        precision=at.tp / detections if detections else np.nan,
+        false_alarms_per_frame=(at.fp + len(second)) / frames,
+        reliability=reliability(scores, hits),
+    )
 
 
 def _thresholds(given: Sequence[float] | None, label: str) -> tuple[float, ...]:

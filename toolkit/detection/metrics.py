@@ -188,6 +188,32 @@ def matches(
         yield result
 
 
+def second_labels(
+    detections: Detections,
+    truths: Objects,
+    *,
+    metric: Overlap = "3d",
+    counted: ArrayLike | None = None,
+    outside: ArrayLike | None = None,
+) -> Bool[np.ndarray, " n"]:
+    """Mark vehicles on a heavy vehicle that is found as heavy too: one object with two labels.
+
+    The matching of vehicles ignores them (rule 3). A user counts them as false alarms."""
+    second = np.zeros(len(detections), bool)
+    if not (detections.labels == HEAVY).any() or not (detections.labels == VEHICLE).any():
+        return second
+    (heavy,) = matches(detections, truths, [TRUE_IOU[HEAVY]], metric=metric, label=HEAVY)
+    if not heavy.hit.any():
+        return second
+    (small,) = matches(
+        detections, truths, [TRUE_IOU[VEHICLE]], metric=metric, label=VEHICLE, counted=counted, outside=outside
+    )
+    second = (detections.labels == VEHICLE) & small.ignored
+    if outside is not None:
+        second &= ~np.asarray(outside, bool)
+    return second & (footprint_overlap(detections.boxes, truths.boxes[heavy.hit]).max(axis=1) > MOSTLY)
+
+
 def precision_recall(scores: Float64[np.ndarray, " n"], hits: Mask, truths: int) -> Curve:
     """Return the curve of n pooled detections, in any order. truths: the number to find.
 

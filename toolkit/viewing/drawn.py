@@ -12,7 +12,7 @@ import numpy as np
 from toolkit.arrays import Float32, Float64, UInt8
 from toolkit.detection.breakdown import select_truth
 from toolkit.detection.detect import Detected, detect_frames
-from toolkit.detection.metrics import TRUE_IOU, matches
+from toolkit.detection.metrics import TRUE_IOU, matches, second_labels
 from toolkit.detection.place import Place
 from toolkit.display import describe_count
 from toolkit.frame import Frame, OtherObjects
@@ -30,21 +30,24 @@ def sort_outcomes(each: Detected) -> dict[Marked, dict[str, Detections]]:
     """Detections of each outcome and class, world frame, and labelled boxes that were missed, with scores NaN.
 
     Every detection is a hit, a false alarm or ignored: beyond the area or the complete labels, or on an object that
-    does not count."""
+    does not count. The second label of an object is a false alarm."""
     made: dict[Marked, dict[str, Detections]] = {name: {} for name in MARKED}
     if not len(each.frame.objects):
         return {}
     truth = select_truth(each.frame, each.stand.corners)
     detections, outside = each.detections, ~truth.inside(each.detections)
     match_class = partial(matches, detections, truth.objects, counted=truth.counted, outside=outside)
+    second = second_labels(detections, truth.objects, counted=truth.counted, outside=outside)
     for label, name in enumerate(LABELS):
         (what,) = match_class([TRUE_IOU[label]], label=label)
+        of_class = detections.labels == label
+        false = (~what.ignored & (what.truth < 0)) | (second & of_class)
         missed = truth.objects[what.scored & ~what.hit]
         rows: dict[Marked, Detections] = {
             "hits": detections[~what.ignored & (what.truth >= 0)],
             "missed": Detections(missed.boxes, np.full(len(missed), np.nan), missed.labels),
-            "false alarms": detections[~what.ignored & (what.truth < 0)],
-            "ignored": detections[what.ignored & (detections.labels == label)],
+            "false alarms": detections[false],
+            "ignored": detections[what.ignored & of_class & ~second],
         }
         for outcome, so_far in made.items():
             so_far |= {name: rows[outcome]} if len(rows[outcome]) else {}

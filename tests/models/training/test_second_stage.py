@@ -251,7 +251,7 @@ def test_a_box_with_too_small_a_share_of_its_rivals_score_is_dropped():
     left = VoxelNetDetector(VoxelNet(config)).score_known(found)
     assert left.boxes[:, 0].tolist() == at[[0, 2, 3, 4, 5, 6]].tolist()  # pedestrians have a share of 0
     assert len(VoxelNetDetector(VoxelNet(config), score_threshold=0.05).score_known(found)) == 7
-    assert VoxelNetDetector(VoxelNet(config)).at_known_site().rival_shares == ()
+    assert VoxelNetDetector(VoxelNet(config)).at_known_site().rival_shares is None
     bare = VoxelNetDetector(VoxelNet(replace(config, known=())))  # neither known nor rivalry: the share holds alone
     scores = torch.as_tensor([[0.8, 0.0], [0.0, 0.3], [0.0, 0.3]])
     kept = bare._finish(torch.as_tensor(boxes[:3]).float(), scores, np.zeros((0, 3), np.float32))
@@ -260,6 +260,33 @@ def test_a_box_with_too_small_a_share_of_its_rivals_score_is_dropped():
     for wrong, said in (((0.5,), "must be one per label"), ((0.5, 1.2), "must lie in 0..1")):
         with pytest.raises(ValueError, match=said):
             replace(config, rival_shares=wrong)
+
+
+LARGE = {
+    "a van under a surer truck": ((0.5, 0.7), [False, True]),
+    "a truck's box over a far surer car": ((0.9, 0.25), [True, False]),
+    "a truck's box that is nearly as sure": ((0.9, 0.4), [True, True]),
+}
+
+
+@pytest.mark.parametrize("case", LARGE)
+def test_one_large_object_has_one_label_where_the_header_names_no_shares(case):
+    """Weights of a user, whose header has no rival_shares: a van and a heavy vehicle at one place, a person next to
+    both, whom no rule of large vehicles drops or counts."""
+    scores, kept = LARGE[case]
+    labels = ("vehicle", "pedestrian", "heavy")
+    config = VoxelNetConfig.light(SMALL_AREA, **road_users(select_anchors(labels)), score_threshold=0.1)
+    boxes = np.array([[0, 0, 1, 4.5, 2, 2, 0], [0.5, 0, 1.5, 7, 2.4, 3, 0], [1.2, 0.9, 1, 0.6, 0.6, 1.7, 0]])
+    logits = torch.zeros(3, 3)
+    logits[[0, 1, 2], [0, 2, 1]] = torch.tensor([*scores, 0.95])
+    detector = VoxelNetDetector(VoxelNet(config))
+    found = detector._finish(torch.as_tensor(boxes).float(), logits, np.zeros((0, 3), np.float32))
+    wanted = [label for label, stays in zip((VEHICLE, HEAVY), kept, strict=True) if stays]
+    assert sorted(found.labels.tolist()) == sorted([*wanted, PEDESTRIAN])
+    every = VoxelNetDetector(VoxelNet(replace(config, rival_shares=(0.0, 0.0, 0.0))))
+    assert len(every._finish(torch.as_tensor(boxes).float(), logits, np.zeros((0, 3), np.float32))) == 3
+    cars = replace(config, kinds=(), labels=("vehicle",))
+    assert VoxelNetDetector(VoxelNet(cars)).rival_shares is None
 
 
 def test_a_detector_at_a_known_site_reports_what_the_scores_there_decide(monkeypatch):

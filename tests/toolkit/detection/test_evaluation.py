@@ -104,6 +104,26 @@ def test_oracles_are_perfect_and_detect_once_per_sensor():
     assert "nan" in format_table([row])
 
 
+class Twice(Oracle):
+    """Reports every object, and the truck as a vehicle too."""
+
+    def __call__(self, points):
+        objects = Recording()[self.current].objects
+        boxes = np.concatenate([objects.boxes, objects.boxes[-1:]])
+        return Detections(boxes, np.linspace(0.9, 0.5, len(boxes)), np.append(objects.labels, VEHICLE))
+
+
+def test_the_second_label_of_a_truck_is_a_false_alarm_at_the_threshold_but_not_in_ap():
+    evaluation = run(Twice(), schemes=["early"], classes=["vehicle", "heavy"])
+    assert {row.ap for row in evaluation} == {1.0}
+    assert {row.false_alarms_per_frame for row in evaluation} == {0.0}
+    vehicle, heavy = evaluation.classes
+    assert (vehicle.recall, vehicle.false_alarms_per_frame, vehicle.detections) == (1.0, 1.0, 25)
+    assert vehicle.precision == pytest.approx(4 / 5)
+    assert vehicle.reliability.count.sum() == 25
+    assert (heavy.recall, heavy.precision, heavy.false_alarms_per_frame) == (1.0, 1.0, 0.0)
+
+
 def test_rows_are_of_fusion_and_metrics_and_repeat_with_a_seed():
     oracle = Oracle(needed=2)
     (row,) = run(oracle, schemes=["late"], sensor_sets=[["s0", 2]], iou_thresholds=[0.7], noise_seed=None)

@@ -143,6 +143,20 @@ def test_thresholds_met_by_equality_and_frames_without_objects():
         assert len(nothing.curve.score) == 0
 
 
+def test_the_second_label_of_a_heavy_vehicle_is_a_false_alarm_of_vehicles():
+    """A truck found as heavy and, on half its length, as vehicle; one found as vehicle alone; a car next to them."""
+    trucks = np.array([[0, 0, 1.5, 8, 2.5, 3, 0], [20, 0, 1.5, 8, 2.5, 3, 0]])
+    car = np.array([[40, 0, 0.8, 4, 2, 1.6, 0]])
+    parts = trucks + np.array([-2, 0, -0.5, -4, -0.5, -1, 0])
+    truths = Objects(np.concatenate([trucks, car]), np.array(["heavy", "heavy", "vehicle"]))
+    labels = np.array(["heavy", "vehicle", "vehicle", "vehicle"])
+    found = Detections(np.concatenate([trucks[:1], parts, car]), np.array([0.9, 0.5, 0.5, 0.9]), labels)
+    assert metrics.second_labels(found, truths).tolist() == [False, True, False, False]
+    assert metrics.second_labels(found, truths, outside=[False, True, False, False]).sum() == 0
+    assert metrics.second_labels(found[1:], truths).sum() == 0
+    assert metrics.evaluate([found], [truths], iou_thresholds=[0.5])[0.5].fp == 0
+
+
 def test_labels_are_scored_alone_and_heavy_ones_excuse():
     boxes = np.concatenate([CAR, moved(CAR, 10)])
     detections, truths = [Detections(boxes, np.ones(2), np.array([0, 1]))], [Objects(boxes, np.array([0, 0]))]

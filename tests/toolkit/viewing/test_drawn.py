@@ -6,7 +6,7 @@ import pytest
 from toolkit.detection.detect import detect_frames
 from toolkit.detection.place import Place
 from toolkit.frame import Frame, Rectangle, SensorCloud
-from toolkit.objects import Detections, Objects
+from toolkit.objects import HEAVY, VEHICLE, Detections, Objects
 from toolkit.plots.canvas import sensor_colour
 from toolkit.viewing.drawn import (
     MARKED,
@@ -64,6 +64,17 @@ def test_hits_misses_and_false_alarms_of_each_class_by_iou_or_neither():
     assert by_x(near) == {"hits": {}, "missed": missed, "false alarms": {}, "ignored": {"vehicle": [15.0]}}
     assert sort_outcomes(detected(BOXES, objects=Objects.empty())) == {}
     assert list(MARKED) == ["hits", "missed", "false alarms", "ignored"]
+
+
+def test_the_second_label_of_a_truck_is_a_false_alarm():
+    trucks = Objects(BOXES[:2], np.array([HEAVY, HEAVY]))
+    outcomes = sort_outcomes(detected(BOXES[[0, 0, 1]], np.array([HEAVY, VEHICLE, VEHICLE]), objects=trucks))
+    assert by_x(outcomes) == {
+        "hits": {"heavy": [0.0]},
+        "missed": {"heavy": [10.0]},
+        "false alarms": {"vehicle": [0.0]},
+        "ignored": {"vehicle": [10.0]},
+    }
 
 
 @pytest.mark.parametrize("seed", range(8))
