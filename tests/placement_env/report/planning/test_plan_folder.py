@@ -126,7 +126,7 @@ def drop(*path):
         (put("question", "iou", []), "IoU thresholds must be one or several"),
         (put("question", "errors", ["own"]), "question.errors has a profile 'own' that is not one of paper"),
         (put("question", "scheme", "psychic"), "question.scheme must be one of early"),
-        (put("question", "codec", "zip"), "question.codec must be that of paper or range-images, got 'zip'"),
+        (put("question", "codec", "zip"), "question.codec must belong to paper or range-images, got 'zip'"),
         (put("question", "money", -1), "question.money must be from 0 to 1e.15, got -1"),
         (put("question", "frames", [3, 3]), "question.frames must be 3 numbers, got 2"),
         (put("question", "frames", [0, 3, 3]), "question.frames must be three whole numbers from 1"),
