@@ -45,7 +45,7 @@ def test_a_sample_without_objects_is_refused_with_the_remedy():
 def test_another_file_is_refused_with_what_it_must_say(tmp_path: Path, content):
     path = tmp_path / "labels.json"
     path.write_text(json.dumps(content))
-    with pytest.raises(ValueError, match="must say coview boxes, version 1: see docs"):
+    with pytest.raises(ValueError, match=r"its form must be .*\"coview\": \"boxes\", \"version\": 1"):
         read_entries(path)
 
 

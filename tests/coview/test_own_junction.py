@@ -7,8 +7,10 @@ import re
 from pathlib import Path
 
 import h5py
+import numpy as np
 import pytest
 
+from placement_env.candidates.candidates import aims
 from placement_env.candidates.poles import load_poles
 from toolkit.sites.files import load_site
 
@@ -50,8 +52,9 @@ def test_an_openstreetmap_extract_with_poles_of_ones_own(run, tmp_path):
     # of 8.0 49.5, where a degree is 72,437 m of longitude and 111,228 m of latitude
     assert float(row["longitude"]) == pytest.approx(8 + x / 72437, abs=1e-7)
     assert float(row["latitude"]) == pytest.approx(49.5 + y / 111228, abs=1e-7)
-    heading = int(re.findall(r"_h(\d+)_", row["sensor"])[0])
-    assert float(row["bearing_deg"]) == (90 - heading) % 360
+    assert row["sensor"] == row["pole"]
+    (sensor,) = load_site(tmp_path / "answer" / "site.json").sensors
+    assert float(row["bearing_deg"]) == pytest.approx((90 - np.rad2deg(aims([sensor])[0][0])) % 360)
     run("site", "import", *OSM, "--out", tmp_path / "site.json")
     path = ROOT / "docs" / "own-junction-poles.geojson"
     with pytest.warns(UserWarning, match="left out") as caught:

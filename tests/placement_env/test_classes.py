@@ -16,7 +16,7 @@ THREE = ("vehicle", "cyclist", "pedestrian")
         ({"names": ()}, "classes must be one or several different ones"),
         ({"names": "vehicle"}, "classes must be one or several different ones"),
         ({"names": ("vehicle", "vehicle")}, "classes must be one or several different ones"),
-        ({"names": ("tram",)}, "there is no class 'tram': choose among vehicle, cyclist"),
+        ({"names": ("tram",)}, "there is no class 'tram', it counts as heavy: choose among vehicle, cyclist"),
         ({"names": THREE, "weights": (1.0, 1.0)}, "a weight above 0 for each of vehicle, cyclist, pedestrian"),
         ({"names": THREE, "weights": (1.0, 1.0, 0.0)}, "leave out a class that does not count"),
         ({"names": THREE, "weights": (1.0, 1.0, -1.0)}, "a weight above 0"),

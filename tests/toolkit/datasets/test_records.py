@@ -174,7 +174,10 @@ def test_boxes_there_and_back(tmp_path):
 @pytest.mark.parametrize(
     ("content", "names"),
     [
-        *(("{}", "must say coview boxes"), ('{"coview": "boxes", "version": 2, "samples": []}', "version 1")),
+        *(
+            ("{}", "its form must be .*got an empty object"),
+            ('{"coview": "boxes", "version": 2, "samples": []}', "got version 2"),
+        ),
         ('{"coview": "boxes", "version": 1, "samples": {}}', "samples must be a list"),
         ('{"coview": "boxes", "version": 1, "samples": [{}]}', "no entry name"),
     ],

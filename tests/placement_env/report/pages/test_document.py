@@ -88,7 +88,7 @@ def test_outlines_have_title_navigation_and_pictures_of_their_own(outline):
     assert links == [f"#{section['id']}" for section in outline.all("section")]
     assert len(links) == 13
     pictures = outline.all("img")
-    assert len(pictures) == 13
+    assert len(pictures) == 17  # four of them views of sensors
     assert all(len(each["alt"]) > 20 and each["src"].startswith("data:image/svg+xml;base64,") for each in pictures)
     for tag, attributes in outline.elements:
         for name in ("src", "href", "action", "poster", "data"):
