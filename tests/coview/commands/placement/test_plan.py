@@ -80,10 +80,7 @@ def test_money_buys_poles_and_sensors_of_a_catalogue(tmp_path, run, poles, catal
     ("asked", "said"),
     [
         (("--budget", 0), "The budget is 0 sensors"),
-        (
-            ("--capacity", 50),
-            "The links exclude 6 of 6 candidates: the least that any of these sends in 95 % of",
-        ),
+        (("--capacity", 50), "The links exclude 6 of 6 candidates: the least that any of these sends in 95 % of"),
         (("--max-kbit", 50), "The limit of 50 kbit per sensor and frame excludes 6 of 6 candidates"),
         (("--money", 0.5), "the cheapest of all costs the price of 1 ordinary pole"),
         (("--budget", 1, "--min-ap", 1), "The requirement of AP 1 is not met"),
