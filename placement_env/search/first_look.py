@@ -20,7 +20,7 @@ from toolkit.display import describe_count
 from toolkit.runtime.run import Run
 
 LOOK_FRAMES = 8  # among the frames that are searched
-MAX_POSES = 4_000  # that are searched
+MAX_POSES = 3_000  # that are searched
 MAX_POLES = 400  # that carry them
 MIN_POSES_ON_POLE = 4  # on each such pole, if it has as many
 MIN_SPACING_M = 1.0  # side of the squares that thin the poles, at first
