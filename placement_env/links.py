@@ -5,12 +5,15 @@ of the frames: `LINK_SHARE`, unless a setting asks for another. Loads of sensors
 them if their sum is within its capacity. Only points count: boxes fit any link. Where a mean is all that is known, as
 of a table, it stands for the load."""
 
+from typing import TypeVar
+
 import numpy as np
 
 from toolkit.arrays import Float64
 
 LINK_SHARE = 0.95  # part of the frames in which a link must carry what is sent
 ROUNDING_SHARE = 1e-9  # part of a capacity by which rounding may exceed it
+Capacity = TypeVar("Capacity", float, np.ndarray)
 
 
 def link_load(kbit: Float64[np.ndarray, "*n frames"], share: float = LINK_SHARE) -> Float64[np.ndarray, "*n"]:
@@ -20,6 +23,11 @@ def link_load(kbit: Float64[np.ndarray, "*n frames"], share: float = LINK_SHARE)
     300.0
     """
     return np.asarray(np.quantile(kbit, share, axis=-1, method="inverted_cdf"), np.float64)
+
+
+def max_load(capacity: Capacity) -> Capacity:
+    """Return the greatest load that links of some capacity carry, in its unit: the capacity, but for rounding."""
+    return capacity * (1 + ROUNDING_SHARE)
 
 
 def check_link_share(share: float) -> None:

@@ -23,7 +23,7 @@ from placement_env.classes import VEHICLES, Classes
 from placement_env.fidelity.coverage import sent_per_frame
 from placement_env.fidelity.preparation import Preparation
 from placement_env.fidelity.visibility import Visibility
-from placement_env.links import ROUNDING_SHARE, link_load
+from placement_env.links import link_load, max_load
 from placement_env.protocol import ByClass, ByFrames
 from placement_env.racing import Race, race
 from placement_env.setting import Setting, Weights
@@ -212,12 +212,9 @@ class Objective:
     @cached_property
     def linked(self) -> Bool[np.ndarray, " C"]:
         """Mask of candidates that fit their mount's link."""
-        boxes = not self.scheme.sends_points
-        return (
-            np.ones(len(self.candidates), np.bool_)
-            if boxes
-            else self.loads <= self.candidates.capacity * (1 + ROUNDING_SHARE)
-        )
+        if not self.scheme.sends_points:
+            return np.ones(len(self.candidates), np.bool_)
+        return np.asarray(self.loads <= max_load(self.candidates.capacity))
 
     def fits_links(self, members: Sequence[int], kbit: Float64[np.ndarray, "k frames"]) -> bool:
         """True if the links of a set carry what its sensors send. kbit: each sensor's, in frames of any traffic."""
@@ -226,7 +223,7 @@ class Objective:
         mounts = self.candidates.mount[list(members)]
         loads = np.bincount(mounts, link_load(kbit, self.setting.link_share), minlength=len(self.candidates.mounts))
         capacity = np.array([mount.capacity for mount in self.candidates.mounts])
-        return bool((loads <= capacity * (1 + ROUNDING_SHARE)).all())
+        return bool((loads <= max_load(capacity)).all())
 
     @cached_property
     def kept(self) -> Int64[np.ndarray, " k"]:

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 
 from placement_env.candidates.poles import load_poles
 from placement_env.candidates.sensor_catalogue import SensorCatalogue
-from placement_env.links import ROUNDING_SHARE
+from placement_env.links import max_load
 from placement_env.subsets import Sets
 from toolkit.arrays import Bool, Float64, Int64, Mask, Rng, Shaped
 from toolkit.display import Card, Displayed, Table, describe_count
@@ -220,7 +220,7 @@ def fit_together(candidates: Candidates, subsets: Sets, sent: Float64[np.ndarray
     if sent is None or not candidates.several:
         return fits
     loads, links = candidates.per_mount(subsets, sent), np.array([mount.capacity for mount in candidates.mounts])
-    return np.asarray(fits & ((loads <= links * (1 + ROUNDING_SHARE)) | (per_mount <= 1)).all(axis=1))
+    return np.asarray(fits & ((loads <= max_load(links)) | (per_mount <= 1)).all(axis=1))
 
 
 def room_beside(candidates: Candidates, subsets: Sets, sent: Float64[np.ndarray, " C"] | None = None) -> Sets:
@@ -230,7 +230,7 @@ def room_beside(candidates: Candidates, subsets: Sets, sent: Float64[np.ndarray,
     if sent is None or not candidates.several:
         return room
     load = candidates.per_mount(subsets, sent)[:, mount] + sent
-    return np.asarray(room & ((load <= candidates.capacity * (1 + ROUNDING_SHARE)) | (count == 0)[:, mount]))
+    return np.asarray(room & ((load <= max_load(candidates.capacity)) | (count == 0)[:, mount]))
 
 
 def extra_prices(candidates: Candidates, row: Bool[np.ndarray, " C"]) -> Float64[np.ndarray, " C"]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from placement_env.candidates.candidates import Candidates, aims
 from placement_env.candidates.sensor_catalogue import RATES, SensorCatalogue
-from placement_env.links import LINK_SHARE, ROUNDING_SHARE, describe_share, link_load
+from placement_env.links import LINK_SHARE, describe_share, link_load, max_load
 from toolkit.arrays import Float64, Int64
 from toolkit.sensors.models import name_in_words
 from toolkit.sensors.sensor import Sensor
@@ -201,7 +201,7 @@ def _letter(number: int) -> str:
 
 def build_load(pole: str, mean: float, peak: float, load: float, capacity: float, *, limited: bool) -> LinkLoad:
     """Load of one link from its amounts (Mbit/s). limited: as of `link_loads`."""
-    fits = load <= capacity * (1 + ROUNDING_SHARE) or not limited
+    fits = load <= max_load(capacity) or not limited
     return LinkLoad(pole, mean, peak, capacity, load / capacity, fits, load)
 
 

@@ -27,7 +27,7 @@ from placement_env.fidelity.preparation import Preparation
 from placement_env.fidelity.surrogate import Surrogate, resample_ap
 from placement_env.fidelity.visibility import Visibility
 from placement_env.handover.mounted import MBIT, RATE, LinkLoad, build_load
-from placement_env.links import ROUNDING_SHARE, link_load
+from placement_env.links import link_load, max_load
 from placement_env.objective import Objective
 from toolkit.arrays import Bool, Float64, Int64
 
@@ -274,7 +274,7 @@ def _list_problems(objective: Objective) -> tuple[str, ...]:
     if (loads := objective.shared_links) is not None:
         sums = candidates.per_mount(every, loads)[0]
         mounts = zip(candidates.mounts, sums, per_mount, strict=True)
-        narrow = [m.name for m, load, count in mounts if count > 1 and load > m.capacity * (1 + ROUNDING_SHARE)]
+        narrow = [m.name for m, load, count in mounts if count > 1 and load > max_load(m.capacity)]
         said += [f"the sensors on {name} together send more than its link carries" for name in narrow]
     if not objective.affordable(np.array([price]))[0]:
         said.append(f"it costs {price:g}, more than {objective.most_price:g}")
