@@ -68,6 +68,17 @@ class Task:
         """Take one action in each active row: rewards, terminated, truncated."""
         raise NotImplementedError
 
+    def step_objectives(
+        self, active: Mask, actions: Shaped[np.ndarray, "n ..."]
+    ) -> tuple[Float32[np.ndarray, "n 3"], Mask, Mask]:
+        """Take one action in each active row: increases of AP, of -kbit per sensor and of -price (n, 3), which are 0 in
+        other rows, terminated, truncated."""
+        before = self.state.objectives()
+        _, terminated, truncated = self.step(active, actions)
+        gains = (self.state.objectives() - before).astype(np.float32)
+        gains[~active] = 0.0
+        return gains, terminated, truncated
+
     def observe(self) -> tuple[Float32[np.ndarray, "n size"], Info]:
         """Return observations and info, an array (n, ...) each."""
         return self.state.observe(), {**self.state.info(), "action_mask": self.info_mask().astype(np.int8)}
@@ -143,12 +154,10 @@ class PlacementEnv(gym.Env[np.ndarray, Any]):
     def step(self, action: ArrayLike) -> tuple[np.ndarray, Any, bool, bool, Info]:
         """Take an action; the reward is a number, or an array (3,) with `vector_reward`. Raises ValueError for an
         invalid action, ResetNeeded before the first `reset`."""
-        actions, before = self.task.read_actions(action), self.task.state.objectives()
-        reward, terminated, truncated = self.task.step(np.ones(1, np.bool_), actions)
+        step = self.task.step if self.reward_space is None else self.task.step_objectives
+        rewards, terminated, truncated = step(np.ones(1, np.bool_), self.task.read_actions(action))
         observations, info = self.task.observe()
-        value: Any = reward.item()
-        if self.reward_space is not None:
-            value = (self.task.state.objectives() - before)[0].astype(np.float32)
+        value: Any = rewards.item() if self.reward_space is None else rewards[0]
         return observations[0], value, terminated.item(), truncated.item(), _first_info(info)
 
     def action_masks(self) -> Bool[np.ndarray, " choices"]:
@@ -217,12 +226,9 @@ class PlacementVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
     def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, Info]:
         """Take an action in every episode."""
-        chosen, before = self.task.read_actions(actions), self.task.state.objectives()
-        rewards, terminated, truncated = self.task.step(~self._ended, chosen)
+        step = self.task.step if self.reward_space is None else self.task.step_objectives
+        rewards, terminated, truncated = step(~self._ended, self.task.read_actions(actions))
         rewards = rewards.copy()
-        if self.reward_space is not None:
-            rewards = (self.task.state.objectives() - before).astype(np.float32)
-            rewards[self._ended] = 0.0
         if self._ended.any():
             self._start(np.flatnonzero(self._ended), None)
         self._ended = terminated | truncated

@@ -246,21 +246,21 @@ def _searches(
 
 def entropy_objective(objective: Objective) -> Objective | None:
     """Same objective scored by published perception entropy. None where the candidates' visibility is unknown."""
-    seen = objective.visibility
-    if seen is None:
-        return None
-    entropy = PerceptionEntropy(seen.of_classes(objective.classes.labels), objective.scheme, codec=objective.codec)
-    setting = replace(objective.setting, candidates=objective.candidates, fidelity=entropy)
-    return Objective(setting, objective.run, visibility=seen)
+    return _rescore(objective, PerceptionEntropy)
 
 
 def points_objective(objective: Objective) -> Objective | None:
     """Same objective scored by the points on each object. None where the candidates' visibility is unknown."""
+    return _rescore(objective, PointCount)
+
+
+def _rescore(objective: Objective, kind: type[PerceptionEntropy | PointCount]) -> Objective | None:
+    """Same objective scored by a fidelity that needs no more than the visibility of its classes."""
     seen = objective.visibility
     if seen is None:
         return None
-    points = PointCount(seen.of_classes(objective.classes.labels), objective.scheme, codec=objective.codec)
-    setting = replace(objective.setting, candidates=objective.candidates, fidelity=points)
+    score = kind(seen.of_classes(objective.classes.labels), objective.scheme, codec=objective.codec)
+    setting = replace(objective.setting, candidates=objective.candidates, fidelity=score)
     return Objective(setting, objective.run, visibility=seen)
 
 

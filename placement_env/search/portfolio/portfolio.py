@@ -201,15 +201,13 @@ def _assess(
     own, chosen = contenders[0], found.sets[[winner]]
     objects = final.count_objects(frames)
     names = [objective.names[c] for c in np.flatnonzero(chosen[0])]
-    raced = float(ran.figures[0] + weigh_costs(objective, chosen, judged.kbit[:1])[0])
+    cost, race_frames = float(weigh_costs(objective, chosen, judged.kbit[:1])[0]), int(ran.frames[0])
     if final.name == "detector" and final.cases.plain and len(final.profiles) == 1:
-        before = StageFigure(
-            "in the race", raced, round(objects * int(ran.frames[0]) / len(frames)), int(ran.frames[0])
-        )
+        raced_objects = round(objects * race_frames / len(frames))
+        before = StageFigure("in the race", float(ran.figures[0]) + cost, raced_objects, race_frames)
         check_agreement(names, before, StageFigure("in the judgement", own.ap, objects, len(frames)))
     confidence = math.nan
-    if is_comparable(int(ran.frames[0]), objects):
-        cost = float(weigh_costs(objective, chosen, judged.kbit[:1])[0])
+    if is_comparable(race_frames, objects):
         reach = 0.0 if math.isnan(own.low) else share_beyond_reach(judged.resamples[0] - cost)
         confidence = max(ran.confidence, reach)
     by_errors = aps_at_profiles(final, chosen, frames)[0]
