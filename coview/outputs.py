@@ -18,13 +18,13 @@ from toolkit.runtime.text_tables import escape
 
 OK, SUSPECTED, BAD_INPUT, MISSING, LOST, INTERNAL, INTERRUPTED, PIPE_CLOSED = 0, 1, 2, 3, 4, 70, 130, 141
 NOT_MET = SUSPECTED  # a plan's requirement cannot be met; "no", like a suspicion of the doctor
-FILE_KINDS = {  # files that take long to make again, by a key that no other has
-    "map_SE3_site": "a site's file",
-    "coview_plan": "a plan",
-    "coview_live": "a project of coview live",
-    "decoded": "the card of a network",
-}
 SITE_KIND, PLAN_KIND, CARD_KIND = "a site's file", "a plan", "the card of a network"
+FILE_KINDS = {  # files that take long to make again, by a key that no other has
+    "map_SE3_site": SITE_KIND,
+    "coview_plan": PLAN_KIND,
+    "coview_live": "a project of coview live",
+    "decoded": CARD_KIND,
+}
 MAX_JSON_BYTES = 100_000_000
 OURS = ("coview", "placement_env", "models", "toolkit")
 REPORT = "this is a fault of coview, not of what you gave it: please report it with the lines above"

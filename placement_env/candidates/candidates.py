@@ -431,11 +431,16 @@ def _names(mounts: Sequence[Mount], mounted: np.ndarray, axes: Axes, factors: np
     height, heading, tilt = _format(heights, 1), *(_format(np.rad2deg(x), 0) for x in (axes.headings, axes.tilts))
     kinds = [model.kind for model in axes.models]
     model = [kind if kinds.count(kind) == 1 else f"{kind}{kinds[:i].count(kind)}" for i, kind in enumerate(kinds)]
-    poles = [mount.name.replace("/", "-") for mount in mounts]  # a recording's groups are named by sensors
+    poles = [name_sensor(mount.name) for mount in mounts]
     return [
         f"{poles[m]}_{height[h]}m_h{heading[y]}_t{tilt[t]}_{model[k]}"
         for h, (m, _, y, t, k) in zip(place, factors, strict=True)
     ]
+
+
+def name_sensor(pole: str) -> str:
+    """Return a pole's name as names of sensors hold it, by which a recording's groups are named: with - for /."""
+    return pole.replace("/", "-")
 
 
 def _format(values: np.ndarray, decimals: int) -> list[str]:

@@ -9,7 +9,7 @@ from string import ascii_lowercase
 
 import numpy as np
 
-from placement_env.candidates.candidates import Candidates, aims
+from placement_env.candidates.candidates import Candidates, aims, name_sensor
 from placement_env.candidates.sensor_catalogue import RATES, SensorCatalogue
 from placement_env.links import LINK_SHARE, describe_share, link_load, max_load
 from toolkit.arrays import Float64, Int64
@@ -176,17 +176,17 @@ def name_by_poles(names: Sequence[str], poles: Sequence[str], known: Sequence[st
     >>> name_by_poles(["P1_6.0m_h0_t5_camera", "P1_6.0m_h90_t5_camera", "d4"], ["P1", "P1", "P2"])
     ('P1 a', 'P1 b', 'd4')
     """
-    letters, plain = Counter[str](), [name.replace("/", "-") for name in names]
-    bases = {pole.replace("/", "-") for pole in (*known, *poles)}
+    letters, plain = Counter[str](), [name_sensor(name) for name in names]
+    bases = {name_sensor(pole) for pole in (*known, *poles)}
     by_pole = [
-        POSE_NAME.fullmatch(name.removeprefix(pole.replace("/", "-"))) is not None or LETTERED.sub("", name) in bases
+        POSE_NAME.fullmatch(name.removeprefix(name_sensor(pole))) is not None or LETTERED.sub("", name) in bases
         for name, pole in zip(plain, poles, strict=True)
     ]
     several = Counter(pole for pole, replaced in zip(poles, by_pole, strict=True) if replaced)
     settled = []
     for name, pole, replaced in zip(plain, poles, by_pole, strict=True):
         if replaced:
-            name = pole.replace("/", "-")
+            name = name_sensor(pole)
             letters[pole] += 1
             name += f" {_letter(letters[pole])}" if several[pole] > 1 else ""
         settled.append(name)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import shapely
 
-from placement_env.candidates.candidates import Axes, Candidates, aim_sensor, aims
+from placement_env.candidates.candidates import Axes, Candidates, aim_sensor, aims, name_sensor
 from toolkit.arrays import Float64
 from toolkit.geometry import MAX_COORDINATE_M, pose
 from toolkit.runtime.files import name_errors
@@ -341,7 +341,7 @@ def _hang(sensor: LiveSensor, model: SensorModel, foot: float) -> Sensor:
 
 def name_on_pole(variant: Variant, pole: str) -> str:
     """Name of one more sensor on a pole: the pole's, with b, c, ... where another sensor has it."""
-    names, plain = {sensor.name for sensor in variant.sensors}, pole.replace("/", "-")[:LONGEST_NAME]
+    names, plain = {sensor.name for sensor in variant.sensors}, name_sensor(pole)[:LONGEST_NAME]
     lettered = (f"{plain} {letter}" for letter in ascii_lowercase[1:])
     return next((name for name in (plain, *lettered) if name not in names), free_name(variant, plain))
 

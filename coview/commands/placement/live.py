@@ -71,7 +71,7 @@ class Changes:
 
 @dataclass(frozen=True, kw_only=True)
 class LiveConditions:
-    """LiveConditions under which sensors are scored."""
+    """Conditions under which sensors are scored."""
 
     iou: float | None = None
     """IoU at which a detection counts; the plan's, or 0.7, when left out."""
@@ -123,7 +123,7 @@ def what_if(
 
     Figures are predicted by the surrogate on the frames that the plan's searches saw, or --frames of --seed at a site.
 
-    Example: coview what-if out/plan --move pole03_6.0m_h90_t15_camera 350 12
+    Example: coview what-if out/plan --move pole03 350 12
 
     Example: coview what-if tjunction --drop d2 --carry d0 pole05 --add pole07 200 15 --json
 
@@ -213,8 +213,7 @@ def open_planner(
 
     if not is_plan_folder(where):
         cases = conditions.apply(USUAL_CASES)
-        setting = replace(stock.setting(where, classes, cases, run), link_share=stock.link_share)
-        return LivePlanner(setting, run=run, first_frames=first)
+        return LivePlanner(stock.setting(where, classes, cases, run), run=run, first_frames=first)
     plan = _open_plan(where, stock, classes, conditions, run)
     if run.frames == LIVE_RUN.frames:
         run = replace(run, frames=plan.frames)

@@ -13,7 +13,7 @@ from coview.arguments import check_least, check_schemes, check_share, site_file
 from coview.options import ClassOptions, Output, load_own_detector
 from coview.outputs import NOT_MET, OK, PLAN_KIND, check_folder, check_writable, claim, print_result
 from coview.progress_bar import progress_bar
-from placement_env.candidates.candidates import NoCandidates
+from placement_env.candidates.candidates import NoCandidates, name_sensor
 from placement_env.candidates.poles import load_keep_out
 from placement_env.candidates.sensor_catalogue import load_sensor_catalogue
 from placement_env.cases import USUAL_CASES, Cases, iou_text
@@ -105,6 +105,7 @@ class StockOptions:
             classes=classes.build(),
             cases=cases,
             detector=load_own_detector(self.detector, place, run),
+            link_share=self.link_share,
         )
 
 
@@ -149,8 +150,7 @@ def plan(
     check = partial(check_folder, out, holds=CONTENT, inputs=inputs, writes=PLAN_FILES, kind=PLAN_KIND)
     asked = (site, goal, stock, classes, cases, run)
     most_price = math.inf if goal.money is None else goal.money
-    setting = stock.setting(site, classes, cases, run)
-    setting = replace(setting, most_price=most_price, keep=stock.keep, link_share=stock.link_share)
+    setting = replace(stock.setting(site, classes, cases, run), most_price=most_price, keep=stock.keep)
     sensors = USUAL_SENSORS if goal.budget is None and goal.money is None else goal.budget
     question = Question(setting, run, sensors, goal.min_ap, goal.max_kbit, goal.confidence, goal.width, goal.drawings)
     with suppress(NoCandidates):  # the plan says why there are none
@@ -170,7 +170,7 @@ def _describe(plan: "Plan") -> str:
     verdict = plan.verdict
     lines = [" ".join((verdict.sentence, *verdict.reasons)) if verdict.met is False else verdict.sentence]
     for s in plan.sensors:
-        place = "" if s.name.startswith(s.pole.replace("/", "-")) else f"{s.pole}, "
+        place = "" if s.name.startswith(name_sensor(s.pole)) else f"{s.pole}, "
         facing = f"facing {s.bearing_deg:.0f} degrees from north, {s.tilt_deg:.0f} degrees down"
         lines.append(f"  {s.name}: {place}{s.model}, {s.height:.1f} m up, {facing}")
     classes = [(f"{row.label:<10}", row.judged, f" at IoU {iou_text(row.iou)}", "") for row in plan.class_ap]

@@ -354,7 +354,7 @@ def drop_unset(document: Document) -> Document:
     return replace(shown, logo=logo)
 
 
-def use_pole_names(plan: content.Plan, site: Site) -> tuple[content.Plan, Site]:
+def use_pole_names(plan: content.Plan) -> content.Plan:
     """Call the sensors of a pool that are not in the chosen set by their poles too, in all texts of a plan. Those on a
     pole of the chosen set have another aim, which is marked."""
     chosen = {sensor.name for sensor in plan.sensors}
@@ -365,4 +365,4 @@ def use_pole_names(plan: content.Plan, site: Site) -> tuple[content.Plan, Site]:
         (short,) = name_by_poles([name], [pole])
         if name not in chosen and short != name:
             names[name] = f"{short} (other aim)" if pole in used else short
-    return content.rename(plan, names), site
+    return content.rename(plan, names)

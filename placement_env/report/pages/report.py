@@ -614,8 +614,7 @@ def write_report(planned: content.Planned, out: Path) -> None:
     """Write `REPORT_FILES` into a folder, made if missing. Both are written or neither, with the same bytes each time.
     Raises ImportError without the packages of `coview[report]`, OSError if the folder cannot be written."""
     offered = planned.candidates.mounts if planned.candidates else planned.site.mounts
-    plan, site = use_pole_names(planned.plan, replace(planned.site, mounts=offered))
-    plan, site, note = settle_names(plan, site)
+    plan, site, note = settle_names(use_pole_names(planned.plan), replace(planned.site, mounts=offered))
     ground = planned.ground
     document = drop_unset(add_note(build_document(plan, site, ground, planned.moments), note))
     scene = None if plan.chosen is None else build_scene(plan, site, ground, planned.moments)

@@ -23,6 +23,7 @@ from placement_env.analysis import intervals
 from placement_env.analysis.agreement import StageFigure, check_agreement
 from placement_env.analysis.intervals import BLOCK_FRAMES, Draws, Resamples, Tally
 from placement_env.analysis.shrinkage import shrink
+from placement_env.candidates.candidates import name_sensor
 from placement_env.cases import USUAL_CASES, Cases
 from placement_env.classes import Classes, Combine
 from placement_env.fidelity.detector import Detected, Outcome
@@ -343,7 +344,7 @@ class _Options:
         self.draws: dict[int, Resamples] = {}
         self.options: list[PlanOption] = []
         for i, score in enumerate(map(objective.score, map(np.flatnonzero, found.sets))):
-            names = tuple(objective.names[c].replace("/", "-") for c in score.subset)  # as files name sensors
+            names = tuple(name_sensor(objective.names[c]) for c in score.subset)
             # as found: scored beside other sets it may round differently
             figures = score.price, score.kbit_per_sensor, score.kbit, round(float(found.predicted[i]), 6)
             poles = tuple(objective.candidates.mounts[m].name for m in objective.candidates.mount[list(score.subset)])

@@ -90,12 +90,11 @@ def test_sensors_beside_the_chosen_set_are_called_by_their_poles(example):
         example.plan, sensors=(replace(first, name="post00", pole="post00"), *others), chosen=chosen, why=why
     )
     plan = replace(plan, considered=(chosen, other))
-    named, site = use_pole_names(plan, example.site)
+    named = use_pole_names(plan)
     assert named.chosen.sensors == ("post00", *CHOSEN[1:])
     assert named.considered[1].sensors == ("post00 (other aim)", "post07")
     assert named.why == (f"The set of post00 (other aim) and post07 is worse; x{aside} is another word.",)
-    assert site is example.site
-    assert use_pole_names(example.plan, example.site) == (example.plan, example.site)
+    assert use_pole_names(example.plan) == example.plan
 
 
 def test_values_value_text():
