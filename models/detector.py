@@ -1,8 +1,9 @@
 """`VoxelNetDetector`: a trained network as the toolkit's `Detector`."""
 
 import copy
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import SupportsFloat
 
@@ -283,18 +284,15 @@ def load_detector(
     trained_for = header.site or "general"
     if site is not None and trained_for not in (site, "general"):
         raise ValueError(f"{name} holds weights for {trained_for!r}, not for {site!r}: take {site!r} or 'general'")
-    detector: VoxelNetDetector
+    kind: Callable[..., VoxelNetDetector] = partial(VoxelNetDetector, network)
     if area is not None:
         xmin, ymin, xmax, ymax = check_area([float(side) for side in area]).tolist()
         corners = (xmin, ymin, xmax, ymax)
         if is_wide(corners, network.config) and goes_anywhere(network, trained_for):
-            detector = WideVoxelNetDetector(
-                network, corners, device=device, score_threshold=score_threshold, nms_threshold=nms_threshold
-            )
-            detector.name = str(name)
-            return detector
-        network = relocate(network, corners, trained_for)
-    detector = VoxelNetDetector(network, device=device, score_threshold=score_threshold, nms_threshold=nms_threshold)
+            kind = partial(WideVoxelNetDetector, network, corners)
+        else:
+            kind = partial(VoxelNetDetector, relocate(network, corners, trained_for))
+    detector = kind(device=device, score_threshold=score_threshold, nms_threshold=nms_threshold)
     detector.name = str(name)
     return detector
 

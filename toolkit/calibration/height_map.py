@@ -113,19 +113,27 @@ def fit_map(points: Points, *, reach: float = MAP_REACH) -> HeightMap:
 
 def redraw_map(surface: HeightMap, cells: _Cells, kept: float, kerb: float) -> HeightMap:
     """Draw the map again through cells at most `kept` (m) above it, which count little, and twice that below."""
-    from scipy.ndimage import gaussian_filter
-
     above = cells[:, 2] - surface.at(cells[:, :2])
     some = (above < kept) & (above > -2 * kept)
-    weight, cells = 1 / (1 + (np.clip(above[some], 0, None) / kerb) ** 4), cells[some]
+    weight, cells = weigh_ground(above[some], kerb), cells[some]
     known, total = np.zeros(surface.heights.shape), np.zeros(surface.heights.shape)
     i, j = np.round((cells[:, :2] - surface.origin) / surface.cell).astype(np.int64).T
     np.add.at(known, (i, j), weight)
     np.add.at(total, (i, j), weight * cells[:, 2])
     heights = np.zeros(surface.heights.shape)
     for scale in _SCALES:
-        wide = scale / surface.cell
-        spread = 2 * np.pi * wide**2  # so that a mean counts cells
-        count, summed = (gaussian_filter(each, wide, mode="constant", truncate=3.0) * spread for each in (known, total))
+        count, summed = (sum_around(image, scale / surface.cell) for image in (known, total))
         heights = (summed + _PRIOR * heights) / (count + _PRIOR)
     return HeightMap(surface.origin, heights)
+
+
+def weigh_ground(above: Float64[np.ndarray, " n"], kerb: float) -> Float64[np.ndarray, " n"]:
+    """Weight of cells by their height (m) above a surface, at which ground is not: half at `kerb`."""
+    return np.asarray(1 / (1 + (np.clip(above, 0, None) / kerb) ** 4))
+
+
+def sum_around(image: Float64[np.ndarray, "rows columns"], wide: float) -> Float64[np.ndarray, "rows columns"]:
+    """Sum an image about each of its cells, with Gaussian weights of width `wide` (cells) that begin at 1."""
+    from scipy.ndimage import gaussian_filter
+
+    return np.asarray(gaussian_filter(image, wide, mode="constant", truncate=3.0) * (2 * np.pi * wide**2))

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from toolkit.arrays import Bool, Float64, Int64, Points
-from toolkit.calibration.height_map import HeightMap
+from toolkit.calibration.height_map import HeightMap, sum_around, weigh_ground
 
 LINK_M = 5.0  # farthest neighbour that continues a surface
 LINK_STEP_M, LINK_SLOPE = 0.08, 0.11  # rise that continues it
@@ -361,8 +361,6 @@ def _number_rest(
 
 def _draw_surface(grid: HeightMap, cells: Float64[np.ndarray, "n 3"]) -> HeightMap:
     """Draw one surface on the places of a grid: a plane, then ever finer means of what it leaves."""
-    from scipy.ndimage import gaussian_filter
-
     last = np.array(grid.heights.shape) - 1
     i, j = np.clip(np.round((cells[:, :2] - grid.origin) / grid.cell).astype(np.int64), 0, last).T
     middle = cells[:, :2].mean(axis=0)
@@ -372,16 +370,12 @@ def _draw_surface(grid: HeightMap, cells: Float64[np.ndarray, "n 3"]) -> HeightM
     x, y = (grid.origin[k] + grid.cell * np.arange(grid.heights.shape[k]) - middle[k] for k in (0, 1))
     heights = a * x[:, None] + b * y[None] + c
     for scale in _SCALES_M:
-        wide = scale / grid.cell
         above = cells[:, 2] - HeightMap(grid.origin, heights, grid.cell).at(cells[:, :2])
         known, total = np.zeros(heights.shape), np.zeros(heights.shape)
         kerb = KERB_M if scale < MIN_FREE_SCALE_M else np.inf
-        weight = 1 / (1 + (np.clip(above, 0, None) / kerb) ** 4)
+        weight = weigh_ground(above, kerb)
         np.add.at(known, (i, j), weight)
         np.add.at(total, (i, j), weight * above)
-        spread = 2 * np.pi * wide**2
-        count, summed = (
-            gaussian_filter(image, wide, mode="constant", truncate=3.0) * spread for image in (known, total)
-        )
+        count, summed = (sum_around(image, scale / grid.cell) for image in (known, total))
         heights = heights + summed / (count + _TRUST)
     return HeightMap(grid.origin, heights, grid.cell)

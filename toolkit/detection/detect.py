@@ -47,12 +47,13 @@ def detect_frames(
     without points has no detections."""
     for frame, stand in place.stands(frames, getattr(frames, "site", None)):
         site = stand.area if isinstance(stand.area, Site) else None
-        points = stand.lift(frame.points()) if site is None else np.concatenate(frame_points(frame, area=site))
+        world = frame.points() if site is None or scene is not None else np.zeros((0, 3))
+        points = stand.lift(world) if site is None else np.concatenate(frame_points(frame, area=site))
         start = perf_counter()
         found = detect_on_ground(detector, points, stand.area) if len(points) else Detections.empty()
         taken = 1e3 * (perf_counter() - start)
         found = stand.put_back(found)
-        kept = found if scene is None or not len(found) else scene.leave_out(found, frame.points())
+        kept = found if scene is None or not len(found) else scene.leave_out(found, world)
         yield Detected(frame, kept, stand, taken, len(found) - len(kept))
 
 

@@ -27,6 +27,7 @@ DETECTION_REACH = 50.0  # m about the sensors, where no area is given
 CROP_HEIGHT = 4.0  # m, as in the paper's crop
 GROUND_MARGINS_M = (0.0, 5.0, 20.0)  # about the area, in which its ground is looked for
 MIN_GROUND_SQUARES = 150  # a metre wide, with points
+ROW_STRIDE = 1 << 20  # squares in a row of them, more than an area has
 MARGIN_AROUND = 5.0  # m around the area in which objects are kept, so that those on its edge are known
 
 
@@ -105,10 +106,11 @@ class Place:
         Raises ValueError if no ground is found."""
         if self.area is None:
             return level(points, method=method)
-        half, squares = np.array(self.half), np.floor(points[:, :2])
+        half, (column, row) = np.array(self.half), np.floor(points[:, :2].T)
         for margin in GROUND_MARGINS_M:
             inside = (np.abs(points[:, :2]) <= half + margin).all(axis=1)
-            if len(np.unique(squares[inside], axis=0)) >= MIN_GROUND_SQUARES:
+            squares = column[inside] * ROW_STRIDE + row[inside]  # one number each, far quicker to sort than rows
+            if len(np.unique(squares)) >= MIN_GROUND_SQUARES:
                 return level(points[inside], method=method)
         return level(points, method=method)
 
