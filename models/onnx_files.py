@@ -8,11 +8,9 @@ import base64
 import json
 import logging
 import warnings
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable
 from hashlib import sha256
 from pathlib import Path
-from threading import Timer
 from typing import Any, SupportsFloat
 
 import numpy as np
@@ -26,12 +24,12 @@ from models.network.candidates import candidates
 from models.network.faces import FaceNetworks
 from models.network.grid import Voxels, voxelise
 from models.network.voxelnet import HeightFold, Prediction, VoxelFeatures, VoxelNet
+from models.onnx_trial import TrialLimits, try_network
 from models.weight_files import load_weights
 from toolkit.arrays import Float, Points
 from toolkit.objects import Detections
-from toolkit.runtime.files import limit_memory, parse_json, read_plain, read_text, writing
+from toolkit.runtime.files import parse_json, read_plain, read_text, writing
 
-MAX_TRIAL_S, MAX_TRIAL_BYTES = 15.0, 3 << 29  # for a network's first run, with two points
 MAX_PLACE_M, MAX_SIZE_M, MAX_YAW_RAD = 1e5, 100.0, 1e3  # in boxes that a network returns
 _POINTS, _VOXELS, _BOXES = ["points"], ["features", "voxel", "cells"], ["boxes", "scores", "labels"]
 _MISSING = "networks in ONNX need {}: pip install coview[onnx]"
@@ -93,6 +91,15 @@ def export_onnx(name: str | Path, out: Path, area: Iterable[SupportsFloat] | Non
     _write(out, content, card)
 
 
+def _import_runtime() -> Any:
+    """ONNX Runtime. Raises ImportError, with the remedy, without it."""
+    try:
+        import onnxruntime
+    except ImportError:
+        raise ImportError(_MISSING.format("onnxruntime")) from None
+    return onnxruntime
+
+
 def _write(out: Path, content: bytes, card: dict[str, Any]) -> None:
     """Write a network and its card, both or none."""
     with writing(out) as network_file, writing(card_file(out)) as unfinished_card:
@@ -114,9 +121,10 @@ def find_card(path: str | Path) -> Path:
 class OnnxDetector(VoxelNetDetector):
     """Detector of an ONNX file and its card, which computes on the CPU.
 
-    area: xmin ymin xmax ymax (m) of detection, None for the card's own. Raises FileNotFoundError without file or card;
-    ValueError, in one line, for those that are damaged or do not fit each other, or the area, and for a network that
-    fails with a cloud; ImportError without onnxruntime."""
+    area: xmin ymin xmax ymax (m) of detection, None for the card's own. limits: time and memory of its first run, in
+    another process. Raises FileNotFoundError without file or card; ValueError, in one line, for those that are damaged
+    or do not fit each other, or the area, and for a network that fails with a cloud or passes the limits; ImportError
+    without onnxruntime."""
 
     def __init__(
         self,
@@ -125,6 +133,7 @@ class OnnxDetector(VoxelNetDetector):
         *,
         score_threshold: float | None = None,
         nms_threshold: float | None = None,
+        limits: TrialLimits | None = None,
     ) -> None:
         card = find_card(path)
         if missing := [str(each) for each in (Path(path), card) if not each.is_file()]:
@@ -133,17 +142,17 @@ class OnnxDetector(VoxelNetDetector):
         self._content, self._session = read_plain(path), None
         self._weights = sha256(self._content).hexdigest()
         try:
-            with _limit_trial() as self._options:
-                self._open(parse_json(read_text(card, "JSON")), score_threshold, nms_threshold)
-            self._options = None
+            self._open(parse_json(read_text(card, "JSON")), score_threshold, nms_threshold, limits)
             self.name = str(path)
         except ValueError as error:
-            raise ValueError(f"{path} and {card.name} make no detector: {' '.join(str(error).split())[:200]}") from None
+            raise ValueError(f"{path} and {card.name} make no detector: {' '.join(str(error).split())[:400]}") from None
         if area is not None and (wanted := tuple(float(side) for side in area)) != self.area:
             own, got = (" ".join(f"{side:g}" for side in corners) for corners in (self.area, wanted))
             raise ValueError(f"{path} is for the area {own}, got {got}: give --area {own}, or export it for yours")
 
-    def _open(self, card: object, score_threshold: float | None, nms_threshold: float | None) -> None:
+    def _open(
+        self, card: object, score_threshold: float | None, nms_threshold: float | None, limits: TrialLimits | None
+    ) -> None:
         """Take over the card, and try the network."""
         if not isinstance(card, dict) or not {"decoded", "area", "labels"} <= card.keys():
             raise ValueError(f"the card must be an object with decoded, area and labels, got {str(card)[:60]}")
@@ -154,7 +163,12 @@ class OnnxDetector(VoxelNetDetector):
             raise ValueError(f"decoded must be true or false, nms_threshold a number, sha256 that of the file, {got}")
         config = VoxelNetConfig.from_dict(card)
         self._adopt(config, "cpu", score_threshold, nms if nms_threshold is None else nms_threshold)
-        self._tiled, self.faces, self._features, session = None, None, VoxelFeatures(config), self.session
+        self._tiled, self.faces, self._features = None, None, VoxelFeatures(config)
+        xmin, ymin, xmax, ymax = config.area
+        middle = np.array([[(xmin + xmax) / 2, (ymin + ymax) / 2, sum(config.height) / 2]] * 2, np.float32)
+        _import_runtime()
+        try_network(self._content, self._points(middle) | self._voxels(middle), limits or TrialLimits())
+        session = self.session
         takes, gives = ([each.name for each in some] for some in (session.get_inputs(), session.get_outputs()))
         wanted = _BOXES if self.decoded else Prediction._fields[: 4 if config.head == "quality" else 2]
         if sorted(takes) not in (_POINTS, sorted(_VOXELS)) or not set(gives) >= set(wanted):
@@ -165,20 +179,16 @@ class OnnxDetector(VoxelNetDetector):
                 raise ValueError("its metadata lack the networks of the card's faces")
             self.faces = FaceNetworks().eval()
             self.faces.load_state_dict(load(base64.b64decode(faces)))
-        xmin, ymin, xmax, ymax = config.area
-        self(np.array([[(xmin + xmax) / 2, (ymin + ymax) / 2, sum(config.height) / 2]] * 2, np.float32))
+        self(middle)
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**vars(self), "_session": None, "_options": None}
+        return {**vars(self), "_session": None}
 
     @property
     def session(self) -> Any:
         """Session of ONNX Runtime, opened once in each process."""
         if self._session is None:
-            try:
-                import onnxruntime
-            except ImportError:
-                raise ImportError(_MISSING.format("onnxruntime")) from None
+            onnxruntime = _import_runtime()
             options, level = onnxruntime.SessionOptions(), onnxruntime.GraphOptimizationLevel
             options.graph_optimization_level = level.ORT_ENABLE_EXTENDED  # beyond it, rounding is three times worse
             options.intra_op_num_threads, options.log_severity_level = torch.get_num_threads(), 4
@@ -191,17 +201,23 @@ class OnnxDetector(VoxelNetDetector):
     def run(self, cloud: Points) -> dict[str, np.ndarray]:
         """Outputs of the network by name. Raises ValueError if it fails."""
         session = self.session
-        values = [np.ascontiguousarray(self._inside(cloud), np.float32)]
-        if len(session.get_inputs()) > 1:
-            seen = voxelise(cloud, self.config)
-            values = [each.numpy() for each in (*self._features.inputs(seen), seen.cells)]
-        names = _POINTS if len(values) == 1 else _VOXELS
+        points_only = len(session.get_inputs()) == 1
+        inputs = self._points(cloud) if points_only else self._voxels(cloud)
         try:
-            outputs = session.run(None, dict(zip(names, values, strict=True)), self._options)
+            outputs = session.run(None, inputs)
             return dict(zip([each.name for each in session.get_outputs()], outputs, strict=True))
         except Exception as error:  # of ONNX Runtime, which share no class
-            reason = f"it takes more than {MAX_TRIAL_S:g} s" if getattr(self._options, "terminate", False) else error
-            raise ValueError(f"{self.name} fails with a cloud of {len(cloud)} points ({reason})") from None
+            raise ValueError(f"{self.name} fails with a cloud of {len(cloud)} points ({error})") from None
+
+    def _points(self, cloud: Points) -> dict[str, np.ndarray]:
+        """Input of a network that takes points."""
+        return {_POINTS[0]: np.ascontiguousarray(self._inside(cloud), np.float32)}
+
+    def _voxels(self, cloud: Points) -> dict[str, np.ndarray]:
+        """Inputs of a network that takes voxels."""
+        seen = voxelise(cloud, self.config)
+        arrays = [tensor.numpy() for tensor in (*self._features.inputs(seen), seen.cells)]
+        return dict(zip(_VOXELS, arrays, strict=True))
 
     def _inside(self, cloud: Points) -> Float[np.ndarray, "_ 3"]:
         (xmin, ymin, xmax, ymax), (low, high) = self.area, self.config.height
@@ -239,21 +255,3 @@ class OnnxDetector(VoxelNetDetector):
             got = " ".join(f"{value:g}" for value in boxes[~sound][0])
             limits = f"sizes above 0 up to {MAX_SIZE_M:g} m, within {MAX_PLACE_M:g} m, yaw in radians"
             raise ValueError(f"{self.name}: boxes must be x y z length width height yaw with {limits}, got {got}")
-
-
-@contextmanager
-def _limit_trial() -> Iterator[Any]:
-    """Limit the time of a network's first run and the memory that it and its file may ask for."""
-    try:
-        import onnxruntime
-    except ImportError:
-        raise ImportError(_MISSING.format("onnxruntime")) from None
-    options = onnxruntime.RunOptions()
-    timer = Timer(MAX_TRIAL_S, lambda: setattr(options, "terminate", True))
-    timer.daemon = True
-    timer.start()
-    try:
-        with limit_memory(MAX_TRIAL_BYTES):
-            yield options
-    finally:
-        timer.cancel()

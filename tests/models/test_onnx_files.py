@@ -165,7 +165,7 @@ def test_missing_and_damaged_files_and_packages(tmp_path, monkeypatch):
     path = write(tmp_path)
     content = path.read_bytes()
     path.write_bytes(content[: len(content) // 2])
-    with pytest.raises(ValueError, match="ONNX Runtime cannot read it"):
+    with pytest.raises(ValueError, match="ONNX Runtime cannot run it"):
         OnnxDetector(path)
     path.unlink()
     with pytest.raises(FileNotFoundError, match=r"no file .*onnx"):
