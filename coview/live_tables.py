@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from toolkit.display import describe_count
+from toolkit.display import describe_count, format_share
 from toolkit.plots.canvas import BAR, FAINT, GROUND, INK, OUTCOME, SOLID, sensor_colour
 
 if TYPE_CHECKING:
@@ -54,17 +54,17 @@ def figures_html(answer: "LiveAnswer") -> str:
     change = ""
     if answer.change:
         colour = OUTCOME["hit"].colour if answer.change > 0 else OUTCOME["missed"].colour
-        ends = f" ({_ends(answer.change_low, answer.change_high, '+.3f')})" if np.isfinite(answer.change_low) else ""
-        change = (
-            f'<div style="color:{colour}"><b class="live-change">{answer.change:+.3f}</b>{ends} '
-            f"{escape(answer.what)}</div>"
-        )
+        bounds = _ends(answer.change_low, answer.change_high, answer.objects, signed=True)
+        ends = f" ({bounds})" if np.isfinite(answer.change_low) else ""
+        figure = format_share(answer.change, answer.objects, signed=True)
+        change = f'<div style="color:{colour}"><b class="live-change">{figure}</b>{ends} {escape(answer.what)}</div>'
     limited = np.isfinite(answer.budget)
     unit = escape(answer.currency) or ("pole" if (answer.budget if limited else answer.price) == 1 else "poles")
     worst = "no sensor is left"
     if answer.worst_sensor:
-        ends = f" ({_ends(answer.worst_low, answer.worst_high)})" if np.isfinite(answer.worst_low) else ""
-        worst = f"{answer.worst:.3f}{ends} without {escape(answer.worst_sensor)}"
+        bounds = _ends(answer.worst_low, answer.worst_high, answer.objects)
+        ends = f" ({bounds})" if np.isfinite(answer.worst_low) else ""
+        worst = f"{format_share(answer.worst, answer.objects)}{ends} without {escape(answer.worst_sensor)}"
     budget = f" of {answer.budget:,.10g}" if limited else ""
     sensors = describe_count(answer.sensors, "sensor")
     facts = (
@@ -79,11 +79,12 @@ def figures_html(answer: "LiveAnswer") -> str:
         f'<div style="color:{OUTCOME["missed"].colour}">&#9888; {escape(each)}</div>' for each in answer.problems
     )
     several = _bars("Found, by class (95 % interval)", answer.classes) if len(answer.classes) > 1 else ""
+    ap = format_share(answer.ap, answer.objects)
     error = f"{answer.spread:.3f}" if np.isfinite(answer.spread) else "unknown"
     return (
-        f'<div style="{_BOX}"><span class="live-ap" style="font-size:28px;font-weight:700">{answer.ap:.3f}</span> '
+        f'<div style="{_BOX}"><span class="live-ap" style="font-size:28px;font-weight:700">{ap}</span> '
         f"AP, predicted{' (refining)' if answer.coarse else ''}"
-        f'<div style="{_SMALL}">95 %: {_ends(answer.low, answer.high)}; {_number(answer)}; '
+        f'<div style="{_SMALL}">95 %: {_ends(answer.low, answer.high, answer.objects)}; {_number(answer)}; '
         f"standard error of the prediction: {error}. AP, average precision, is 1 where every road "
         f"user is found and nothing else is.</div>{change}{problems}"
         f'<table style="width:100%">{rows}</table>{several}'
@@ -121,7 +122,9 @@ def _bars(title: str, rows: "Iterable[FoundShare]") -> str:
         bar = f'<div style="background:{BAR};height:6px;width:{width:.0f}%"></div>'
         said = "none there" if np.isnan(row.recall) else f"{row.recall:.0%}"
         ends = f" ({row.low:.0%} to {row.high:.0%})" if np.isfinite(row.low) and row.ap is None else ""
-        ap = "" if row.ap is None or np.isnan(row.ap) else f", AP {row.ap:.3f} ({_ends(row.low, row.high)})"
+        ap = ""
+        if row.ap is not None and not np.isnan(row.ap):
+            ap = f", AP {format_share(row.ap, row.objects)} ({_ends(row.low, row.high, row.objects)})"
         lines.append(
             '<div style="display:flex;flex-wrap:wrap;justify-content:space-between;column-gap:.8em;margin-top:.25em">'
             f'<span style="overflow-wrap:anywhere">{escape(row.name)}</span>'
@@ -185,7 +188,10 @@ def variants_html(answers: "Mapping[str, LiveAnswer]", current: str, maps: Mappi
     for name, each in answers.items():
         weight = "700" if name == current else "400"
         aps = ((each.ap, each.low, each.high), (each.worst, each.worst_low, each.worst_high))
-        cells = [f"{ap:.3f}<br><span style='{_SMALL}'>{_ends(low, high)}</span>" for ap, low, high in aps]
+        cells = [
+            f"{format_share(ap, each.objects)}<br><span style='{_SMALL}'>{_ends(low, high, each.objects)}</span>"
+            for ap, low, high in aps
+        ]
         figures = "".join(f'<td align="right">{c}</td>' for c in (*cells, f"{each.kbit:,.0f}", f"{each.price:,.10g}"))
         rows.append(
             f'<tr class="live-variant" style="font-weight:{weight}"><td>{escape(name)}{maps[name]}</td>{figures}</tr>'
@@ -200,7 +206,7 @@ def variants_html(answers: "Mapping[str, LiveAnswer]", current: str, maps: Mappi
 
 def describe_ap(answer: "LiveAnswer") -> str:
     """AP with its interval."""
-    return f"AP {answer.ap:.3f} ({_ends(answer.low, answer.high)})"
+    return f"AP {format_share(answer.ap, answer.objects)} ({_ends(answer.low, answer.high, answer.objects)})"
 
 
 def describe_suggestions(kind: str, suggestions: "Sequence[Suggestion]") -> str:
@@ -218,5 +224,7 @@ def describe_suggestions(kind: str, suggestions: "Sequence[Suggestion]") -> str:
     return f"{title}: {'; '.join(described)} (of {suggestions[0].considered} poses so far)"
 
 
-def _ends(low: float, high: float, form: str = ".3f") -> str:
-    return f"{low:{form}} to {high:{form}}" if np.isfinite(low) and np.isfinite(high) else "no interval from few frames"
+def _ends(low: float, high: float, objects: int, *, signed: bool = False) -> str:
+    if not (np.isfinite(low) and np.isfinite(high)):
+        return "no interval from few frames"
+    return " to ".join(format_share(end, objects, signed=signed) for end in (low, high))

@@ -80,6 +80,15 @@ def figure_digits(objects: int, most: int = 3) -> int:
     return min(most, max(2, len(str(objects))))
 
 
+def format_share(share: float, objects: int, *, signed: bool = False) -> str:
+    """Return AP, recall or a change of them, a share of this many objects, with as many decimals as these support.
+
+    >>> format_share(0.91234, 60), format_share(0.91234, 600), format_share(0.02, 60, signed=True)
+    ('0.91', '0.912', '+0.02')
+    """
+    return f"{share:{'+' if signed else ''}.{figure_digits(objects)}f}"
+
+
 def describe_count(number: int, thing: str, things: str = "") -> str:
     """Return a number with its noun in the singular or plural."""
     return f"{number:,} {thing if number == 1 else things or thing + 's'}"

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from placement_env.analysis.intervals import Interval, share_interval
-from toolkit.display import figure_digits
+from toolkit.display import format_share
 from toolkit.traffic.spawner import LIFE
 
 CERTAIN_SHARE = 0.9999  # level of the intervals by which stages check each other
@@ -38,7 +38,7 @@ def check_agreement(sensors: Sequence[str], one: StageFigure, other: StageFigure
     if first.low <= second.high and second.low <= first.high:
         return
     said = [
-        f"AP {each.ap:.{figure_digits(each.objects)}f} {each.stage} ({each.objects} to find in {each.frames} frames)"
+        f"AP {format_share(each.ap, each.objects)} {each.stage} ({each.objects} to find in {each.frames} frames)"
         for each in (one, other)
     ]
     raise ValueError(

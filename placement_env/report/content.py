@@ -19,7 +19,7 @@ from placement_env.handover.ground import Ground, GroundShares
 from placement_env.handover.mounted import LinkLoad, MaterialItem, PlannedSensor
 from placement_env.links import LINK_SHARE
 from toolkit.arrays import Bool, Float32, Mask
-from toolkit.display import Card, Displayed, Table, figure_digits
+from toolkit.display import Card, Displayed, Table, figure_digits, format_share
 from toolkit.objects import Detections, Objects
 from toolkit.runtime.files import read_own_table
 from toolkit.sites.site import Site
@@ -58,7 +58,7 @@ class Judgement:
 
     def format_ap(self) -> str:
         """AP with as many decimals as its objects support."""
-        return f"{self.ap:.{self.digits}f}"
+        return format_share(self.ap, self.vehicles)
 
     def describe_interval(self) -> str:
         """Words for its interval, with as many decimals as its objects support."""
@@ -256,6 +256,12 @@ class Plan(Displayed):
         """Share of the frames in which links must carry what is sent."""
         share = self.question.get("link_share", LINK_SHARE)
         return share if isinstance(share, float) else LINK_SHARE
+
+    def format_drawn_ap(self, ap: float, drawn: DrawnErrors) -> str:
+        """AP over draws of errors, with as many decimals as the objects of a draw support."""
+        judged = self.chosen.counted if self.chosen else None
+        objects = judged.vehicles * drawn.frames // judged.frames if judged and judged.frames else 0
+        return format_share(ap, objects)
 
     def _card(self) -> Card:
         tables = {"sensors": self._list_sensors, "considered": self._list_options}

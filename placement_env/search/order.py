@@ -30,7 +30,7 @@ from placement_env.setting import Setting
 from toolkit.arrays import Bool
 from toolkit.detection.codec import PAPER
 from toolkit.detection.provenance import detector_origin
-from toolkit.display import figure_digits
+from toolkit.display import figure_digits, format_share
 from toolkit.runtime.files import replace_infinite
 from toolkit.runtime.run import Run
 from toolkit.sensors.sensor import Sensor
@@ -334,9 +334,8 @@ def describe_sensors(names: Sequence[str], moved: Sequence[Sensor] = (), site: S
 def _judged(each: Assessment | CurvePoint | Contender | ProfileAP, by: str, objects: int) -> str:
     """The figure that a fidelity gives, with its interval and as many decimals as the objects support. Coverage is no
     AP."""
-    digits = figure_digits(objects)
-    ends = describe_interval(each.low, each.high, digits)
-    return f"{'coverage' if by == 'coverage' else 'AP'} {each.ap:.{digits}f} ({ends})"
+    ends = describe_interval(each.low, each.high, figure_digits(objects))
+    return f"{'coverage' if by == 'coverage' else 'AP'} {format_share(each.ap, objects)} ({ends})"
 
 
 def describe_score(score: Score) -> str:
@@ -351,7 +350,7 @@ def describe_score(score: Score) -> str:
 def describe_assessment(assessment: Assessment) -> list[str]:
     """Lines on the answer's judgement and each search's own."""
     fresh = "" if assessment.by == "detector" else ", not a detector: it may err alike everywhere"
-    objects, digits = assessment.objects, figure_digits(assessment.objects)
+    objects = assessment.objects
     compared = f"{assessment.entrants} compared sets is better by more than {assessment.tolerance:g}"
     sure = f"  {describe_sureness(assessment.confidence)} sure that none of the {compared}"
     if math.isnan(assessment.confidence):
@@ -361,7 +360,8 @@ def describe_assessment(assessment: Assessment) -> list[str]:
     lines = [
         f"judged by the {assessment.by} on {assessment.frames} frames that had no part in the choice{fresh}:",
         f"  {_judged(assessment, assessment.by, objects)} on {objects} objects, {assessment.kbit:.1f} kbit a frame; "
-        f"estimated {assessment.predicted:.{digits}f} by the search, {assessment.expected:.{digits}f} after the race",
+        f"estimated {format_share(assessment.predicted, objects)} by the search, "
+        f"{format_share(assessment.expected, objects)} after the race",
         sure,
     ]
     if assessment.by_errors:
@@ -370,7 +370,7 @@ def describe_assessment(assessment: Assessment) -> list[str]:
         )
     return lines + [
         f"  {' and '.join(each.searches)}: {_judged(each, assessment.by, objects)}, predicted "
-        f"{each.predicted:.{digits}f}, {each.curse:+.{digits}f} too much"
+        f"{format_share(each.predicted, objects)}, {format_share(each.curse, objects, signed=True)} too much"
         for each in assessment.contenders
     ]
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from placement_env.objective import Score
 from toolkit.arrays import Float64, Int64
-from toolkit.display import Card, Displayed, Table
+from toolkit.display import Card, Displayed, Table, format_share
 from toolkit.runtime.files import read_json, replace_infinite, write_text
 from toolkit.sensors.models import make_model
 from toolkit.sensors.sensor import Sensor
@@ -180,7 +180,9 @@ class Result(Displayed):
         known, judged = self.certificate, self.assessment
         end = "least" if known.measure == "price" else "most"
         bound = f", at {end} {known.bound:.4f} {known.measure}" if np.isfinite(known.bound) else ""
-        figure = f"reward {self.best.reward:.4f}" if judged is None else f"AP {judged.ap:.4f} by the {judged.by}"
+        figure = f"reward {self.best.reward:.4f}"
+        if judged is not None:
+            figure = f"AP {format_share(judged.ap, judged.objects)} by the {judged.by}"
         kind = "nothing is proven" if known.kind == "none" else known.kind
         return (
             f"{self.method}: {{{', '.join(map(str, self.best.subset))}}} {figure} after {self.evaluations} sets and "

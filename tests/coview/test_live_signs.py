@@ -8,7 +8,7 @@ import pytest
 import shapely
 
 from coview.live_signs import _find_room, add_signs
-from coview.live_tables import figures_html, hint_html
+from coview.live_tables import describe_ap, figures_html, hint_html, variants_html
 from placement_env.live.figures import FoundShare
 from placement_env.live.planner import LivePlanner
 from toolkit.plots.plan_view import north
@@ -81,3 +81,17 @@ def test_long_names_break_and_figures_stay_whole():
     assert "overflow-wrap:anywhere" in page
     assert "50%, N = 7" in page
     assert "white-space:nowrap" not in page
+
+
+def test_ap_has_as_many_decimals_as_the_road_users_support():
+    planner = LivePlanner("tjunction", run=Run(frames=2, seed=3, cache=None))
+    known = {"ap": 0.51234, "low": 0.41234, "high": 0.61234, "worst": 0.31234, "change": 0.12345, "approaches": ()}
+    few, many = (replace(planner.answer(), objects=count, **known) for count in (60, 600))
+    assert describe_ap(few) == "AP 0.51 (0.41 to 0.61)"
+    assert describe_ap(many) == "AP 0.512 (0.412 to 0.612)"
+    assert ">0.51</span>" in figures_html(few)
+    assert ">+0.12</b>" in figures_html(few)
+    assert ">+0.123</b>" in figures_html(many)
+    table = variants_html({"A": few, "B": many}, "A", {"A": "", "B": ""})
+    assert ">0.31<br>" in table
+    assert ">0.312<br>" in table

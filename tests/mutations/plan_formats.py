@@ -48,7 +48,7 @@ def write_plan_folder(question: Question, members: list[int], folder: Path) -> d
     save_site(site, folder / SITE)
     poles = [candidates.mounts[mount].name for mount in candidates.mount[members]]
     sensors = [{"name": sensor.name, "pole": pole} for sensor, pole in zip(site.sensors, poles, strict=True)]
-    judged = {"ap": 0.75, "low": None, "high": None, "frames": 3}
+    judged = {"ap": 0.75, "low": None, "high": None, "vehicles": 70, "frames": 3}
     plan = {
         "coview_plan": PLAN_VERSION,
         "question": question.as_dict(),

@@ -1,6 +1,7 @@
 """`evaluate_recording` class by class: a detector that knows three of them, counted by hand."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -87,7 +88,13 @@ def test_classes_have_rows_figures_and_tables():
     assert first.split("\n", 1)[1] == evaluation.format_table(rows[:3])
     lines = evaluation.format_class_table(rows.classes).splitlines()
     assert lines[0].split()[:3] == ["class", "scheme", "sensors"]
-    assert lines[2].split() == ["pedestrian", "early", "0,1,2", "3", "0.000", "0.000", "0.500", "0.700", "0.25"]
+    assert lines[2].split() == ["pedestrian", "early", "0,1,2", "3", "0.00", "0.000", "0.500", "0.700", "0.25"]
+    few, many = (replace(rows[0], ap=0.123456, recall=0.654321, truths=count) for count in (12, 1200))
+    assert [evaluation.format_table([each]).split()[7:10] for each in (few, many)] == [
+        ["0,1,2", "0.12", "0.65"],
+        ["0,1,2", "0.123", "0.654"],
+    ]
+    assert few.as_dict()["ap"] == 0.123456
     assert evaluation.format_table([]) == ""
     with pytest.raises(ValueError, match="knows vehicle, cyclist, pedestrian only, not heavy: take one"):
         mixed(["vehicle", "heavy"])

@@ -20,6 +20,7 @@ import numpy as np
 from toolkit.arrays import Bool, Float64, Int64, Mask
 from toolkit.boxes import Overlap, count_points, iou_3d, iou_bev
 from toolkit.detection.metrics import Curve, evaluate, greedy, precision_recall
+from toolkit.display import format_share
 from toolkit.frame import Frame, Region
 from toolkit.objects import LABELS, Detections, Objects, label_index
 from toolkit.points import has_centre_inside
@@ -228,7 +229,7 @@ def format_rows(rows: Sequence[GroupRow]) -> str:
         for among in dict.fromkeys(among for among, _ in cells):
             own = [cells.get((among, measure)) for measure in measures]
             truths = next(row.truths for row in own if row is not None)
-            aps = ["" if row is None else "-" if np.isnan(row.ap) else f"{row.ap:.3f}" for row in own]
+            aps = ["" if row is None else "-" if np.isnan(row.ap) else format_share(row.ap, row.truths) for row in own]
             lines.append([among, str(truths), *aps])
         tables.append(f"{label}, {protocol}\n{align_columns(lines, texts=1)}")
     return "\n\n".join(tables)

@@ -55,6 +55,7 @@ from toolkit.detection.provenance import dataset_origin, detector_origin, settin
 from toolkit.detection.scheme import Chained, Fused, Scheme, scheme_codec
 from toolkit.detection.schemes import PAPER_SCHEMES, find_scheme, fuse_frame
 from toolkit.detection.view import NMS_IOU, LinkMemory, View, stand_view
+from toolkit.display import format_share
 from toolkit.frame import Frame, Recording, select_sensors
 from toolkit.objects import LABELS, VEHICLE, Detections, Detector, check_known, label_index
 from toolkit.plots.curves import draw_pr_curves
@@ -452,8 +453,8 @@ def format_table(rows: Iterable[Row]) -> str:
         table = [["scheme", "sensors", *aps, f"recall@{ious[0]:g}", "kbit/sensor", "ms/frame"]]
         for named, line in lines.items():
             at = line[ious[0]]
-            costs = [f"{at.recall:.4f}", f"{at.kbit_per_sensor:.2f}", f"{at.ms_per_frame:.1f}"]
-            table.append([*named, *(f"{line[iou].ap:.4f}" for iou in ious), *costs])
+            costs = [format_share(at.recall, at.truths), f"{at.kbit_per_sensor:.2f}", f"{at.ms_per_frame:.1f}"]
+            table.append([*named, *(format_share(line[iou].ap, line[iou].truths) for iou in ious), *costs])
         head = f"{label}, {some[0].truths} to find\n" if len(by_class) > 1 else ""
         tables.append(head + align_columns(table, texts=2))
     return "\n\n".join(tables)
@@ -464,8 +465,9 @@ def format_class_table(classes: Iterable[ClassFigures]) -> str:
     heads = ["class", "scheme", "sensors", "to find", "recall", "precision", "false/frame", "calibration error", "IoU"]
     table = [heads]
     for each in classes:
-        shares = (each.recall, each.precision, each.false_alarms_per_frame, each.reliability.error)
+        shares = (each.precision, each.false_alarms_per_frame, each.reliability.error)
         named = [each.label, each.scheme, _sensor_text(each.sensors), str(each.truths)]
+        named.append(format_share(each.recall, each.truths))
         table.append([*named, *(f"{figure:.3f}" for figure in shares), f"{each.iou:g}"])
     return align_columns(table, texts=3)
 
@@ -494,7 +496,7 @@ def save_evaluation(rows: Evaluation, folder: str | Path) -> None:
             some = [row for row in rows if (row.label, row.iou) == (label, iou)]
             curves = {}
             for row in some:
-                title = f"{row.scheme} {','.join(map(str, row.sensors))}: AP {row.ap:.3f}"
+                title = f"{row.scheme} {','.join(map(str, row.sensors))}: AP {format_share(row.ap, row.truths)}"
                 curves[title] = row.curve.recall, row.curve.precision
             (name,) = curve_files([label], [iou])
             title = f"IoU {iou:g}" if label == LABELS[VEHICLE] else f"{label}, IoU {iou:g}"

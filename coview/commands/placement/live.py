@@ -254,31 +254,37 @@ def _open_plan(
 
 def _describe(before: "LiveAnswer", after: "LiveAnswer", stated: "StatedFigure | None") -> str:
     from placement_env.analysis.intervals import describe_interval
+    from toolkit.display import figure_digits, format_share
     from toolkit.runtime.text_tables import align_columns
 
+    digits = figure_digits(after.objects)
+    whole = f".{digits}f"
     rows = [["", "before", "after", "change"]]
     if stated is not None:
         errors = "" if stated.errors == "paper" else f", errors {stated.errors}"
-        rows.append([f"AP that the plan states, by its detector{errors}", f"{stated.ap:.3f}", "", ""])
+        rows.append(
+            [f"AP that the plan states, by its detector{errors}", format_share(stated.ap, stated.objects), "", ""]
+        )
     rows += [
         [name, f"{old:{form}}", f"{new:{form}}", f"{new - old:+{form}}"]
         for name, form, old, new in (
-            ("AP, predicted", ".3f", before.ap, after.ap),
+            ("AP, predicted", whole, before.ap, after.ap),
             *(
-                (f"AP of {one.name}", ".3f", one.ap or 0.0, two.ap or 0.0)
+                (f"AP of {one.name}", f".{figure_digits(two.objects)}f", one.ap or 0.0, two.ap or 0.0)
                 for one, two in zip(before.classes, after.classes, strict=True)
                 if len(before.classes) > 1
             ),
-            ("share found", ".3f", before.recall, after.recall),
+            ("share found", whole, before.recall, after.recall),
             *(
-                (f"found {one.name}", ".3f", one.recall, two.recall)
+                (f"found {one.name}", f".{figure_digits(two.objects)}f", one.recall, two.recall)
                 for one, two in zip(before.approaches, after.approaches, strict=True)
             ),
-            ("AP after the worst failure", ".3f", before.worst, after.worst),
+            ("AP after the worst failure", whole, before.worst, after.worst),
             ("kbit per frame", ".1f", before.kbit, after.kbit),
             (f"price{' in ' + after.currency if after.currency else ''}", "g", before.price, after.price),
         )
     ]
-    said = f"change of AP {after.change:+.3f} ({describe_interval(after.change_low, after.change_high)})"
+    interval = describe_interval(after.change_low, after.change_high, digits)
+    said = f"change of AP {after.change:+{whole}} ({interval})"
     known = f"predicted by the surrogate, N = {after.objects} road users in {after.frames} frames"
     return "\n".join([align_columns(rows, texts=1), f"{said}, {known}", *after.problems])

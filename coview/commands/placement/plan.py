@@ -180,8 +180,8 @@ def _describe(plan: "Plan") -> str:
         ends = judged.describe_interval()
         lines.append(f"  {name} AP {judged.format_ap()} ({ends}){iou}, {judged.vehicles} to find{frames}")
     for drawn in plan.by_draw:
-        mean = f"mean AP {drawn.mean:.3f} of {len(drawn.aps)} draws"
-        lines.append(f"  {drawn.profile}: {mean}, a tenth below {drawn.tenth:.3f}")
+        mean, tenth = (plan.format_drawn_ap(ap, drawn) for ap in (drawn.mean, drawn.tenth))
+        lines.append(f"  {drawn.profile}: mean AP {mean} of {len(drawn.aps)} draws, a tenth below {tenth}")
     if plan.confidence is not None:
         better = f"is better by more than {AP_TOLERANCE:g}"
         lines.append(

@@ -1,5 +1,6 @@
 """`coview table`: the AP of every sensor set of a recording."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -12,8 +13,9 @@ from coview.options import ClassOptions
 from coview.outputs import OK, Writing, check_file, claim, print_result
 from coview.progress_bar import progress_bar
 from coview.recordings import frame_count, open_recording
-from placement_env.fidelity.table import best_sets, make_table
+from placement_env.fidelity.table import Best, best_sets, make_table
 from toolkit.detection.schemes import PAPER_SCHEMES
+from toolkit.display import format_share
 from toolkit.runtime.run import Processes
 from toolkit.sensors.error_profiles import find_profile
 
@@ -83,9 +85,15 @@ def table(
         )
     best = {scheme: best_sets(made, scheme, classes=counted) for scheme in PAPER_SCHEMES}
     lines = [
-        f"{scheme:<7} {size} sensors  " + "  ".join(f"{','.join(map(str, s))}: {ap:.4f}" for s, ap in sets)
+        _describe_best(f"{scheme:<7} {size} sensors", sets, made.origin.objects)
         for scheme, sizes in best.items()
         for size, sets in sizes.items()
     ]
     print_result(best, "\n".join(lines), as_json=writing.json)
     return OK
+
+
+def _describe_best(title: str, sets: Sequence[Best], objects: int) -> str:
+    """Line of the best sets of one size with their AP."""
+    texts = [f"{','.join(map(str, best.sensors))}: {format_share(best.ap, objects)}" for best in sets]
+    return "  ".join([title, *texts])

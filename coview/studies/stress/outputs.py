@@ -16,13 +16,14 @@ import numpy as np
 
 from coview.studies.stress.noticing import FalseAlarms, Noticed
 from coview.studies.stress.stressing import StressRow
-from placement_env.analysis.intervals import describe_interval, percentiles
+from placement_env.analysis.intervals import percentiles
 from placement_env.analysis.worth import failures
 from placement_env.fidelity.table import Table
 from placement_env.report.charts import interval_bars
 from placement_env.report.content import CONFIDENCE
 from toolkit.arrays import Float64
 from toolkit.detection.schemes import PAPER_SCHEMES
+from toolkit.display import format_share
 from toolkit.runtime.files import replace_infinite, write_text, writing_together
 from toolkit.runtime.text_tables import align_columns
 
@@ -141,7 +142,7 @@ STRESS_FILES = ("stress.json", "stress.svg")
 @dataclass(frozen=True)
 class ExactFailure:
     """AP of all sensors, and its mean and minimum over every choice of `failing` sensors that fail. without: names of
-    the sensors whose failure leaves the least."""
+    the sensors whose failure leaves the least; objects: number to find in all frames."""
 
     scheme: str
     iou: float
@@ -150,6 +151,7 @@ class ExactFailure:
     mean: float
     worst: float
     without: tuple[str, ...]
+    objects: int
 
 
 def exact_failures(table: Table, *, ious: Sequence[float] = (0.7,), label: str = "vehicle") -> tuple[ExactFailure, ...]:
@@ -160,7 +162,7 @@ def exact_failures(table: Table, *, ious: Sequence[float] = (0.7,), label: str =
     if not known:
         held, given = (", ".join(map(str, dict.fromkeys(each))) for each in (at, ious))
         raise ValueError(f"this table holds AP at IoU {held}, not at {given}: change --iou")
-    found: list[ExactFailure] = []
+    found, objects = list[ExactFailure](), table.origin.objects
     for scheme in PAPER_SCHEMES:
         for iou in known:
             ap = table.column(scheme, label, iou)[0]
@@ -171,7 +173,7 @@ def exact_failures(table: Table, *, ious: Sequence[float] = (0.7,), label: str =
             for failing in range(1, min(2, len(names)) + 1):
                 left = failures(look_up, np.ones(len(names), bool), failing=failing)
                 without = tuple(names[k] for k in left.most_missed)
-                found.append(ExactFailure(scheme, iou, failing, left.intact, left.mean, left.worst, without))
+                found.append(ExactFailure(scheme, iou, failing, left.intact, left.mean, left.worst, without, objects))
     return tuple(found)
 
 
@@ -212,7 +214,7 @@ def format_rows(rows: Sequence[StressRow]) -> str:
     table = [["stress", "level", "scheme", "sent as", "IoU", "AP", "95 % interval", "kbit/sensor", "age"]]
     for row in rows:
         judged = row.judged
-        figures = [f"{judged.ap:.3f}", describe_interval(judged.low, judged.high), f"{row.kbit_per_sensor:.2f}"]
+        figures = [judged.format_ap(), judged.describe_interval(), f"{row.kbit_per_sensor:.2f}"]
         table.append([row.kind, row.level, row.scheme, row.codec, f"{row.iou:g}", *figures, f"{row.age:.2f} s"])
     return align_columns(table, texts=4)
 
@@ -244,7 +246,7 @@ def format_exact(left: Sequence[ExactFailure]) -> str:
     """N-1 and N-2 from a table, a line each."""
     table = [["exact", "scheme", "IoU", "intact", "mean", "worst", "without"]]
     for each in left:
-        figures = [f"{ap:.3f}" for ap in (each.intact, each.mean, each.worst)]
+        figures = [format_share(ap, each.objects) for ap in (each.intact, each.mean, each.worst)]
         table.append([f"N-{each.failing}", each.scheme, f"{each.iou:g}", *figures, ", ".join(each.without)])
     return align_columns(table, texts=2)
 

@@ -207,7 +207,8 @@ def _describe_confidence(plan: content.Plan, chosen: content.PlanOption) -> tupl
     lines.append("A recording from the site would test the detector itself.")
     drawn = [
         f"Mounted anew {len(each.aps)} times with errors of profile {each.profile}, the sensors reach AP "
-        f"{number(each.mean)} on average; one time in ten it falls below {number(each.tenth)}."
+        f"{plan.format_drawn_ap(each.mean, each)} on average; one time in ten it falls below "
+        f"{plan.format_drawn_ap(each.tenth, each)}."
         for each in plan.by_draw
     ]
     return Fact("How sure", " ".join(filter(None, lines))), *((Fact("Mounting", " ".join(drawn)),) if drawn else ())
@@ -240,11 +241,12 @@ def _describe_drawings(plan: content.Plan) -> str:
     """Say which poles are in the answer however the unknown things are drawn."""
     if not plan.by_drawing:
         return "With --drawings 3 the plan says which poles depend on them."
-    count, aps = len(plan.by_drawing), [each.judged.ap for each in plan.by_drawing]
+    count, judged = len(plan.by_drawing), [each.judged for each in plan.by_drawing]
+    lowest, highest = (pick(judged, key=lambda each: each.ap) for pick in (min, max))
     kept = [f"{pole} in {sum(pole in each.poles for each in plan.by_drawing)}" for pole in _poles(plan)]
     return (
         f"Planned for each of {count} drawings alone, the answer would use {join_names(kept)}. This set has AP "
-        f"{number(min(aps))} to {number(max(aps))} at them."
+        f"{lowest.format_ap()} to {highest.format_ap()} at them."
     )
 
 

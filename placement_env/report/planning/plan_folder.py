@@ -35,7 +35,7 @@ from toolkit.sites.site import MOST_HEIGHT, ORIGINS, Mount, Site
 CONTENT = "plan.json"
 MAX_STOCK_POLES, MAX_MODELS, MAX_STEPS, MAX_SENSORS, MAX_AREAS = 5000, 100, 360, 10_000, 1000
 MAX_STOCK_POSES = 400_000  # in a stock
-MAX_FRAMES, MAX_SEED = 100_000, 2**63 - 1
+MAX_FRAMES, MAX_OBJECTS, MAX_SEED = 100_000, 10**9, 2**63 - 1
 MAX_PRICE, MAX_KBIT = 1e15, 1e12
 MAX_POLE_GAP_M = 1.5  # between a sensor and its pole
 PLAN_AGAIN = "make the plan again with coview plan"
@@ -50,6 +50,7 @@ class StatedFigure:
         low: Lower end of its 95 % interval, NaN without one.
         high: Upper end, NaN without one.
         frames: Number of frames.
+        objects: Number of objects to find in them.
         errors: Name of the sensors' error profile.
         predicted: AP that the searches predicted."""
 
@@ -57,6 +58,7 @@ class StatedFigure:
     low: float
     high: float
     frames: int
+    objects: int
     errors: str
     predicted: float
 
@@ -297,8 +299,8 @@ def _read_stated(chosen: JsonObject, errors: str) -> StatedFigure:
     judged = chosen.node("judged")
     ends = [_read_optional(judged, key, judged.number) for key in ("low", "high")]
     low, high = (math.nan if end is None else end for end in ends)
-    frames, predicted = judged.whole("frames", 1, MAX_FRAMES), chosen.number("predicted")
-    return StatedFigure(judged.number("ap", 0, 1), low, high, frames, errors, predicted)
+    frames, objects = judged.whole("frames", 1, MAX_FRAMES), judged.whole("vehicles", 0, MAX_OBJECTS)
+    return StatedFigure(judged.number("ap", 0, 1), low, high, frames, objects, errors, chosen.number("predicted"))
 
 
 def _read_stock(stock: JsonObject, site: Site, head: dict[str, str]) -> Stock:

@@ -32,7 +32,7 @@ def test_ap_of_kitti_and_of_nuscenes_by_range():
     three = [judged(frame(), (5.0, 25.0, 45.0), (0.9, 0.8, 0.7))]
     text = breakdown.format_rows([*breakdown.group_rows(three, "vehicle"), *breakdown.group_rows(three, "cyclist")])
     assert text.startswith("vehicle, ours\nobjects              to find  BEV 0.3")
-    assert "all                        3    1.000" in text
+    assert "all                        3     1.00" in text
     assert "cyclist, nuScenes" in text
     assert "-" in text.splitlines()[-1]
 

@@ -104,7 +104,9 @@ def test_a_plans_figures_are_before_in_words(plan_folder, run):
     made = json.loads((plan_folder / "plan.json").read_text())
     line = ("what-if", plan_folder, "--cache", plan_folder.parent / "cache")
     _, out, _ = run(*line)
-    assert f"AP that the plan states, by its detector, errors typical   {made['chosen']['judged']['ap']:.3f}" in out
+    judged = made["chosen"]["judged"]
+    ap = format_share(judged["ap"], judged["vehicles"])
+    assert re.search(rf"AP that the plan states, by its detector, errors typical +{ap} ", out)
     assert "price in EUR" in out
     assert "that the plan states" not in run(*line, "--iou", 0.7)[1]  # another question
 

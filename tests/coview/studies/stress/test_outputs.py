@@ -21,9 +21,9 @@ NOTICED = Noticed("frozen", "foreground", 6, 5, 0.2, np.inf)
 
 def test_rows_as_text_and_files_so_far(tmp_path):
     assert outputs.format_rows(ROWS).splitlines() == [
-        "stress  level  scheme  sent as  IoU     AP   95 % interval  kbit/sensor     age",
-        "delay   0.3 s  early   2 cm     0.7  0.875  0.800 to 0.912         6.12  0.30 s",
-        "loss    10%    late    paper    0.7  0.875  0.800 to 0.912         0.25   nan s",
+        "stress  level  scheme  sent as  IoU    AP  95 % interval  kbit/sensor     age",
+        "delay   0.3 s  early   2 cm     0.7  0.88   0.80 to 0.91         6.12  0.30 s",
+        "loss    10%    late    paper    0.7  0.88   0.80 to 0.91         0.25   nan s",
     ]
     crossed = outputs.Crossing("pose", 0.7, "early", "late", 0.254, 0.2, np.inf, 0.97)
     outputs.write_stress(
@@ -64,7 +64,7 @@ def test_crossings_faults_and_failures_as_text():
         "false alarms: link  sent as     alarms  sensor-minutes",
         "loss 10%            foreground       3            12.5",
     ]
-    left = [outputs.ExactFailure("early", 0.7, 2, 0.98, 0.9, 0.8125, ("d0", "d3"))]
+    left = [outputs.ExactFailure("early", 0.7, 2, 0.98, 0.9, 0.8125, ("d0", "d3"), 640)]
     assert outputs.format_exact(left).splitlines()[1].split() == [
         *("N-2", "early", "0.7", "0.980", "0.900", "0.812", "d0,", "d3")
     ]

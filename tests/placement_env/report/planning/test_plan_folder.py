@@ -52,6 +52,7 @@ def test_everything_comes_back(question, folder):
     assert [sensor.name for sensor in after.place.sensors] == [pool.mounts[pool.mount[k]].name for k in (3, 500)]
     assert (found.stated.ap, found.stated.errors, found.stated.predicted) == (0.75, "typical", 0.7)
     assert math.isnan(found.stated.low)
+    assert found.stated.objects == 70
 
 
 def test_sensors_that_hang_already_come_back_in_their_poses(tmp_path):
