@@ -25,10 +25,12 @@ from coview.live_signs import add_signs, draw_view, find_target, lay_picture
 from coview.live_tables import (
     MAP_KEY,
     describe_ap,
+    describe_stated,
     describe_suggestions,
     details_html,
     draw_small_maps,
     figures_html,
+    format_ap,
     hint_html,
     note_html,
     site_html,
@@ -42,7 +44,7 @@ from placement_env.live.project import ProjectFile, export_variant, report_varia
 from placement_env.live.seen_map import MAP_HEIGHTS, SeenMaps
 from placement_env.live.variant import LiveSensor, Variant
 from toolkit.detection.schemes import PAPER_SCHEMES
-from toolkit.display import describe_count, format_share
+from toolkit.display import describe_count
 from toolkit.plots.canvas import FAINT, INK, OUTCOME, sensor_colour
 from toolkit.runtime.parallel import return_freed_memory
 from toolkit.sensors.error_profiles import PROFILES
@@ -90,9 +92,8 @@ class LivePage:
         self._nodes: dict[str, list[Handle]] = {}
         self._ghosts: list[Suggestion] = []
         self._busy, self._note, self._measured = "", "", ""
-        if (stated := planner.stated) is not None:
-            ap = format_share(stated.ap, stated.objects)
-            self._measured = f"AP {ap} is what the plan states, by its detector; the page predicts"
+        if planner.stated is not None:
+            self._measured = describe_stated(planner.stated)
         self._answer: LiveAnswer | None = None
         self._maps: dict[float, SeenMaps] = {}
         self._beside = folder if project is None else project.path.parent  # where a picture is kept
@@ -487,17 +488,15 @@ class LivePage:
         before, count = self.planner.answer(), 0
         for answer in self.planner.search(lambda: self._closed):
             count += 1
-            self._note = f"search: AP {format_share(answer.ap, answer.objects)} after {describe_count(count, 'change')}"
+            self._note = f"search: AP {format_ap(answer)} after {describe_count(count, 'change')}"
             self.do(lambda answer=answer: self._show(answer))  # type: ignore[misc]
-        changes = describe_count(count, "change")
-        start, end = (format_share(answer.ap, answer.objects) for answer in (before, self.planner.answer()))
-        self._note = f"search: AP {start} to {end} by {changes}; undo takes them back"
+        after, changes = format_ap(self.planner.answer()), describe_count(count, "change")
+        self._note = f"search: AP {format_ap(before)} to {after} by {changes}; undo takes them back"
 
     def _measure(self) -> None:
         predicted, found = self.planner.finish(), self.planner.measure()
         number = f"N = {describe_count(found.objects, 'road user')}"
-        prediction = format_share(predicted.ap, predicted.objects)
-        self._measured = f"measured {describe_ap(found)}, predicted {prediction}, {number}"
+        self._measured = f"measured {describe_ap(found)}, predicted {format_ap(predicted)}, {number}"
         self._note = f"by the detector: {self._measured}"
 
     def _write(self, write: Callable[[LivePlanner, Path], Iterable[Path]], folder: Path) -> None:
@@ -696,8 +695,7 @@ class LivePage:
             made.append(
                 api.add_line_segments(f"{node}/view", draw_view(self.planner.yard.site, sensor, target), colour)
             )
-            ap = format_share(each.answer.ap, each.answer.objects)
-            text = f"{'without ' * (each.kind == 'remove')}AP {ap}"
+            text = f"{'without ' * (each.kind == 'remove')}AP {format_ap(each.answer)}"
             place = sensor.position + np.array([0.0, 0.0, 2.2])
             made.append(api.add_label(f"{node}/label", text, position=place, anchor="bottom-center"))
         self._nodes[""] = made

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from placement_env.live.figures import FoundShare, LiveAnswer
     from placement_env.live.planner import Suggestion
     from placement_env.live.variant import Variant, Yard
+    from placement_env.report.planning.plan_folder import StatedFigure
     from toolkit.sensors.sensor import Sensor
     from toolkit.sites.site import Site
 
@@ -79,10 +80,9 @@ def figures_html(answer: "LiveAnswer") -> str:
         f'<div style="color:{OUTCOME["missed"].colour}">&#9888; {escape(each)}</div>' for each in answer.problems
     )
     several = _bars("Found, by class (95 % interval)", answer.classes) if len(answer.classes) > 1 else ""
-    ap = format_share(answer.ap, answer.objects)
     error = f"{answer.spread:.3f}" if np.isfinite(answer.spread) else "unknown"
     return (
-        f'<div style="{_BOX}"><span class="live-ap" style="font-size:28px;font-weight:700">{ap}</span> '
+        f'<div style="{_BOX}"><span class="live-ap" style="font-size:28px;font-weight:700">{format_ap(answer)}</span> '
         f"AP, predicted{' (refining)' if answer.coarse else ''}"
         f'<div style="{_SMALL}">95 %: {_ends(answer.low, answer.high, answer.objects)}; {_number(answer)}; '
         f"standard error of the prediction: {error}. AP, average precision, is 1 where every road "
@@ -204,9 +204,19 @@ def variants_html(answers: "Mapping[str, LiveAnswer]", current: str, maps: Mappi
     return f'<div style="{_BOX}">{table}</div>'
 
 
+def format_ap(answer: "LiveAnswer | StatedFigure") -> str:
+    """AP with the decimals that its objects support."""
+    return format_share(answer.ap, answer.objects)
+
+
 def describe_ap(answer: "LiveAnswer") -> str:
     """AP with its interval."""
-    return f"AP {format_share(answer.ap, answer.objects)} ({_ends(answer.low, answer.high, answer.objects)})"
+    return f"AP {format_ap(answer)} ({_ends(answer.low, answer.high, answer.objects)})"
+
+
+def describe_stated(stated: "StatedFigure") -> str:
+    """Line on the AP of the plan that is open."""
+    return f"AP {format_ap(stated)} is what the plan states, by its detector; the page predicts"
 
 
 def describe_suggestions(kind: str, suggestions: "Sequence[Suggestion]") -> str:

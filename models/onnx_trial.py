@@ -1,4 +1,4 @@
-"""Trial of an ONNX network in a process of its own, where its time and memory are limited.
+"""Trial of an ONNX network in another process, where its time and memory are limited.
 
 ONNX Runtime computes what is constant while it opens a file, and stops between operators only: no limit inside the
 process that asks holds a network to its time, and one that ends the process ends it with everything in it."""

@@ -81,7 +81,7 @@ def figure_digits(objects: int, most: int = 3) -> int:
 
 
 def format_share(share: float, objects: int, *, signed: bool = False) -> str:
-    """Return AP, recall or a change of them, a share of this many objects, with as many decimals as these support.
+    """Return AP, recall or their change, a share of so many objects, with the decimals that these support.
 
     >>> format_share(0.91234, 60), format_share(0.91234, 600), format_share(0.02, 60, signed=True)
     ('0.91', '0.912', '+0.02')

@@ -8,6 +8,7 @@ import pytest
 from placement_env.cases import Cases
 from placement_env.search.order import SearchOrder, run_search
 from placement_env.setting import AP_ONLY, Setting, Weights
+from toolkit.display import format_share
 from toolkit.objects import Detections
 from toolkit.runtime.files import replace_infinite
 from toolkit.runtime.run import Run
@@ -36,9 +37,8 @@ def test_portfolios_say_fresh_traffic_and_all_error_profiles(common):
     assert said["curse"] == pytest.approx(found.summary["ap"] - said["ap"])
     assert {name for each in said["contenders"] for name in each["searches"]} >= {"greedy", "swap"}
     assert all(len(each["sensors"]) == len(each["subset"]) for each in said["contenders"])
-    assert found.lines[0].startswith(
-        f"portfolio: {{{', '.join(map(str, found.summary['subset']))}}} AP {said['ap']:.4f}"
-    )
+    ap = format_share(said["ap"], said["objects"])
+    assert found.lines[0].startswith(f"portfolio: {{{', '.join(map(str, found.summary['subset']))}}} AP {ap} by ")
     assert any("had no part in the choice, not a detector: it may err alike everywhere:" in x for x in found.lines)
     assert found.lines[-1].startswith("estimate of the search: coverage ")
 

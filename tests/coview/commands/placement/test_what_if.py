@@ -2,12 +2,14 @@
 
 import csv
 import json
+import re
 import shutil
 
 import pytest
 
 from coview.main import run as run_line
 from placement_env import LivePlanner
+from toolkit.display import format_share
 
 COMMON = ("--frames", 8, "--cache", "None")
 
