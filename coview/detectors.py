@@ -4,7 +4,8 @@ Behind the name may stand, in any order,
 
     +background   a detector that knows the empty site: it leaves out what always stands there. `general` at a site
                   whose scenery is known means that too, `general-background` the bare network; `coview detect` learns
-                  what stands in most frames for `general` where the site is unknown and the sensors stand still
+                  what stands in most frames for `general` where the site is unknown and the sensors stand still.
+                  Where nothing is known of the site, `general` reports pedestrians from a higher score on
     +phases4      a network on four shifted grids, whose boxes are averaged
     +bfloat16     a network in coarser numbers, in half the time, where the processor has instructions for them; `coview
                   detect` does so by itself, unless +float32 stands there"""
@@ -116,6 +117,7 @@ class NamedDetector(NamedTuple):
     known: bool = False  # the background of the site
     phases: int = 1
     bfloat16: bool = False
+    unknown_site: bool = False  # nothing is known of what stands there
 
     def tune(self, detector: "Detector") -> "Detector":
         """Return a detector on the grids and in the numbers asked for. Raises ValueError for one that has no grid."""
@@ -125,6 +127,8 @@ class NamedDetector(NamedTuple):
             if not hasattr(detector, "shift_grids"):
                 raise ValueError(f"+phases shifts the grid of a network, which {self.bare} is not: leave it out")
             detector = detector.shift_grids(self.phases)
+        if self.unknown_site:
+            detector = cast("VoxelNetDetector", detector).at_unknown_site()
         return quick_detector(detector) if self.bfloat16 else detector
 
 
@@ -166,7 +170,7 @@ def recording_detector(
     learnt = learn_cluster_detector(scenes or empty_scene.Scenes(recording), recording[0], place)
     if asked.bare == CLUSTER:
         return asked.tune(learnt)
-    return KnownBackground(place_detector(name.replace(BACKGROUND, ""), place), learnt.background)
+    return KnownBackground(place_detector(name.replace(BACKGROUND, BARE), place), learnt.background)
 
 
 def _check_long(recording: "Recording") -> None:
@@ -257,7 +261,8 @@ def parse_detector(name: str, site: "Site | None" = None) -> NamedDetector:
     by_default = bare == GENERAL and BARE not in behind and site is not None and len(site.solids) > 0
     phases = re.search(r"phases(\d+)", behind)
     known, coarse = BACKGROUND in behind or by_default, QUICK in behind and EXACT not in behind
-    return NamedDetector(bare, known, int(phases[1]) if phases else 1, coarse)
+    unknown_site = bare == GENERAL and BARE not in behind and site is None and not known
+    return NamedDetector(bare, known, int(phases[1]) if phases else 1, coarse, unknown_site)
 
 
 def learns_background(name: str) -> bool:

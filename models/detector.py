@@ -21,7 +21,7 @@ from models.network.voxelnet import VoxelNet
 from models.weight_files import digest_detector, digest_tensors, load_weights
 from toolkit.arrays import Bool, Float, Points
 from toolkit.boxes import nms
-from toolkit.objects import LABELS, Detections, label_index
+from toolkit.objects import LABELS, PEDESTRIAN, Detections, label_index
 from toolkit.points import join_clouds
 from toolkit.runtime.parallel import keep_freed_memory
 from toolkit.sites.site import check_area
@@ -29,6 +29,7 @@ from toolkit.sites.site import check_area
 SPREAD = np.array([0.7548776662466927, 0.5698402909980532])  # steps whose multiples fill a square evenly (Roberts 2018)
 MOST_PHASES = 16
 LEAST_KNOWN = 0.05  # score of what a detector reports where it is judged anew, since the empty site is known
+MIN_UNKNOWN_PERSON_SCORE = 0.4  # of a pedestrian at a site that nothing is known of
 BLOCK_CELLS, MARGIN_CELLS = 512, 128  # voxels of a block of a wide area, multiples of the coarsest stride
 SAME = 0.3  # footprint IoU above which boxes of several grids are averaged
 _Area = tuple[float, float, float, float]
@@ -171,6 +172,15 @@ class VoxelNetDetector:
         other = copy.copy(self)
         other.thresholds, other.rival_shares = tuple(min(least, LEAST_KNOWN) for least in self.thresholds), None
         return other if self.config.known else self
+
+    def at_unknown_site(self) -> "VoxelNetDetector":
+        """Same detector, which reports pedestrians from `MIN_UNKNOWN_PERSON_SCORE` on.
+
+        Trunks, posts and bins look like weak pedestrians, and nothing is known of what stands at the site."""
+        other = copy.copy(self)
+        floors = [MIN_UNKNOWN_PERSON_SCORE if label == LABELS[PEDESTRIAN] else 0.0 for label in self.config.labels]
+        other.thresholds = tuple(map(max, self.thresholds, floors))
+        return other
 
     def score_known(self, found: Detections) -> Detections:
         """Return detections with the scores they are worth where what belongs to the empty site is left out."""

@@ -2,7 +2,7 @@
 
 import warnings
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import open3d as o3d
@@ -17,6 +17,7 @@ from coview.detectors import (
     recording_detector,
     site_detector,
 )
+from models.detector import MIN_UNKNOWN_PERSON_SCORE
 from toolkit.clouds import from_points
 from toolkit.datasets.dataset import CoopDataset
 from toolkit.detection.background import Background, KnownBackground, site_background
@@ -28,12 +29,12 @@ from toolkit.sites.files import load_site
 
 def test_backgrounds_are_known_by_name_and_of_the_scenery():
     site = load_site("tjunction")
-    assert parse_detector("general") == ("general", False, 1, False)
-    assert parse_detector("my.package:detect+background") == ("my.package:detect", True, 1, False)
-    assert parse_detector("background") == ("background", False, 1, False)
-    assert parse_detector("a+phases3.safetensors") == ("a+phases3.safetensors", False, 1, False)
+    assert parse_detector("general") == ("general", False, 1, False, True)
+    assert parse_detector("my.package:detect+background") == ("my.package:detect", True, 1, False, False)
+    assert parse_detector("background") == ("background", False, 1, False, False)
+    assert parse_detector("a+phases3.safetensors") == ("a+phases3.safetensors", False, 1, False, False)
     assert [parse_detector(f"general{rest}", site).known for rest in ("", "+phases2", "-background")] == [1, 1, 0]
-    assert parse_detector("general+bfloat16+background+phases12") == ("general", True, 12, True)
+    assert parse_detector("general+bfloat16+background+phases12") == ("general", True, 12, True, False)
     assert not parse_detector("general+float32+bfloat16").bfloat16
     bare, known = site_detector("voxelnet", site), site_detector("voxelnet+background", site)
     assert isinstance(known, KnownBackground)
@@ -42,7 +43,20 @@ def test_backgrounds_are_known_by_name_and_of_the_scenery():
     assert known_labels(known) == known_labels(bare)
     with pytest.raises(ValueError, match=r"general\+background must see the site empty first"):
         place_detector("general+background", Place())
+    names = ("general+phases2", "general-background", "tjunction")
+    assert [parse_detector(name).unknown_site for name in names] == [True, False, False]
+    assert not parse_detector("general", site).unknown_site
     assert place_detector("general", Place(area=(-10.0, -10.0, 10.0, 10.0)))
+
+
+def test_at_an_unknown_site_pedestrians_need_a_higher_score():
+    small = Place(area=(-10.0, -10.0, 10.0, 10.0))
+    unknown, bare = (cast(Any, place_detector(name, small)) for name in ("general", "general-background"))
+    by_label = dict(zip(bare.config.labels, zip(bare.thresholds, unknown.thresholds, strict=True), strict=True))
+    before, after = by_label.pop("pedestrian")
+    assert before < after == MIN_UNKNOWN_PERSON_SCORE
+    assert all(before == after for before, after in by_label.values())
+    assert unknown.digest != bare.digest
 
 
 def test_grids_and_numbers_are_asked_for_behind_the_name(monkeypatch):

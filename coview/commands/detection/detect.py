@@ -11,6 +11,7 @@ from tyro.conf import Positional
 
 from coview.arguments import check_ending, check_least
 from coview.detectors import (
+    BARE,
     QUICK,
     check_detector,
     learns_background,
@@ -64,6 +65,7 @@ def detect(
     levelled = replace(place, level=place.level or "map")
     quick = detector + QUICK
     network = None if parse_detector(quick).known else place_detector(quick, levelled)
+    bare = place_detector(detector + BARE + QUICK, levelled) if learns_background(detector) else network
     if format == "boxes":
         check_ending(out, (".json",), "a file of boxes")
     check = check_file if format == "boxes" else check_new_folder
@@ -72,18 +74,17 @@ def detect(
         recordings = [stack.enter_context(opening.open(path)) for path in clouds]
         opened = [Part(recording, frames) for recording in recordings]
         looking: list[tuple[Detector, Place]] = []
-        for recording in recordings:
-            if network is None or parse_detector(quick, recording.site if place.at(recording.site) else None).known:
-                looking.append((recording_detector(quick, recording, place), place))
-            else:
-                looking.append((network, levelled))
-        level = looking[0][1].level or "none"
-        bar = stack.enter_context(progress_bar("cloud", sum(map(len, opened)), hidden=writing.json))
-
         scenes = [
             learn_standing_scene(part) if recording.site is None and learns_background(detector) else None
             for recording, part in zip(recordings, opened, strict=True)
         ]
+        for recording, scene in zip(recordings, scenes, strict=True):
+            if network is None or parse_detector(quick, recording.site if place.at(recording.site) else None).known:
+                looking.append((recording_detector(quick, recording, place), place))
+            else:
+                looking.append((network if scene is None or bare is None else bare, levelled))
+        level = looking[0][1].level or "none"
+        bar = stack.enter_context(progress_bar("cloud", sum(map(len, opened)), hidden=writing.json))
 
         def watch() -> Iterator[Detected]:
             """Yield what is found, the first warning in words."""
