@@ -115,11 +115,22 @@ def make(name: str = "SensorSelect", **settings: Any) -> "gymnasium.Env[Any, Any
 
 
 def live(
-    site: "Setting | str", *, frames: int = 60, seed: int = 3, port: int = 8090
+    site: "Setting | str", *, frames: int | None = None, seed: int | None = None, port: int = 8090
 ) -> "coview.live_start.LiveSession":
-    """Serve a page where sensors of a site or setting are moved by hand; in Jupyter it shows in the cell. Raises
-    ValueError where no surrogate scores the setting, ImportError without viser."""
-    from coview.live_start import LiveSession
-    from placement_env.live.planner import LivePlanner
+    """Serve a page where sensors of a site, a setting or a plan's folder are moved by hand; in Jupyter it shows in the
+    cell. frames, seed: of the traffic, the plan's or 60 and 3 by default. Raises ValueError where no surrogate scores
+    the setting, OSError for a plan whose detector is gone, ImportError without viser."""
+    from dataclasses import replace
 
-    return LiveSession(LivePlanner(site, frames, seed), port=port)
+    from coview.live_start import LiveSession
+    from coview.options import load_own_detector
+    from placement_env.live.planner import LivePlanner
+    from placement_env.report.planning.plan_folder import is_plan_folder, read_plan_folder
+    from toolkit.runtime.run import Run
+
+    if not is_plan_folder(site):
+        return LiveSession(LivePlanner(site, frames, seed), port=port)
+    plan = read_plan_folder(str(site))
+    detector = load_own_detector(plan.own_detector, plan.setting.place, Run())
+    asked = plan.ask(replace(plan.setting, detector=detector))
+    return LiveSession(LivePlanner(asked, frames, seed), port=port)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from placement_env.handover.mounted import is_named_by_pole
 from toolkit.display import describe_count, format_share
 from toolkit.plots.canvas import BAR, FAINT, GROUND, INK, OUTCOME, SOLID, sensor_colour
 
@@ -224,7 +225,7 @@ def describe_suggestions(kind: str, suggestions: "Sequence[Suggestion]") -> str:
     described = []
     for suggestion in suggestions:
         sensor, pole = suggestion.sensor.name, suggestion.sensor.mount
-        place = sensor if sensor.startswith(pole) else f"{sensor} on {pole}"
+        place = sensor if is_named_by_pole(sensor, pole) else f"{sensor} on {pole}"
         described.append(f"{place}: {describe_ap(suggestion.answer)}")
     title = {"add": "next sensor", "move": "best place", "remove": "missed least"}[kind]
     if kind == "remove":

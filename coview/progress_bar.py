@@ -25,7 +25,7 @@ class Bar:
     def __init__(self, bar: "tqdm[object]", hidden: bool, unit: str = "", steps: Steps = NO_STEPS) -> None:
         self._bar, self._hidden, self._stage, self._steps = bar, hidden, unit, steps
         self._done = self._first = self._step = 0
-        self._began = self._started = time.monotonic()
+        self._began = self._started = self._step_began = time.monotonic()
 
     def to(self, done: int) -> None:
         """Show the number done."""
@@ -38,7 +38,9 @@ class Bar:
         """Show the progress of a stage; a new one restarts the bar."""
         if name != self._stage:
             names = [*self._steps]
-            self._step = max(self._step, names.index(name) + 1) if name in names else self._step
+            step = names.index(name) + 1 if name in names else 0
+            if step > self._step:
+                self._step, self._step_began = step, time.monotonic()
             self._stage, self._done, self._first, self._began = name, 0, 0, time.monotonic()
             self._bar.reset(total)
             self._bar.set_description(escape(name), refresh=False)
@@ -72,18 +74,24 @@ class Bar:
         return f"{text}, about {_describe_time(left)} left"
 
     def _describe_step(self) -> str:
-        """Describe which step of how many this is, and how long all take: by the usual share of the steps before."""
+        """Describe which step of how many this is, and how long all take: by the usual share of the steps before.
+
+        Within a step time counts, not what is done: its count may be followed by other stages. A count that lags
+        behind the time counts, too."""
         if not self._step:
             return ""
         shares = [*self._steps.values()]
         before, now = sum(shares[: self._step - 1]), shares[self._step - 1]
         total, name = self._bar.total, [*self._steps][self._step - 1]
-        if total and name == self._stage:
-            before += now * min(1.0, self._done / total)
+        counted = min(1.0, self._done / total) if total and name == self._stage else 1.0
+        earlier, spent = self._step_began - self._started, time.monotonic() - self._step_began
+        if before and earlier:
+            counted = min(counted, spent / (earlier / before * now))
+        share = before + now * counted
         text = f"step {self._step} of {len(shares)}"
-        if before < MIN_SHARE:
+        if share < MIN_SHARE or (not before and name != self._stage):
             return f"{text}, "
-        whole = (time.monotonic() - self._started) * sum(shares) / before
+        whole = (earlier + spent) * sum(shares) / share
         return f"{text}, about {_describe_time(whole)} in all, "
 
 

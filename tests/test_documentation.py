@@ -2,9 +2,16 @@
 
 import doctest
 import functools
+import os
 import re
 import shlex
+import shutil
+import signal
+import subprocess
+import sys
+import tomllib
 from importlib import import_module
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -207,3 +214,154 @@ def test_references_keep_docstrings_signatures_and_help(extension):
     assert shown[there + 1].strip().startswith("Centre of the detection area: metres of an OpenDRIVE map")
     assert "``SITE``" in shown
     assert "``--drop-invalid``" in list(extension("commands").section("evaluate"))
+
+
+RUN = tomllib.loads((Path(__file__).parent / "documented_commands.toml").read_text(encoding="utf-8"))
+SERVERS = ("live", "view")  # until they are stopped; `view` serves unless it writes
+LONGEST_S = 900
+STOPPED = 130  # exit code at Ctrl-C while the page is still being filled
+
+
+def as_run(words):
+    """Words of a shown command with the sizes and the reader's words of the table."""
+    line = shlex.join(words)
+    for shown, meant in RUN["words"].items():
+        line = line.replace(shown, meant)
+    sized = shlex.split(line)
+    for option, value in RUN["sizes"].get(words[0], {}).items():
+        if f"--{option}" not in sized:
+            sized += [f"--{option}", value]
+        elif "--random-sites" not in sized:
+            sized[sized.index(f"--{option}") + 1] = value
+    return sized
+
+
+def is_left_out(words):
+    return any(" ".join(words).startswith(line) for line in RUN["left_out"])
+
+
+def written(words):
+    """Paths that a command writes, as far as it says them."""
+    options = {"--out", "--poses"} if words[0] == "calibrate" else {"--out"}
+    return {path for option, path in pairwise(words) if option in options}
+
+
+def serves(words):
+    return words[0] in SERVERS and not {"--out", "--still"} & set(words)
+
+
+def lacking(words, folder):
+    """Files of the table that a command reads and its folder does not have."""
+    read = set(words) - written(words)
+    named = [name for name in RUN["files"] if any(word == name or word.startswith(f"{name}/") for word in read)]
+    return [name for name in named if not (folder / name).exists()]
+
+
+def start(arguments, folder):
+    """A Python process in a folder, which is not on its path, that opens no browser and ends at Ctrl-C."""
+    return subprocess.Popen(
+        [sys.executable, "-P", *arguments],
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": str(ROOT), "BROWSER": "true"},
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # which a shell's background ignores
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+
+
+def ending(process, well=(0,)):
+    """How a process ended, "" for well."""
+    try:
+        said, _ = process.communicate(timeout=LONGEST_S)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        return f"not done after {LONGEST_S} s"
+    return "" if process.returncode in well else f"exit code {process.returncode}: {said[-2000:]}"
+
+
+def outcome(arguments, folder):
+    return ending(start(arguments, folder))
+
+
+def outcome_of_server(arguments, folder):
+    """Outcome of a server that is stopped, as by Ctrl-C, when it has printed its address."""
+    process = start(arguments, folder)
+    for line in process.stdout:
+        if "http://127.0.0.1" in line:
+            process.send_signal(signal.SIGINT)
+            return ending(process, (0, STOPPED))
+    return f"ended by itself with exit code {process.wait()}"
+
+
+@pytest.fixture(scope="session")
+def taken_for_granted(tmp_path_factory):
+    """Give a folder one of the files of the table, made when it is first asked for."""
+    store = tmp_path_factory.mktemp("taken-for-granted")
+
+    def copy(source, target):
+        target.parent.mkdir(parents=True, exist_ok=True)
+        (shutil.copytree if source.is_dir() else shutil.copy)(source, target)
+
+    def make(name):
+        if (store / name).exists():
+            return
+        ((way, source),) = RUN["files"][name].items()
+        if way == "text":
+            (store / name).write_text(source)
+        elif way == "block":
+            (store / name).write_text(blocks(ROOT / source, "toml")[0][1])
+        elif way == "copy":
+            for needed in lacking(["", source], store):
+                if needed != name:
+                    make(needed)
+            copy(store / source if (store / source).exists() else ROOT / source, store / name)
+        else:
+            words = shlex.split(source) if way == "command" else ["my-junction"]
+            for needed in lacking(words, store):
+                make(needed)
+            arguments = ("-m", "coview", *words) if way == "command" else ("-c", source)
+            assert outcome(arguments, store) == "", name
+
+    def give(name, folder):
+        make(name)
+        copy(store / name, folder / name)
+        if name == "catalogue.toml":
+            give("elm.png", folder)
+
+    return give
+
+
+RUN_PAGES = [page for page in (TEXTS[0], *PAGES) if command_lines(page)]
+
+
+def test_the_table_of_commands_has_nothing_that_no_page_shows(tmp_path):
+    shown = [words for page in RUN_PAGES for words in command_lines(page)]
+    lines = [shlex.join(words) for words in shown]
+    assert [words for words in RUN["words"] if not any(words in line for line in lines)] == []
+    assert [line for line in RUN["left_out"] if not any(shown.startswith(line) for shown in lines)] == []
+    assert {words[0] for words in shown} >= RUN["sizes"].keys()
+    sources = [["", *str(source).split()] for way in RUN["files"].values() for source in way.values()]
+    used = {name for words in [*map(as_run, shown), *sources] for name in lacking(words, tmp_path)}
+    assert RUN["files"].keys() - used == {"elm.png"}  # of a page's catalogue
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", RUN_PAGES, ids=name_of)
+def test_commands_of_a_page_run_in_their_order(page, tmp_path, taken_for_granted):
+    """A path that an earlier command of the page wrote is taken away first: the two are alternatives."""
+    for mark, text in blocks(page, "python"):
+        if mark.startswith("file: "):
+            (tmp_path / mark.removeprefix("file: ")).write_text(text)
+    outcomes = {}
+    for words in map(as_run, command_lines(page)):
+        if is_left_out(words):
+            continue
+        for name in lacking(words, tmp_path):
+            taken_for_granted(name, tmp_path)
+        for path in map(tmp_path.joinpath, written(words)):
+            if path.exists():
+                (shutil.rmtree if path.is_dir() else Path.unlink)(path)
+        run = outcome_of_server if serves(words) else outcome
+        outcomes[" ".join(words)] = run(("-m", "coview", *words), tmp_path)
+    assert {line: said for line, said in outcomes.items() if said} == {}

@@ -136,6 +136,21 @@ def format_sensors(
     )
 
 
+def set_names(candidates: Candidates, chosen: Chosen) -> tuple[str, ...]:
+    """Return the names that the sensors of a set have in its files."""
+    return tuple(sensor.name for sensor in _sensors(candidates, chosen, ())[0])
+
+
+def is_named_by_pole(name: str, pole: str) -> bool:
+    """Return True for a sensor's name that says its pole.
+
+    >>> is_named_by_pole("12-3 b", "12/3"), is_named_by_pole("P10", "P1")
+    (True, False)
+    """
+    plain = name_sensor(pole)
+    return name == plain or name.startswith(f"{plain} ")
+
+
 def unused_mounts(candidates: Candidates, chosen: Chosen, moved: Sequence[Sensor] = ()) -> tuple[Mount, ...]:
     """Mounts of candidates that carry no sensor of the set."""
     used = {mount.name for mount in _sensors(candidates, chosen, moved)[1]}

@@ -516,9 +516,14 @@ class LivePlanner:
                 waiting.remove(name)
 
     def measure(self) -> LiveAnswer:
-        """Figures by the detector in place of the surrogate's, on the same frames, with the setting's errors."""
+        """Figures by the detector in place of the surrogate's, on the same frames, with the setting's errors.
+
+        Raises ValueError for a plan with a detector of its own that the setting lacks."""
         from placement_env.report.planning.judging import Judge
 
+        if self.plan is not None and self.plan.own_detector is not None and self.asked.detector is None:
+            loaded = "LivePlanner(plan.ask(replace(plan.setting, detector=...))), plan = read_plan_folder(folder)"
+            raise ValueError(f"the plan's detector is {self.plan.detector}, which is not loaded: {loaded}")
         own = replace(self.finish(), what="measured")
         working = replace(self.variant, sensors=tuple(each for each in self.sensors if not each.failed))
         stock = self.yard.candidates(working)

@@ -13,7 +13,7 @@ from placement_env.fidelity.coverage import sent_per_frame
 from placement_env.fidelity.seeing import see
 from placement_env.handover.exchange import EXCHANGE_FILES, safe_cell, write_exchange
 from placement_env.handover.ground import visible_ground
-from placement_env.handover.mounted import format_sensors, mounted_site, unused_mounts
+from placement_env.handover.mounted import format_sensors, mounted_site, set_names, unused_mounts
 from placement_env.objective import Objective
 from placement_env.search.cmaes import as_candidates
 from placement_env.search.order import Answer, SearchOrder
@@ -108,7 +108,7 @@ def curve_csv(objective: Objective, points: Sequence[CurvePoint], currency: str 
         figures = (point.ap, point.low, point.high, point.predicted, point.confidence)
         price = (f"{point.price:.10g}", safe_cell(currency or "ordinary poles"))
         found = ("yes" if point.pays else "no", " and ".join(point.searches))
-        members = safe_cell(" ".join(objective.names[c] for c in point.subset))
+        members = safe_cell(", ".join(set_names(objective.candidates, point.subset)))
         ends = (figure for each in point.by_errors for figure in (each.ap, each.low, each.high))
         own = ("" if math.isnan(figure) else f"{figure:.6f}" for figure in ends)
         said = ("" if math.isnan(figure) else f"{figure:.6f}" for figure in figures)

@@ -15,6 +15,7 @@ from placement_env.candidates.candidates import aims
 from placement_env.classes import join_names
 from placement_env.fidelity.preparation import BY_LEVELS, Preparation, check_scorable
 from placement_env.fidelity.table import hash_site
+from placement_env.handover.mounted import set_names
 from placement_env.links import describe_share
 from placement_env.objective import Objective, Score
 from placement_env.protocol import Doubting, FidelityName
@@ -33,6 +34,7 @@ from toolkit.detection.provenance import detector_origin
 from toolkit.display import figure_digits, format_share
 from toolkit.runtime.files import replace_infinite
 from toolkit.runtime.run import Run
+from toolkit.sensors.models import name_in_words
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.georeference import bearing_deg
 from toolkit.sites.site import Site
@@ -228,10 +230,11 @@ def run_search(order: SearchOrder, checkpoint: Checkpoint = NOWHERE) -> Answer:
         checked, sets = verify_best(objective, exact, result)
         chosen = checked.subset
         names, by_errors = _names(objective, chosen), ap_at_profiles(exact, chosen, result.sensors)
+        mounted = names if result.sensors else describe_mounted(objective, chosen)
         summary["verified"] = {**asdict(checked), "sensors": names, "provenance": exact.provenance}
         summary["verified"] |= {"by_errors": by_errors} if by_errors else {}
         lines += [f"by the {order.verify}, {'moved' if result.sensors else f'best of {sets} sets'}:"]
-        lines += [*(f"  {name}" for name in names), describe_score(checked), *describe_by_errors(by_errors)]
+        lines += [*(f"  {line}" for line in mounted), describe_score(checked), *describe_by_errors(by_errors)]
     return Answer(objective, replace_infinite(summary), tuple(line for line in lines if line), True, result, chosen)
 
 
@@ -239,7 +242,7 @@ def _find_first(order: SearchOrder, few: Preparation) -> Score:
     """Tell greedy's answer from the first frames that are looked at, in seconds, and return its score there."""
     objective = Objective.of_moved(few, few.setting.pool, few.visibility, order.setting.weights)
     best = load_search("greedy")(objective, order.budget, seed=order.run.seed).best
-    names = ", ".join(_names(objective, best.subset)) or "no sensors"
+    names = ", ".join(set_names(objective.candidates, best.subset)) or "no sensors"
     if order.tell is not None:
         order.tell(f"first answer, by greedy on {len(few.traffic)} frames: {names}, predicted AP {best.ap:.3f}")
     return best
@@ -256,7 +259,7 @@ class _Better:
         if subset == self._last or (not raced and reward < self._reward + BETTER):
             return
         self._last, self._reward = subset, reward
-        names = ", ".join(_names(self._objective, subset))
+        names = ", ".join(set_names(self._objective.candidates, subset))
         if raced:
             self._tell(f"ahead after {raced} frames of the race: {names}")
         else:
@@ -276,7 +279,8 @@ def _report(objective: Objective, result: Result) -> tuple[Summary, list[str]]:
         "provenance": objective.provenance,
         "doubts": doubts,
     }
-    lines = [str(result), result.certificate.note, *(f"  {name}" for name in sensors)]
+    mounted = sensors if result.sensors else describe_mounted(objective, best.subset)
+    lines = [str(result), result.certificate.note, *(f"  {line}" for line in mounted)]
     if assessment is not None:
         said = asdict(assessment) | {"curse": assessment.curse}
         for row, contender in zip(said["contenders"], assessment.contenders, strict=True):
@@ -288,16 +292,17 @@ def _report(objective: Objective, result: Result) -> tuple[Summary, list[str]]:
 
 
 def _report_curve(order: SearchOrder, objective: Objective, points: tuple[CurvePoint, ...]) -> Answer:
-    rows = [asdict(point) | {"sensors": _names(objective, point.subset)} for point in points]
+    named = [set_names(objective.candidates, point.subset) for point in points]
+    rows = [asdict(point) | {"sensors": [*names]} for point, names in zip(points, named, strict=True)]
     summary = {"curve": rows, "judge": order.judge, "provenance": objective.provenance, **_state_errors(order)}
     if not points:
         return Answer(objective, replace_infinite(summary), (f"no sensors: {describe_empty(objective)}",), False)
     of = "of each number of sensors" if math.isinf(objective.most_price) else "for each amount of money"
     lines = [f"best set {of}, judged by the {order.judge} on traffic that had no part in the choice:"]
-    for point in points:
+    for point, names in zip(points, named, strict=True):
         price, pays = describe_money(point.price, order.currency), "" if point.pays else ", no more than a cheaper one"
-        names = ", ".join(_names(objective, point.subset))
-        lines.append(f"  {point.sensors} for {price}: {_judged(point, order.judge, point.objects)}{pays}: {names}")
+        judged = _judged(point, order.judge, point.objects)
+        lines.append(f"  {point.sensors} for {price}: {judged}{pays}: {', '.join(names)}")
         lines += (
             [f"    at each error profile: {describe_profiles(point.by_errors, point.objects)}"]
             if point.by_errors
@@ -329,6 +334,24 @@ def describe_sensors(names: Sequence[str], moved: Sequence[Sensor] = (), site: S
     text = "{} moved to x {:.2f} y {:.2f} z {:.2f} m, {} tilt {:.1f} degrees"
     rows = zip(names, moved, directions, np.rad2deg(tilts).tolist(), strict=True)
     return [text.format(name, *sensor.position, direction, tilt) for name, sensor, direction, tilt in rows]
+
+
+def describe_mounted(objective: Objective, subset: Sequence[int]) -> list[str]:
+    """Describe each sensor of a set: its name, model, height and direction."""
+    candidates, site = objective.candidates, objective.site
+    sensors = [candidates.sensors[c] for c in subset]
+    headings, tilts = aims(sensors)
+    lines = []
+    for k, name in enumerate(set_names(candidates, subset)):
+        foot = candidates.mounts[candidates.mount[subset[k]]].position[2]
+        height = f"{sensors[k].position[2] - foot:.1f} m up"
+        if site is None:
+            facing = f"facing {np.rad2deg(headings[k]):.0f} degrees from +x"
+        else:
+            facing = f"facing {bearing_deg(site, float(headings[k])):.0f} degrees from north"
+        down = f"{np.rad2deg(tilts[k]):.0f} degrees down"
+        lines.append(f"{name}: {name_in_words(type(sensors[k].model).__name__)}, {height}, {facing}, {down}")
+    return lines
 
 
 def _judged(each: Assessment | CurvePoint | Contender | ProfileAP, by: str, objects: int) -> str:

@@ -2,13 +2,14 @@
 
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 import shapely
 
 from coview.live_signs import _find_room, add_signs
-from coview.live_tables import describe_ap, figures_html, hint_html, variants_html
+from coview.live_tables import describe_ap, describe_suggestions, figures_html, hint_html, variants_html
 from placement_env.live.figures import FoundShare
 from placement_env.live.planner import LivePlanner
 from toolkit.plots.plan_view import north
@@ -29,6 +30,16 @@ class Scene:
             return self.added[name]
 
         return add
+
+
+@pytest.mark.parametrize(
+    ("sensor", "pole", "place"),
+    [("12-3", "12/3", "12-3"), ("12-3 b", "12/3", "12-3 b"), ("P10", "P1", "P10 on P1"), ("d0", "P1", "d0 on P1")],
+)
+def test_suggestions_name_a_pole_that_the_sensor_does_not(sensor, pole, place):
+    answer = SimpleNamespace(ap=0.5, low=0.4, high=0.6)
+    suggestion: Any = SimpleNamespace(sensor=SimpleNamespace(name=sensor, mount=pole), answer=answer, considered=9)
+    assert describe_suggestions("remove", [suggestion]) == f"missed least: {place}: AP 0.500 (0.400 to 0.600)"
 
 
 @pytest.fixture

@@ -51,13 +51,18 @@ def test_steps_say_which_of_how_many_and_the_time_of_all(monkeypatch):
         assert bar.describe() == "inputs prepared, for 0 s"
         bar.stage("poses rendered", 0, 10)
         assert bar.describe() == "step 1 of 3, poses rendered: 0 of 10, for 0 s"
-        now[0] = 20.0
-        bar.stage("searches", 1, 3)
-        assert bar.describe() == "step 2 of 3, about 67 s in all, searches: 1 of 3, about 0 s left".replace(
-            "about 0 s left", "finishing for 0 s"
-        )
+        bar.stage("poses rendered", 5, 10)
+        now[0] = 100.0
+        assert bar.describe() == "step 1 of 3, about 17 min in all, poses rendered: 5 of 10, about 2 min left"
+        now[0] = 200.0
+        bar.stage("searches", 3, 3)
+        now[0] = 350.0  # of 300 s for the step, also for what follows the count
+        assert bar.describe().startswith("step 2 of 3, about 17 min in all, searches: 3 of 3, ")
         bar.stage("sets scored", 4, None)
-        assert bar.describe().startswith("step 2 of 3, about 2 min in all, sets scored: 4")
+        now[0] = 440.0
+        assert bar.describe().startswith("step 2 of 3, about 17 min in all, sets scored: 4")
+        now[0] = 700.0
+        assert bar.describe().startswith("step 2 of 3, about 23 min in all, sets scored: 4")
         bar.stage("poses rendered", 1, 10)  # of another drawing: steps do not go back
         assert bar.describe().startswith("step 2 of 3")
 

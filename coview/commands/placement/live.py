@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from placement_env.live.project import ProjectFile
     from placement_env.report.planning.plan_folder import PlanFolder, StatedFigure
 
-SHIPPED = "shipped"
 USUAL_STOCK = StockOptions()
 LIVE_RUN = Run(frames=60, seed=3, cache=Path("out/cache"))
 FIRST_FRAMES = 4  # of the first figures of a page
@@ -244,11 +243,10 @@ def _open_plan(
         changes["codec"] = find_codec(stock.codec)
     if classes != USUAL_CLASSES:
         changes["classes"] = classes.build()
-    detector = stock.detector or (None if plan.detector == SHIPPED else plan.detector)
     if run.cache is not None:
         check_writable(run.cache.resolve(), run.cache)
     changes["cases"] = conditions.apply(setting.cases)
-    changes["detector"] = load_own_detector(detector, setting.place, run)
+    changes["detector"] = load_own_detector(stock.detector or plan.own_detector, setting.place, run)
     return plan.ask(replace(setting, **changes))
 
 

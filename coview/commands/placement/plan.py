@@ -13,7 +13,7 @@ from coview.arguments import check_least, check_schemes, check_share, site_file
 from coview.options import ClassOptions, Output, load_own_detector
 from coview.outputs import NOT_MET, OK, PLAN_KIND, check_folder, check_writable, claim, print_result
 from coview.progress_bar import progress_bar
-from placement_env.candidates.candidates import NoCandidates, name_sensor
+from placement_env.candidates.candidates import NoCandidates
 from placement_env.candidates.poles import load_keep_out
 from placement_env.candidates.sensor_catalogue import load_sensor_catalogue
 from placement_env.cases import USUAL_CASES, Cases, iou_text
@@ -113,10 +113,20 @@ PLAN_STEPS = {
     "poses rendered": 0.15,
     "searches": 0.25,
     "set sizes compared": 0.35,
+    "frames of the closest sets": 0.15,
     "frames of the chosen set": 0.1,
     "frames of the fusion schemes": 0.1,
     "frames of the order of building": 0.05,
 }  # shares of the time of a plan, as measured at imported crossings
+PRICE_STEPS = {
+    "poses rendered": 0.1,
+    "searches": 0.28,
+    "frames of the first look": 0.22,
+    "sets judged by price": 0.1,
+    "frames of the chosen set": 0.08,
+    "frames of the fusion schemes": 0.18,
+    "frames of the order of building": 0.04,
+}  # likewise, of a plan with --min-ap
 USUAL_CLASSES, USUAL_OUTPUT = ClassOptions(), Output(out=Path("out/plan"))
 USUAL_RUN = Run(cache=Path("out/cache"), workers=2)
 
@@ -156,7 +166,8 @@ def plan(
     with suppress(NoCandidates):  # the plan says why there are none
         _ = setting.pool
     claimed = claim(out, asked, check, overwrite=output.overwrite or found_nothing(out / CONTENT))
-    with claimed, progress_bar("", hidden=output.json, steps=PLAN_STEPS) as bar:
+    steps = PLAN_STEPS if goal.min_ap is None else PRICE_STEPS
+    with claimed, progress_bar("", hidden=output.json, steps=steps) as bar:
         planned = answer(replace(question, run=replace(run, progress=bar.stage)))
         written = write_plan(planned, out)
     text = f"{_describe(planned.plan)}\nwritten to {out}: {', '.join(path.name for path in written)}"
@@ -166,11 +177,12 @@ def plan(
 
 def _describe(plan: "Plan") -> str:
     from placement_env.analysis.intervals import AP_TOLERANCE, describe_sureness
+    from placement_env.handover.mounted import is_named_by_pole
 
     verdict = plan.verdict
     lines = [" ".join((verdict.sentence, *verdict.reasons)) if verdict.met is False else verdict.sentence]
     for s in plan.sensors:
-        place = "" if s.name.startswith(name_sensor(s.pole)) else f"{s.pole}, "
+        place = "" if is_named_by_pole(s.name, s.pole) else f"{s.pole}, "
         facing = f"facing {s.bearing_deg:.0f} degrees from north, {s.tilt_deg:.0f} degrees down"
         lines.append(f"  {s.name}: {place}{s.model}, {s.height:.1f} m up, {facing}")
     classes = [(f"{row.label:<10}", row.judged, f" at IoU {iou_text(row.iou)}", "") for row in plan.class_ap]

@@ -233,6 +233,11 @@ class Judge:
         ]
 
 
+def one_stage(run: Run, name: str, frames: int) -> Callable[[str], Report | None]:
+    """Return what makes the callback of `Judge.judge_cases`: every part of its work counts as one stage."""
+    return lambda _: run.stage(name, frames)
+
+
 def judge_tallies(tallies: Sequence[Sequence[Tally]], classes: Classes, seed: int) -> Judgement:
     """Judge from a tally of each class at each IoU threshold, averaged over these."""
     draws = intervals.block_draws(len(tallies[0][0].truths), seed=seed)
@@ -350,13 +355,14 @@ class _Options:
             poles = tuple(objective.candidates.mounts[m].name for m in objective.candidates.mount[list(score.subset)])
             self.options.append(PlanOption(names, *figures, judged=None, searches=found.searches[i], poles=poles))
 
-    def judge_rows(self, rows: Sequence[int]) -> None:
-        """Judge sets on all frames, unless they are judged."""
+    def judge_rows(self, rows: Sequence[int], run: Run = Run()) -> None:
+        """Judge sets on all frames, unless they are judged. run: reports the frames done."""
         new = [i for i in rows if i not in self.draws]
         if not new:
             return
+        stage = one_stage(run, "frames of the closest sets", self.judge.frames)
+        judged_sets, draws = self.judge.judge_cases(self.found.sets[new], stage)
         mean_ap = self.judge.evaluator.mean_ap(self.found.sets[new], np.arange(self.judge.frames)).tolist()
-        judged_sets, draws = self.judge.judge_cases(self.found.sets[new])
         for i, judged, mean, drawn in zip(new, judged_sets, mean_ap, draws, strict=True):
             members = tuple(np.flatnonzero(self.found.sets[i]).tolist())
             fits = self.objective.fits_links(members, self.judge.kbit(members))
@@ -425,7 +431,7 @@ def choose_set(
         if report is not None:
             report(done)
     near = [row for expected, row in close if expected >= max(close)[0] - NEAR]
-    known.judge_rows(list(dict.fromkeys([*(row for row, _ in winners), *near])))
+    known.judge_rows(list(dict.fromkeys([*(row for row, _ in winners), *near])), run)
     options = tuple(known.options)
     for row, (raced_ap, frames) in raced.items():
         known.check_race(row, raced_ap, frames)

@@ -86,6 +86,11 @@ class PlanFolder:
     detector: str
     stated: StatedFigure | None
 
+    @property
+    def own_detector(self) -> str | None:
+        """Name of the plan's detector, None for a shipped one."""
+        return None if self.detector == "shipped" else self.detector
+
     def ask(self, setting: Setting) -> "PlanFolder":
         """The plan under another question, for which it states no figure."""
         names = ("fusion", "codec", "counted", "cases", "link_share")

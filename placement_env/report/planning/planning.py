@@ -214,14 +214,18 @@ def by_errors(judge: judging.Judge, chosen: tuple[int, ...]) -> tuple[content.Br
     return tuple(_row(*row, _count_points(at, chosen)) for row, at in rows)
 
 
-def by_draw(judge: judging.Judge, chosen: tuple[int, ...]) -> tuple[content.DrawnErrors, ...]:
-    """Judge a set at each error profile in several draws of the errors, each for all frames."""
+def by_draw(judge: judging.Judge, chosen: tuple[int, ...], run: Run = Run()) -> tuple[content.DrawnErrors, ...]:
+    """Judge a set at each error profile in several draws of the errors, each for all frames. run: reports the draws."""
     rows = []
     for detected in judge.profiles:
         renders = detected.renders
         if not isinstance(renders, Renders) or only_own_noise(renders.errors):
             continue
-        aps = [_judge_draw(judge, detected, renders, chosen, seed) for seed in range(1, ERROR_DRAWS + 1)]
+        report, aps = run.stage(f"draws of the errors {renders.errors.name}", ERROR_DRAWS), []
+        for seed in range(1, ERROR_DRAWS + 1):
+            aps.append(_judge_draw(judge, detected, renders, chosen, seed))
+            if report is not None:
+                report(seed)
         mean, tenth = float(np.mean(aps)), float(np.quantile(aps, 0.1))
         rows.append(content.DrawnErrors(renders.errors.name, tuple(aps), mean, tenth, min(judge.frames, DRAWN_FRAMES)))
     return tuple(rows)
@@ -354,7 +358,7 @@ def build_plan(findings: Findings, final: judging.Judge, ground: Ground) -> cont
         by_approach=by_approach(scored, site, seed),
         by_level=levels,
         by_errors=by_errors(final, members),
-        by_draw=by_draw(final, members),
+        by_draw=by_draw(final, members, question.run),
         by_drawing=findings.drawings,
         by_class=by_class(final, members),
         class_ap=(*final.by_class(members), *final.by_other_class(members)),
@@ -456,9 +460,11 @@ class ChosenSet:
         for name in PAPER_SCHEMES:
             alike = {each: getattr(known, each) for each in ("codec", "memo", "processes", "classes")}
             at = replace(judge, profiles=(Detected(known.renders, known.detector, name, **alike).at(ious[0], ious),))
-            kbit = float(np.mean([outcome.bits.mean() for outcome in at.outcomes(self.members)])) / 1000
+            report = self.stage("fusion schemes")
+            outcomes = at.detected.outcomes([self.members], range(at.frames), report)[self.members]
+            kbit = float(np.mean([outcome.bits.mean() for outcome in outcomes])) / 1000
             for iou in sorted({*IOUS, *ious}) if len(ious) == 1 else (*IOUS, ious):
-                (judged,), (drawn,) = at.judge_drawn(whole, replace(intact, iou=iou), self.stage("fusion schemes"))
+                (judged,), (drawn,) = at.judge_drawn(whole, replace(intact, iou=iou))
                 good = iou == intact.threshold and is_as_good(drawn, own, count_blocks(self.judge.frames))
                 figures.append(content.SchemeFigures(name, iou, judged, kbit, good))
         return tuple(figures)
@@ -626,7 +632,8 @@ def judge_finally(
         frames = prepared.frames
         if width is None or judge.absent or frames >= MOST_FRAMES:
             return prepared, judge
-        ((found,), _) = judge.judge_cases(chosen[None])
+        stage = judging.one_stage(run, "frames of the chosen set", frames)
+        ((found,), _) = judge.judge_cases(chosen[None], stage)
         ends = found.counted.high - found.counted.low
         if ends <= width:
             return prepared, judge

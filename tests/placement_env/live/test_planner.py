@@ -1,6 +1,7 @@
 """The live planner's engine: figures equal to the objective's, every kind of change, undo and suggestions."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -305,6 +306,12 @@ def test_resampled_ap_of_every_object_once_is_the_expected_ap() -> None:
     drawn = resample_ap(probability, 0.3, counts.astype(np.float32), block)
     repeated = [compute_expected_ap(np.sort(np.repeat(probability, row[block]))[None, ::-1], 0.3)[0] for row in counts]
     assert drawn == pytest.approx(np.ravel(repeated), abs=0.01)
+
+
+def test_a_detector_of_a_plan_that_is_not_loaded_is_refused_by_name(planner, monkeypatch) -> None:
+    monkeypatch.setattr(planner, "plan", SimpleNamespace(own_detector="mine:Bricks"))
+    with pytest.raises(ValueError, match="the plan's detector is mine:Bricks, which is not loaded: "):
+        planner.measure()
 
 
 def test_names_are_free() -> None:

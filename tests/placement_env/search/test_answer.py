@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import placement_env.search.answer as search_answer
-from placement_env.candidates.candidates import paper_candidates
+from placement_env.candidates.candidates import paper_candidates, pool
 from placement_env.fidelity.visibility import Visibility
 from placement_env.objective import Objective
 from placement_env.search.answer import (
@@ -20,7 +20,7 @@ from placement_env.search.answer import (
     write_answer,
 )
 from placement_env.search.exact import exhaustive
-from placement_env.search.order import Answer, SearchOrder
+from placement_env.search.order import Answer, SearchOrder, describe_mounted
 from placement_env.search.portfolio.curve import CurvePoint
 from placement_env.search.result import ProfileAP, Result
 from placement_env.setting import Setting
@@ -144,6 +144,19 @@ def test_tables_of_curves_and_their_agreement_with_the_objective(objective, resu
     assert [row[f"{figure}_poor"] for figure in ("ap", "low", "high")] == ["0.500000", "0.400000", "0.550000"]
     assert kbit_per_frame(objective, (0, 1)).mean(axis=1) == pytest.approx(objective.sent)
     assert kbit_per_frame(objective, (0, 1), objective.candidates.sensors).mean(axis=1) == pytest.approx(objective.sent)
+
+
+def test_curves_and_listings_name_sensors_by_their_poles():
+    site = load_site("tjunction")
+    candidates = pool(site, mounts=site.mounts[:2], heights=(6.0,), headings=2, tilts=(0.1,))
+    objective = Objective(Setting(site, fidelity="coverage", candidates=candidates), Run(frames=1))
+    subset = (0, len(candidates) - 1)
+    names = [mount.name for mount in site.mounts[:2]]
+    (row,) = csv.DictReader(curve_csv(objective, (replace(POINTS[1], subset=subset),)).splitlines())
+    assert row["set"] == ", ".join(names)
+    first, last = describe_mounted(objective, subset)
+    assert first.startswith(f"{names[0]}: depth-camera, 6.0 m up, facing ")
+    assert last.endswith(" degrees from north, 6 degrees down")
 
 
 def test_a_georeference_is_tried_before_the_search():

@@ -194,7 +194,10 @@ def test_errors_are_drawn_ten_times_and_a_tenth_is_below(street, monkeypatch, fr
     monkeypatch.setattr(planning, "Renders", Stub)
     monkeypatch.setattr(planning, "_judge_draw", lambda judge, detected, renders, chosen, seed: seed**2 / 100)
     profiles = [SimpleNamespace(renders=each) for each in (Stub(PAPER_ERRORS), Stub(POOR), "others")]
-    (row,) = planning.by_draw(SimpleNamespace(profiles=profiles, frames=frames), (0,))
+    told: list[tuple[str, int, int | None]] = []
+    run = Run(progress=lambda *stage: told.append(stage))
+    (row,) = planning.by_draw(SimpleNamespace(profiles=profiles, frames=frames), (0,), run)
+    assert told == [("draws of the errors poor", done, 10) for done in range(1, 11)]
     assert (row.profile, row.aps, row.frames) == ("poor", tuple(n**2 / 100 for n in range(1, 11)), drawn)
     assert (row.mean, row.tenth) == pytest.approx((0.385, 0.01 + 0.9 * 0.03))
 
@@ -614,6 +617,18 @@ def test_a_detector_that_is_blind_at_one_stage_stops_the_plan(street, ask):
     known.judge_rows([2])
     with pytest.raises(ValueError, match=r"AP 0\.00 in the race \(96 to find in 24 frames\), but AP 0\."):
         known.check_race(2, 0.0, np.arange(24))
+
+
+def test_judging_of_the_closest_sets_and_of_the_schemes_is_counted_frame_by_frame(street):
+    found = Entrants(SETS, street.objective.scores(SETS).ap, ((),) * len(SETS), 30)
+    frames = type(street.detected.renders)(street.site, street.detected.renders.sensors, 48)
+    judge = judging.Judge((Detected(frames, street.detected.detector, "early"),))
+    told: list[tuple[str, int, int | None]] = []
+    run = Run(progress=lambda *stage: told.append(stage))
+    choice = judging.choose_set(street.objective, found, judge, run=run)
+    assert {("frames of the closest sets", done, 48) for done in range(1, 25)} <= set(told)  # the race saw the others
+    planning.ChosenSet(choice.members, choice.option.sensors, judge, street.objective, run).schemes()
+    assert {("frames of the fusion schemes", done, 48) for done in range(1, 49)} <= set(told)
 
 
 def test_sureness_is_that_of_the_chosen_set_on_all_frames_and_never_below_what_the_judgement_shows(street):
