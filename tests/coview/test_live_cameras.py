@@ -117,7 +117,8 @@ def test_a_camera_looks_through_a_sensor_and_back():
     cameras.greet(browser)
     before, sensor = browser.camera.position, SITE.sensors[0]
     cameras.look_through(browser, sensor)
-    np.testing.assert_allclose(np.linalg.norm(browser.camera.position - sensor.position), 1.2)
+    ahead = sensor.world_SE3_body[:3, 0]
+    np.testing.assert_allclose(browser.camera.position, sensor.position + 1.2 * ahead)
     np.testing.assert_allclose(browser.ahead, sensor.world_SE3_body[:3, 0], atol=1e-9)
     np.testing.assert_allclose(browser.camera.look_at, sensor.position + 12.0 * browser.ahead)
     cameras.show_all(browser)
@@ -134,3 +135,9 @@ def test_a_look_through_a_sensor_shows_its_field_of_view_as_far_as_a_screen_can(
     browser, cameras = Browser(), LiveCameras(SITE.area)
     cameras.look_through(browser, replace(SITE.sensors[0], model=model))
     assert browser.camera.fov == pytest.approx(model.vertical_fov if seen is None else seen)
+
+
+def test_an_area_elsewhere_is_seen_from_as_far():
+    here, there = LiveCameras(SITE.area), LiveCameras(SITE.area + 500.0)
+    np.testing.assert_allclose(there.slant, here.slant)
+    np.testing.assert_allclose(there.middle - here.middle, [500.0, 500.0, 0.0])

@@ -145,6 +145,9 @@ def test_a_view_has_the_sides_of_the_field_of_view_and_the_foot_of_the_pole():
     np.testing.assert_allclose(lines[:4, 1], ends, atol=1e-5)
     np.testing.assert_allclose(lines[4:, 1], lines[1:3, 1])
     np.testing.assert_allclose(lines[4:, 0], [lines[0, 1]] * 2)
+    turned = Sensor("c", DepthCamera(), look((3.0, 4.0, 5.0), np.pi / 4, np.arctan2(4.7, 8.0)))
+    lines = draw_view(site, turned, find_target(site, turned))
+    np.testing.assert_allclose(lines[1:3, 1], [[11.0, 4.0, 0.3], [3.0, 12.0, 0.3]], atol=1e-5)
     lidar = Sensor("b", SpinningLidar(), look((3.0, 4.0, 5.0), 0.0, 0.5))
     assert len(draw_view(site, lidar, find_target(site, lidar))) == 2
 
