@@ -11,6 +11,7 @@ AWAY, WIDE = 1.25, 1.3  # times as far from the area as the report's view, in wi
 HOUSING_M, LOOK_M = 1.2, 12.0  # from a sensor to the camera that looks through it, and to what it looks at
 MIN_LOOK_FOV_RAD, MAX_LOOK_FOV_RAD = 0.7, 1.4
 PHONE, SHEET = 576, 0.6  # px of width below which the panel is a sheet over this share of the scene
+UP = np.array([0.0, 0.0, 1.0])
 Spot = Float64[np.ndarray, "3"]
 
 
@@ -66,10 +67,10 @@ class LiveCameras:
         if phone is None:
             phone = self.aimed[client.client_id][2]
         away = way * max(WIDE / camera.aspect, 1.0)
-        ahead, east = -away / np.linalg.norm(away), np.array([1.0, 0.0, 0.0])
-        east = east - ahead * (east @ ahead)
+        right = np.cross(-away, UP)  # no way is straight down
+        upwards = np.cross(right, -away)
         covered = SHEET * np.tan(scene.VERTICAL_FOV / 2) * np.linalg.norm(away) if phone else 0.0
-        middle = self.middle - covered * np.cross(east / np.linalg.norm(east), ahead)
+        middle = self.middle - covered * upwards / np.linalg.norm(upwards)
         self.aimed[client.client_id] = way, camera.aspect, phone, middle + away
         with client.atomic():
             camera.position, camera.look_at = middle + away, middle

@@ -10,7 +10,7 @@ import shapely
 
 from placement_env.live.picture import GroundPicture
 from placement_env.report.pages.scene import add_site
-from toolkit.arrays import Float32, Float64
+from toolkit.arrays import Float32, Float64, Int64
 from toolkit.plots.canvas import INK
 from toolkit.plots.plan_view import north, scale_length
 from toolkit.sensors.sensor import Sensor
@@ -29,6 +29,12 @@ ARROW_M, HEAD_M = 8.0, 2.0  # length of the north arrow, and of its head
 SCALE_SHARE = 0.25  # largest part of the area's width that the scale takes
 MARGIN_M = 4.0  # between the area and its signs
 LANE_ARROW_M = 3.5
+POLE_MARK_M = 1.0  # width of the cross on top of a pole
+POLE_ROOM_M = 2.5  # around a pole, for its name
+SOLID_DETOUR_M, NAME_DETOUR_M, LANE_DETOUR_M = 100.0, 6.0, 4.0  # that signs go to be clear of them
+CROWD_DETOUR_M, HOUSE_DETOUR_M = 3.0, 200.0  # for each solid, and the share that houses cover, if no place is clear
+LARGE_M2 = 60.0  # least ground that a house covers or hides
+STREET_SCALE = 0.8  # size of the names of streets
 TRIED_PLACES = 24  # along each side of the area, for a sign without solids
 MAX_NAMED_POLES = 60
 LANE_INK = "#8a8a90"
@@ -37,22 +43,36 @@ LANE_INK = "#8a8a90"
 def add_signs(api: "SceneApi", site: Site, poles: Sequence[Mount]) -> dict[str, Handle]:
     """Add the site with all poles that may carry a sensor, and the signs of a map. Return the labels of poles, by name,
     empty where there are more than `MAX_NAMED_POLES`."""
-    add_site(api, replace(site, mounts=tuple(poles)), set())
+    site = replace(site, mounts=tuple(poles))
+    add_site(api, site, set())
     labels = {}
     for k, pole in enumerate(poles if len(poles) <= MAX_NAMED_POLES else ()):
         label = api.add_label(f"/signs/poles/{k}", pole.name, font_screen_scale=0.7, anchor="bottom-center")
         label.position = pole.position + np.array([0.0, 0.0, pole.max_height])
         labels[pole.name] = label
+    _add_pole_marks(api, poles)
     length = scale_length(SCALE_SHARE * float(site.area[2] - site.area[0]))
-    _add_north(api, site, _find_room(site, np.array([ARROW_M, ARROW_M + 2 * HEAD_M]), site.area[2:]))
-    _add_scale(api, site, length, _find_room(site, np.array([length, HEAD_M]), site.area[:2]))
+    size = np.array([ARROW_M, ARROW_M + 2 * HEAD_M])
+    middle = _find_room(site, size, site.area[2:])
+    _add_north(api, site, middle)
+    arrow = shapely.box(*(middle - size / 2), *(middle + size / 2))
+    _add_scale(api, site, length, _find_room(site, np.array([length, HEAD_M]), site.area[:2], [arrow]))
     low, high = site.area[:2] - MARGIN_M, site.area[2:] + MARGIN_M
     for k, street in enumerate(find_street_names(site, low, high)):
         place = _lift(site, np.array([[street.x, street.y]]))[0]
-        api.add_label(f"/signs/streets/{k}", street.name, position=place, anchor="center-center")
+        api.add_label(
+            f"/signs/streets/{k}", street.name, position=place, font_screen_scale=STREET_SCALE, anchor="center-center"
+        )
     arrows = [_arrow(np.array([x, y]), angle, LANE_ARROW_M, 1.0) for x, y, angle in find_lane_arrows(site, low, high)]
     _add_lines(api, "/signs/lanes", site, np.concatenate([np.empty((0, 2, 2)), *arrows]), LANE_INK, width=1.5)
     return labels
+
+
+def _add_pole_marks(api: "SceneApi", poles: Sequence[Mount]) -> None:
+    """Cross the top of each pole, which is but a dot from above."""
+    tops = np.array([pole.position + np.array([0.0, 0.0, pole.max_height]) for pole in poles]).reshape(-1, 1, 1, 3)
+    arms = POLE_MARK_M / 2 * np.array([[[-1.0, -1.0, 0.0], [1.0, 1.0, 0.0]], [[-1.0, 1.0, 0.0], [1.0, -1.0, 0.0]]])
+    scene.add_lines(api, "/signs/marks", (tops + arms).reshape(-1, 2, 3), INK, width=2.0, visible=True)
 
 
 def _add_north(api: "SceneApi", site: Site, middle: Float64[np.ndarray, "2"]) -> None:
@@ -64,17 +84,46 @@ def _add_north(api: "SceneApi", site: Site, middle: Float64[np.ndarray, "2"]) ->
 
 
 def _find_room(
-    site: Site, size: Float64[np.ndarray, "2"], corner: Float64[np.ndarray, "2"]
+    site: Site, size: Float64[np.ndarray, "2"], corner: Float64[np.ndarray, "2"], signs: Sequence[shapely.Geometry] = ()
 ) -> Float64[np.ndarray, "2"]:
-    """Middle of a place of this size (m) without solids, the nearest to a corner of the area within it; else there."""
+    """Middle of a place of this size (m) within the area, near one of its corners. Solids do not cover it in the first
+    view, nor do poles, their names and other signs, and no lane is below it, as far as that is possible."""
     low, high = site.area[:2] + size / 2, site.area[2:] - size / 2
     axes = [np.linspace(a, max(a, b), TRIED_PLACES) for a, b in zip(low, high, strict=True)]
     spots = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
-    order = np.argsort(np.linalg.norm(spots - corner, axis=1), kind="stable")
-    solids = shapely.union_all([shapely.Polygon(solid.footprint) for solid in site.solids])
-    shapely.prepare(solids)
-    free = (spot for spot in spots[order] if not solids.intersects(shapely.box(*(spot - size / 2), *(spot + size / 2))))
-    return np.asarray(next(free, spots[order[0]]))
+    places = shapely.box(*(spots - size / 2).T, *(spots + size / 2).T)
+    solids = [_hidden_ground(solid.footprint, solid.top - solid.base) for solid in site.solids]
+    circles = [shapely.Point(mount.position[:2]).buffer(POLE_ROOM_M, quad_segs=2) for mount in site.mounts]
+    rings = [shapely.get_coordinates(circle) for circle in circles]
+    names = [_hidden_ground(ring, mount.max_height) for ring, mount in zip(rings, site.mounts, strict=True)]
+    lanes = [shapely.Polygon(lane) for lane in site.lanes]
+    away = np.linalg.norm(spots - corner, axis=1)
+    for covers, detour in ((solids, SOLID_DETOUR_M), ([*names, *signs], NAME_DETOUR_M), (lanes, LANE_DETOUR_M)):
+        away += detour * (_count_covers(places, covers) > 0)
+    houses = [ground for ground in solids if ground.area > LARGE_M2]
+    away += CROWD_DETOUR_M * _count_covers(places, solids) + HOUSE_DETOUR_M * _share_covered(places, houses)
+    return np.asarray(spots[away.argmin()])
+
+
+def _count_covers(places: np.ndarray, covers: Sequence[shapely.Geometry]) -> Int64[np.ndarray, " n"]:
+    """Number of geometries over each place."""
+    touched, _ = shapely.STRtree(covers).query(places, predicate="intersects")
+    return np.bincount(touched, minlength=len(places))
+
+
+def _share_covered(places: np.ndarray, covers: Sequence[shapely.Geometry]) -> Float64[np.ndarray, " n"]:
+    """Share of each place that geometries cover, up to 1."""
+    tree = shapely.STRtree(covers)
+    touched, cover = tree.query(places, predicate="intersects")
+    areas = shapely.area(shapely.intersection(places[touched], tree.geometries[cover]))
+    return np.minimum(np.bincount(touched, areas, minlength=len(places)) / shapely.area(places), 1.0)
+
+
+def _hidden_ground(outline: Float64[np.ndarray, "n 2"], height: float) -> shapely.Geometry:
+    """Ground under a prism, and behind it in the first view."""
+    eye, target = (np.array(spot) for spot in scene.overview((-1.0, -1.0, 1.0, 1.0)))
+    behind = height * (eye - target)[:2] / (target - eye)[2]
+    return shapely.convex_hull(shapely.multipoints(np.concatenate([outline, outline + behind])))
 
 
 def _add_scale(api: "SceneApi", site: Site, length: float, middle: Float64[np.ndarray, "2"]) -> None:

@@ -82,7 +82,7 @@ class StartPage:
         return path
 
     def _import(self, path: Path) -> str:
-        """Name or file of a site, which is imported first where the path is that of a map."""
+        """Return the name or file of a site, imported first if the path is a map's."""
         if path.suffix.lower() not in MAPS:
             return str(path)
         typed = self._centre.value.replace(",", " ").split()

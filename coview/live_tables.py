@@ -30,7 +30,7 @@ _STEPS = (
 )
 _FIRST_STEPS = (
     "<b>No sensor is here yet.</b> Ask for the best to add, and accept it; or choose a pole and Add on the tab Sensor; "
-    "or add one at a click on the tab Draw. Thin lines are poles that may be used."
+    "or add one at a click on the tab Draw. Poles that may be used have a cross on top."
 )
 START = (
     f'<div style="{_BOX}"><b>Open an OpenStreetMap (.osm) or OpenDRIVE (.xodr) extract, or a site</b>, by its path or '
@@ -198,7 +198,7 @@ def variants_html(answers: "Mapping[str, LiveAnswer]", current: str, maps: Mappi
             f'<tr class="live-variant" style="font-weight:{weight}"><td>{escape(name)}{maps[name]}</td>{figures}</tr>'
         )
     shown = answers[current]
-    titles = ("AP (95 %)", "AP, worst failure", "kbit per frame", f"price, {escape(shown.currency) or 'poles'}")
+    titles = ("AP (95&nbsp;%)", "AP, worst failure", "kbit per frame", f"price, {escape(shown.currency) or 'poles'}")
     head = "".join(f'<td align="right">{title}</td>' for title in titles)
     table = f'<table style="width:100%"><tr style="{_SMALL}"><td></td>{head}</tr>{"".join(rows)}</table>'
     table += f'<div style="{_SMALL}">{_number(shown)}</div>'
@@ -232,7 +232,7 @@ def describe_suggestions(kind: str, suggestions: "Sequence[Suggestion]") -> str:
         return f"{title}: {'; '.join(described) or 'none'}"
     if not described:
         return f"{title}: none among the poles looked at so far; ask again"
-    return f"{title}: {'; '.join(described)} (of {suggestions[0].considered} poses so far)"
+    return f"{title}: {'; '.join(described)} (of {suggestions[0].considered} placements so far)"
 
 
 def _ends(low: float, high: float, objects: int, *, signed: bool = False) -> str:

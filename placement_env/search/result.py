@@ -2,6 +2,7 @@
 
 import json
 import math
+import operator
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
@@ -162,7 +163,7 @@ class Result(Displayed):
             raise ValueError(f"{path} is no result of a search, version {VERSION}: write one with Result.save")
         try:
             return _build_result({name: value for name, value in content.items() if name != "coview_result"})
-        except (AttributeError, KeyError, TypeError, ValueError) as error:
+        except (AttributeError, KeyError, OverflowError, TypeError, ValueError) as error:
             said = str(error).partition("\n")[0][:120]
             raise ValueError(f"{path} is no result of a search ({said}): restore the file") from None
 
@@ -241,7 +242,7 @@ def _build_result(content: _Row) -> Result:
 def load_score(row: _Row) -> Score:
     """Score from the values of a file."""
     by_class = {name: _number(ap, math.nan) for name, ap in row["class_ap"].items()}
-    score = Score(**row | {"subset": tuple(map(int, row["subset"])), "class_ap": by_class})
+    score = Score(**row | {"subset": tuple(map(operator.index, row["subset"])), "class_ap": by_class})
     _check_figures((score.ap, score.recall, *by_class.values()), (score.kbit, score.kbit_per_sensor, score.price))
     return score
 

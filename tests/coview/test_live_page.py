@@ -5,14 +5,12 @@ import os
 import signal
 import subprocess
 import sys
-from contextlib import nullcontext
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from coview.live_cameras import AWAY, LiveCameras
+from coview.live_cameras import AWAY
 from coview.live_start import LiveSession
 from placement_env import LivePlanner
 from placement_env.live.project import ProjectFile
@@ -310,44 +308,3 @@ def test_a_map_is_opened_from_the_page(browser, tmp_path, kind):
     finally:
         tab.close()
         session.close()
-
-
-@pytest.mark.parametrize(
-    ("width", "height", "shown"), [(390, 844, 0.4), (444, 1024, 1.0), (956, 720, 1.0), (1900, 600, 1.0)]
-)
-@pytest.mark.parametrize("above", [False, True])
-def test_all_sensors_are_in_view_in_any_window(width, height, shown, above):
-    camera = SimpleNamespace(image_width=width, aspect=width / height, fov=np.deg2rad(75.0))  # not yet the scene's own
-    client = SimpleNamespace(client_id=0, camera=camera, atomic=nullcontext)
-    cameras, fits = LiveCameras(SITE.area), []
-    camera.on_update = fits.append
-    cameras.greet(client)
-    if width == 444:  # a tablet, whose panel docks after the page has opened
-        cameras.aimed[0] = (cameras.slant, 768 / height, False, camera.position)
-        fits[0](camera)
-    if above:
-        cameras.look_down(client)
-    ahead = (camera.look_at - camera.position) / np.linalg.norm(camera.look_at - camera.position)
-    right = np.cross(ahead, [0, 0, 1]) / np.linalg.norm(np.cross(ahead, [0, 0, 1]))
-    half = np.tan(scene.VERTICAL_FOV / 2)
-    for sensor in SITE.sensors:
-        way = sensor.position - camera.position
-        across, up = np.array([way @ right, way @ np.cross(right, ahead)]) / (way @ ahead) / half
-        assert abs(across) <= camera.aspect
-        assert 1 - 2 * shown <= up <= 1
-
-
-def test_a_camera_looks_through_a_sensor_and_back():
-    camera = SimpleNamespace(image_width=1280, aspect=1.6, fov=np.deg2rad(75.0), on_update=lambda follow: None)
-    client, cameras = SimpleNamespace(client_id=0, camera=camera, atomic=nullcontext), LiveCameras(SITE.area)
-    cameras.greet(client)
-    before, sensor = camera.position, SITE.sensors[0]
-    cameras.look_through(client, sensor)
-    np.testing.assert_allclose(np.linalg.norm(camera.position - sensor.position), 1.2)
-    ahead = (camera.look_at - camera.position) / np.linalg.norm(camera.look_at - camera.position)
-    np.testing.assert_allclose(ahead, sensor.world_SE3_body[:3, 0], atol=1e-9)
-    assert 0.7 <= camera.fov <= 1.4
-    cameras.show_all(client)
-    np.testing.assert_allclose(camera.position, before)
-    assert camera.fov == scene.VERTICAL_FOV
-    cameras.look_through(None, sensor)  # of a browser that has gone

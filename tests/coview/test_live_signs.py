@@ -1,21 +1,23 @@
 """Signs of the live page: a map's north and scale where nothing covers them, poles, streets, first steps."""
 
 from dataclasses import replace
+from io import BytesIO
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
 import shapely
+from PIL import Image
 
-from coview.live_signs import _find_room, add_signs
-from coview.live_tables import describe_ap, describe_suggestions, figures_html, hint_html, variants_html
-from placement_env.live.figures import FoundShare
-from placement_env.live.planner import LivePlanner
+from coview.live_signs import _find_room, add_signs, draw_view, find_target, lay_picture
+from placement_env.live.picture import keep_picture
+from toolkit.geometry import look
 from toolkit.plots.plan_view import north
-from toolkit.runtime.run import Run
+from toolkit.sensors.models import DepthCamera, SpinningLidar
+from toolkit.sensors.sensor import Sensor
 from toolkit.sites.files import load_site
 from toolkit.sites.site import Mount, Site, Solid
+from toolkit.viewing import scene
 
 
 class Scene:
@@ -32,32 +34,22 @@ class Scene:
         return add
 
 
-@pytest.mark.parametrize(
-    ("sensor", "pole", "place"),
-    [("12-3", "12/3", "12-3"), ("12-3 b", "12/3", "12-3 b"), ("P10", "P1", "P10 on P1"), ("d0", "P1", "d0 on P1")],
-)
-def test_suggestions_name_a_pole_that_the_sensor_does_not(sensor, pole, place):
-    answer = SimpleNamespace(ap=0.5, low=0.4, high=0.6)
-    suggestion: Any = SimpleNamespace(sensor=SimpleNamespace(name=sensor, mount=pole), answer=answer, considered=9)
-    assert describe_suggestions("remove", [suggestion]) == f"missed least: {place}: AP 0.500 (0.400 to 0.600)"
-
-
 @pytest.fixture
 def site() -> Site:
     return load_site("tjunction")
 
 
 def test_poles_streets_north_and_scale_are_signs(site):
-    scene, poles = Scene(), site.mounts[:3]
-    labels = add_signs(scene, site, poles)
+    drawn, poles = Scene(), site.mounts[:3]
+    labels = add_signs(drawn, site, poles)
     assert sorted(labels) == sorted(pole.name for pole in poles)
     top = labels[poles[0].name].position[2]
     assert top == pytest.approx(poles[0].position[2] + poles[0].max_height)
-    assert scene.added["/signs/north/letter"].values == ("N",)
-    assert scene.added["/signs/scale/length"].values == ("20 m",)
-    ends = scene.added["/signs/scale"].values[0][0]
+    assert drawn.added["/signs/north/letter"].values == ("N",)
+    assert drawn.added["/signs/scale/length"].values == ("20 m",)
+    ends = drawn.added["/signs/scale"].values[0][0]
     assert np.linalg.norm(ends[1, :2] - ends[0, :2]) == pytest.approx(20.0)
-    shaft = scene.added["/signs/north"].values[0][0]
+    shaft = drawn.added["/signs/north"].values[0][0]
     np.testing.assert_allclose((shaft[1] - shaft[0])[:2] / 8.0, north(site), atol=1e-5)
 
 
@@ -77,32 +69,140 @@ def test_signs_are_where_no_solid_is(site):
     assert _find_room(full, size, np.array([5.0, 5.0])).tolist() == [5.0, 5.0]
 
 
-def test_first_steps_speak_of_what_is_there():
-    assert "Drag a ball" in hint_html(2)
-    assert "No sensor is here yet" in hint_html(0)
-    assert "ball" not in hint_html(0)
+def test_signs_are_not_hidden_behind_a_house_in_the_first_view():
+    house = Solid(np.array([[-20.0, -20.0], [20.0, -20.0], [20.0, -12.0], [-20.0, -12.0]]), 0.0, 20.0)
+    site = Site("s", np.array([-30.0, -30.0, 30.0, 30.0]), solids=(house,))
+    size = np.array([6.0, 2.0])
+    spot = _find_room(site, size, np.array([0.0, -8.0]))
+    eye, _ = scene.overview(tuple(site.area.tolist()))
+    for corner in np.array([[-3.0, -1.0], [3.0, -1.0], [-3.0, 1.0], [3.0, 1.0]]):
+        way = np.array(eye) - [*(spot + corner), 0.0]
+        line = spot + corner + np.linspace(0, 20.0 / way[2], 200)[:, None] * way[:2]
+        assert not shapely.Polygon(house.footprint).intersects(shapely.LineString(line))
 
 
-def test_long_names_break_and_figures_stay_whole():
-    planner = LivePlanner("tjunction", run=Run(frames=2, seed=3, cache=None))
-    answer, name = planner.answer(), "Friedrich-Ebert-Allee <b>, from the south-west to the middle junction"
-    row = FoundShare(name, None, 0.5, float("nan"), float("nan"), 7)
-    page = figures_html(replace(answer, approaches=(row,)))
-    assert "Friedrich-Ebert-Allee &lt;b&gt;, from the south-west" in page
-    assert "overflow-wrap:anywhere" in page
-    assert "50%, N = 7" in page
-    assert "white-space:nowrap" not in page
+def test_poles_have_a_mark_that_is_seen_from_above(site):
+    added = Scene()
+    add_signs(added, site, site.mounts[:2])
+    marks = added.added["/signs/marks"].values[0].reshape(2, 4, 3)
+    for pole, ends in zip(site.mounts, marks, strict=False):
+        np.testing.assert_allclose(ends.mean(axis=0), pole.position + np.array([0.0, 0.0, pole.max_height]), atol=1e-5)
+        assert np.ptp(ends, axis=0) == pytest.approx([1.0, 1.0, 0.0])
+    many = [Mount(f"p{k}", np.array([0.1 * k, 0.0, 0.0])) for k in range(61)]
+    add_signs(added, site, many)
+    assert len(added.added["/signs/marks"].values[0]) == 2 * len(many)
 
 
-def test_ap_has_as_many_decimals_as_the_road_users_support():
-    planner = LivePlanner("tjunction", run=Run(frames=2, seed=3, cache=None))
-    known = {"ap": 0.51234, "low": 0.41234, "high": 0.61234, "worst": 0.31234, "change": 0.12345, "approaches": ()}
-    few, many = (replace(planner.answer(), objects=count, **known) for count in (60, 600))
-    assert describe_ap(few) == "AP 0.51 (0.41 to 0.61)"
-    assert describe_ap(many) == "AP 0.512 (0.412 to 0.612)"
-    assert ">0.51</span>" in figures_html(few)
-    assert ">+0.12</b>" in figures_html(few)
-    assert ">+0.123</b>" in figures_html(many)
-    table = variants_html({"A": few, "B": many}, "A", {"A": "", "B": ""})
-    assert ">0.31<br>" in table
-    assert ">0.312<br>" in table
+STREETS = """<net>
+<edge id="a" name="West Street"><lane id="a_0" shape="-200,0 -10,0" allow="passenger"/></edge>
+<edge id="b" name="Edge Street"><lane id="b_0" shape="0,13 190,13" allow="passenger"/></edge>
+<edge id="c" name="Far Street"><lane id="c_0" shape="30,-90 30,90" allow="passenger"/></edge>
+</net>"""
+
+
+def test_streets_and_lanes_up_to_the_signs_have_names_and_arrows():
+    site = Site("s", np.array([-20.0, -10.0, 20.0, 10.0]), network=STREETS)
+    drawn = Scene()
+    add_signs(drawn, site, ())
+    names = [sign for node, sign in drawn.added.items() if node.startswith("/signs/streets/")]
+    assert {sign.values[0] for sign in names} == {"West Street", "Edge Street"}
+    west = next(sign for sign in names if sign.values[0] == "West Street")
+    np.testing.assert_allclose(west.position, [-17.0, 0.0, 0.15])
+    arrows = drawn.added["/signs/lanes"].values[0].reshape(-1, 3, 2, 3)
+    assert len(arrows) == 2
+    for shaft, *heads in arrows:
+        np.testing.assert_allclose(shaft[1] - shaft[0], [3.5, 0.0, 0.0], atol=1e-5)
+        starts = np.array([head[0] for head in heads])
+        np.testing.assert_allclose([head[1] for head in heads], [shaft[1], shaft[1]])
+        np.testing.assert_allclose(starts[:, 0], shaft[1, 0] - 1.0, atol=1e-5)
+        np.testing.assert_allclose(sorted(starts[:, 1] - shaft[1, 1]), [-0.5, 0.5], atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("heading", "tilt", "target"),
+    [
+        (0.0, np.arctan2(4.7, 8.0), (11.0, 4.0, 0.3)),  # where it looks at the ground
+        (np.pi / 2, np.arctan2(4.7, 8.0), (3.0, 12.0, 0.3)),
+        (0.0, 0.1, (23.0, 4.0, 5.0 - 20.0 * np.tan(0.1))),  # no farther than 20 m
+        (0.0, 0.0, (23.0, 4.0, 5.0)),
+        (0.0, -0.3, (23.0, 4.0, 5.0 + 20.0 * np.tan(0.3))),
+        (0.0, np.pi / 2, (3.0, 4.0, 0.3)),
+    ],
+)
+def test_a_handle_is_where_a_sensor_looks(heading, tilt, target):
+    site = Site("s", np.array([-20.0, -20.0, 20.0, 20.0]))
+    sensor = Sensor("a", DepthCamera(), look((3.0, 4.0, 5.0), heading, tilt))
+    np.testing.assert_allclose(find_target(site, sensor), target, atol=1e-6)
+
+
+def test_a_view_has_the_sides_of_the_field_of_view_and_the_foot_of_the_pole():
+    site = Site("s", np.array([-20.0, -20.0, 20.0, 20.0]))
+    sensor = Sensor("a", DepthCamera(), look((3.0, 4.0, 5.0), 0.0, np.arctan2(4.7, 8.0)))
+    lines = draw_view(site, sensor, find_target(site, sensor))
+    np.testing.assert_allclose(lines[:4, 0], [sensor.position] * 4)
+    side = 8.0 * np.sqrt(0.5)  # of 90 degrees
+    ends = [[11.0, 4.0, 0.3], [3.0 + side, 4.0 - side, 0.3], [3.0 + side, 4.0 + side, 0.3], [3.0, 4.0, 0.0]]
+    np.testing.assert_allclose(lines[:4, 1], ends, atol=1e-5)
+    np.testing.assert_allclose(lines[4:, 1], lines[1:3, 1])
+    np.testing.assert_allclose(lines[4:, 0], [lines[0, 1]] * 2)
+    turned = Sensor("c", DepthCamera(), look((3.0, 4.0, 5.0), np.pi / 4, np.arctan2(4.7, 8.0)))
+    lines = draw_view(site, turned, find_target(site, turned))
+    np.testing.assert_allclose(lines[1:3, 1], [[11.0, 4.0, 0.3], [3.0, 12.0, 0.3]], atol=1e-5)
+    lidar = Sensor("b", SpinningLidar(), look((3.0, 4.0, 5.0), 0.0, 0.5))
+    assert len(draw_view(site, lidar, find_target(site, lidar))) == 2
+
+
+def test_a_picture_lies_where_it_was_placed(tmp_path):
+    site = load_site("tjunction")
+    pixels = np.zeros((20, 40, 3), np.uint8)
+    pixels[:10] = 255  # the northern half is white
+    made = BytesIO()
+    Image.fromarray(pixels).save(made, "PNG")
+    picture = keep_picture("north.png", made.getvalue(), tmp_path, site.area)
+    laid = replace(picture, x=3.0, y=4.0, scale=0.5, turn=np.pi / 2)
+    drawn = Scene()
+    lay_picture(drawn, site, laid, tmp_path)
+    sign = drawn.added["/picture"]
+    assert sign.values[1:] == (20.0, 10.0)
+    assert sign.values[0][-1, :, :3].min() > 200  # viser's rows go north
+    assert sign.values[0][0, :, :3].max() < 50
+    assert (sign.values[0][..., 3] > 128).all()
+    ground = float(site.ground(np.array([3.0, 4.0])))
+    np.testing.assert_allclose(sign.position, (3.0, 4.0, ground), atol=0.1)
+    assert sign.position[2] > ground
+    np.testing.assert_allclose(sign.wxyz, (np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)))
+
+
+def test_a_sign_without_a_clear_place_is_among_trees_and_not_in_a_house():
+    square = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+    house = Solid(10.0 * square - 10.0, 0.0, 5.0)  # over the near corner
+    spots = [np.array([x, y]) for x in np.arange(-19.0, 20.0, 3.0) for y in np.arange(-19.0, 20.0, 3.0)]
+    trees = [Solid(0.5 * square + spot, 0.0, 1.0, "tree") for spot in spots]
+    site = Site("s", np.array([-20.0, -20.0, 20.0, 20.0]), solids=(house, *trees))
+    spot = _find_room(site, np.array([6.0, 4.0]), site.area[:2])
+    assert not shapely.box(*(spot - 2), *(spot + 2)).intersects(shapely.Polygon(house.footprint))
+
+
+def test_signs_keep_clear_of_poles_and_their_names_where_they_can():
+    pole = Mount("p", np.array([0.0, 0.0, 0.0]), 3.0, 8.0)
+    site, size = Site("s", np.array([-20.0, -20.0, 20.0, 20.0]), mounts=(pole,)), np.array([4.0, 4.0])
+    foot, name = (_find_room(site, size, np.array(near)) for near in ([0.0, 0.0], [1.8, 9.2]))
+    assert np.linalg.norm(foot) > 4.0
+    beside = _find_room(site, size, site.area[:2], [shapely.box(-20.0, -20.0, -15.0, -15.0)])
+    assert max(beside) > -13.0
+    assert np.linalg.norm(name - [1.8, 9.2]) > 4.0  # its top, in the first view
+    poles = [Mount(f"p{k}", np.array([3.0 * k - 30.0, -20.0, 0.0]), 3.0, 40.0) for k in range(20)]
+    full = replace(site, mounts=tuple(poles))
+    spot = _find_room(full, size, np.array([0.0, 18.0]))
+    np.testing.assert_allclose(spot, [0.0, 18.0], atol=1.0)
+
+
+def test_signs_are_within_the_area_and_fit_between_solids():
+    bare, size = Site("s", np.array([-20.0, -20.0, 20.0, 20.0])), np.array([6.0, 2.0])
+    assert _find_room(bare, size, bare.area[:2]).tolist() == [-17.0, -19.0]
+    assert _find_room(bare, size, bare.area[2:]).tolist() == [17.0, 19.0]
+    walls = [np.array([[x, -19.9], [x + 1, -19.9], [x + 1, 19.9], [x, 19.9]]) for x in (-14.0, -6.0)]
+    lane = replace(bare, solids=tuple(Solid(wall, 0.0, 0.1) for wall in walls))
+    x, y = _find_room(lane, size, np.array([-9.5, 0.0]))
+    assert -10.0 <= x <= -9.0  # in a gap of 7 m
+    assert abs(y) < 1.0

@@ -4,7 +4,6 @@
 
 import json
 import os
-import signal
 import subprocess
 import sys
 import threading
@@ -15,7 +14,6 @@ import numpy as np
 import pytest
 
 from coview.live_page import LivePage
-from coview.live_start import interrupted_by_sigterm
 from placement_env import LivePlanner
 from placement_env.live.project import ProjectFile, export_variant
 from toolkit.viewing.scene import viser_server
@@ -204,13 +202,6 @@ def test_two_people_work_at_one_page(page, capfd):
 def test_two_people_work_at_one_page_for_ten_minutes(page, capfd):
     work_together(page, LONG_S)
     assert "Traceback" not in capfd.readouterr().err
-
-
-def test_sigterm_ends_as_ctrl_c_does():
-    before = signal.getsignal(signal.SIGTERM)
-    with pytest.raises(KeyboardInterrupt), interrupted_by_sigterm():
-        signal.raise_signal(signal.SIGTERM)
-    assert signal.getsignal(signal.SIGTERM) is before
 
 
 @pytest.mark.slow

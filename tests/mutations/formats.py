@@ -32,6 +32,7 @@ from placement_env.candidates.sensor_catalogue import load_sensor_catalogue
 from placement_env.fidelity.detector import IOUS
 from placement_env.fidelity.hit_model import FOLDER
 from placement_env.fidelity.table import Origin, Table, save_table
+from placement_env.search.result import Result
 from toolkit.bodies.meshes import MeshEntry, take_mesh, take_meshes
 from toolkit.datasets.dataset import CoopDataset, Header, Scene, encode
 from toolkit.datasets.doctor import diagnose_file
@@ -132,6 +133,16 @@ def _formats() -> dict[str, Format]:
     return {
         "plan.json": Format(plans.make_plan, plans.read_plan, JSON),
         "live.json": Format(plans.make_project, plans.read_project, JSON, 0.5),
+        "plan-site.json": Format(plans.make_plan_site, plans.read_plan_site, JSON, 0.5),
+        "result.json": Format(plans.make_result, Result.load, JSON, 0.5),
+        **{
+            name: Format(plans.make_picture, read, BYTES, 0.3)
+            for name, read in (
+                ("picture.png", plans.read_picture),
+                ("picture.jpg", plans.read_picture),
+                ("logo.png", plans.read_logo),
+            )
+        },
         "recording.hdf5": Format(_recording, _read_recording, HDF5, 4),
         "published.hdf5": Format(_published, _read_recording, HDF5, 3),
         "frames.packed": Format(_packed, _read_packed, HDF5, 3),

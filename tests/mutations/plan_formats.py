@@ -4,20 +4,26 @@ import json
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 
+import numpy as np
 import shapely
+from PIL import Image
 
 from placement_env import LivePlanner
-from placement_env.candidates.sensor_catalogue import PricedModel, SensorCatalogue
+from placement_env.candidates.sensor_catalogue import PricedModel, SensorCatalogue, load_sensor_catalogue
 from placement_env.cases import Cases
 from placement_env.handover.exchange import SITE
 from placement_env.handover.mounted import mounted_site
+from placement_env.live.picture import keep_picture
 from placement_env.live.project import ProjectFile
+from placement_env.objective import Score
 from placement_env.report.content import PLAN_VERSION
-from placement_env.report.planning.plan_folder import CONTENT, format_stock, read_plan_folder
+from placement_env.report.planning.plan_folder import CONTENT, format_stock, found_nothing, read_plan_folder
 from placement_env.report.planning.question import Question, Stock
+from placement_env.search.result import Assessment, Certificate, Contender, History, ProfileAP, Result
 from placement_env.setting import Setting
 from toolkit.runtime.files import read_bytes
 from toolkit.runtime.run import Run
@@ -76,9 +82,23 @@ def make_plan(path: Path) -> None:
 
 
 def read_plan(path: Path) -> None:
+    found_nothing(path)
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / SITE).write_bytes(_sound_site())
         (Path(folder) / CONTENT).symlink_to(path)
+        with said_of(path, folder):
+            read_plan_folder(folder)
+
+
+def make_plan_site(path: Path) -> None:
+    path.write_bytes(_sound_site())
+
+
+def read_plan_site(path: Path) -> None:
+    """Read the folder of a sound plan with this site."""
+    with tempfile.TemporaryDirectory() as folder:
+        make_plan(Path(folder) / CONTENT)
+        (Path(folder) / SITE).symlink_to(path)
         with said_of(path, folder):
             read_plan_folder(folder)
 
@@ -111,6 +131,57 @@ def make_project(path: Path) -> None:
         project.close()
         path.write_bytes((Path(folder) / "a.live.json").read_bytes())
     planner.tell = lambda dragging: None
+
+
+def make_picture(path: Path) -> None:
+    """Write a picture of 90 x 60 pixels in the format of its name."""
+    pixels = np.random.default_rng(0).integers(0, 255, (60, 90, 3), np.uint8)
+    Image.fromarray(pixels).save(path)
+
+
+def read_picture(path: Path) -> None:
+    """Lay a picture under the scene, and read it again as a project with a damaged one does."""
+    content, area = read_bytes(path), np.array([-40.0, -30.0, 40.0, 30.0])
+    with tempfile.TemporaryDirectory() as folder:
+        kept = keep_picture(path.name, content, Path(folder), area)
+        (Path(folder) / kept.file).write_bytes(content)
+        kept.read(Path(folder))
+
+
+def read_logo(path: Path) -> None:
+    """Read a catalogue whose report has this logo."""
+    with tempfile.TemporaryDirectory() as folder:
+        (Path(folder) / path.name).symlink_to(path)
+        catalogue = Path(folder) / "sensors.toml"
+        row = '[[sensor]]\nmodel = "DepthCamera"\nprice = 1500\n'
+        catalogue.write_text(f'{row}[report]\nlogo = "{path.name}"\n')
+        load_sensor_catalogue(catalogue)
+
+
+def make_result(path: Path) -> None:
+    """Write the result of a search whose best set was judged."""
+    best = Score((0, 3), 0.7, 0.8, 600.0, 1200.0, 2.0, 0.6, {"ap": 0.6}, "surrogate", cache_hit=False)
+    contenders = (Contender(("greedy",), (0, 3), 0.8, 0.75, 0.7, 0.8),)
+    history = History(np.array([1, 5]), np.array([0.1, 0.5]), np.array([0.5, 0.6]))
+    judged = Assessment(
+        by="detector",
+        ap=0.75,
+        low=0.7,
+        high=0.8,
+        kbit=1200.0,
+        objects=100,
+        frames=16,
+        predicted=0.8,
+        confidence=0.95,
+        asked=0.95,
+        tolerance=0.01,
+        entrants=9,
+        raced=16,
+        contenders=contenders,
+        by_errors=(ProfileAP("typical", 0.7, 0.6, 0.8),),
+    )
+    result = Result("greedy", best, history, Certificate("none", 0.6), 9, 1.5, (best,), (best,), assessment=judged)
+    replace(result, sensors=tuple(load_site("tjunction").sensors[:2])).save(path)
 
 
 def read_project(path: Path) -> None:

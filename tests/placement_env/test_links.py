@@ -7,7 +7,7 @@ import pytest
 
 from placement_env.candidates.candidates import with_terms
 from placement_env.handover.mounted import build_load, describe_narrow_links
-from placement_env.links import describe_share, link_load
+from placement_env.links import check_link_share, describe_share, link_load, max_load
 from placement_env.objective import Objective
 from placement_env.report.planning.judging import choose
 from placement_env.search import greedy
@@ -28,6 +28,18 @@ def test_a_load_is_not_exceeded_in_the_share_of_frames_and_is_the_least_such(sha
 def test_a_share_of_frames_lies_between_0_and_1(share):
     with pytest.raises(ValueError, match="link_share must lie above 0 and up to 1, got"):
         Setting("tjunction", link_share=share)
+
+
+@pytest.mark.parametrize("share", [1e-6, 0.5, 1.0])
+def test_a_share_of_frames_may_be_all_of_them(share):
+    check_link_share(share)
+
+
+def test_a_sum_of_loads_that_is_the_capacity_but_for_rounding_fits():
+    assert 0.1 + 0.2 > 0.3
+    assert max_load(0.3) >= 0.1 + 0.2
+    assert max_load(0.3) == pytest.approx(0.3, rel=1e-8)
+    np.testing.assert_array_less([0.3, 1e-6, 1e6], max_load(np.array([0.3, 1e-6, 1e6])))
 
 
 def test_sensors_whose_mean_fits_and_whose_load_does_not_are_in_no_answer():

@@ -258,6 +258,7 @@ _OSM_OPTIONS = (
     *("--osm.sidewalks", "--crossings.guess", "--geometry.remove", "--roundabouts.guess", "--junctions.join"),
     *("--tls.guess-signals", "--tls.discard-simple", "--tls.join", "--output.street-names"),
 )
+_ESCAPED_TWICE = re.compile(r"&amp;(amp|lt|gt|quot|apos);")  # as netconvert writes the names of OpenStreetMap's streets
 
 
 @dataclass(frozen=True)
@@ -469,7 +470,7 @@ def _make_osm_network(
                 network = _in_site_frame(wide, map_SE3_site)
             except ValueError as error:
                 notes.append(f"parking along the kerbs was left out ({error})")
-    return network, notes
+    return _ESCAPED_TWICE.sub(r"&\1;", network), notes
 
 
 def _finish(site: Site, piece: MapPiece, solids: Sequence[Solid], *, lamps: np.ndarray, notes: Sequence[str]) -> Site:

@@ -1,5 +1,6 @@
 """Figures of variants, against sums by hand over the surrogate's chances of a hit."""
 
+import math
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -7,7 +8,7 @@ import numpy as np
 import pytest
 
 from placement_env import LivePlanner
-from placement_env.analysis.intervals import BLOCK_FRAMES
+from placement_env.analysis.intervals import BLOCK_FRAMES, Interval
 from placement_env.cases import LEVEL_NAMES
 from placement_env.live import figures
 from placement_env.live.figures import LEVELS, LiveAnswer
@@ -99,6 +100,26 @@ def test_what_goes_to_json_leaves_arrays_and_no_budget_out():
     assert set(make_answer().as_dict()) == set(make_answer(budget=5.0).as_dict()) - {"budget"}
     assert {"resamples", "probability", "hidden"}.isdisjoint(make_answer(budget=5.0).as_dict())
     assert make_answer(budget=5.0).as_dict()["budget"] == 5.0
+
+
+@pytest.mark.parametrize(
+    ("figure", "ends", "spread", "widened"),
+    [
+        (0.6, (0.57, 0.64), 0.0, (0.57, 0.64)),
+        (0.6, (0.57, 0.64), math.nan, (0.57, 0.64)),
+        (0.6, (0.6, 0.6), 0.01, (0.6 - 0.0196, 0.6 + 0.0196)),
+        (0.6, (0.57, 0.64), 0.02, (0.6 - math.hypot(0.03, 0.0392), 0.6 + math.hypot(0.04, 0.0392))),
+        (0.95, (0.05, 1.0), 0.5, (0.0, 1.0)),
+        (0.6, (math.nan, math.nan), 0.02, (math.nan, math.nan)),
+    ],
+)
+def test_an_interval_takes_in_the_standard_error_of_the_prediction(figure, ends, spread, widened):
+    found = figures.widen(figure, Interval(*ends), spread)
+    assert tuple(found) == pytest.approx(widened, nan_ok=True)
+
+
+def test_an_answer_prints_without_its_arrays():
+    assert "array" not in repr(make_answer())
 
 
 def make_objective(**values):

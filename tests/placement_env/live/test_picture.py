@@ -85,7 +85,9 @@ def test_a_picture_bomb_is_refused(tmp_path, monkeypatch):
         keep_picture("plan.png", encode(), tmp_path, AREA)
 
 
-@pytest.mark.parametrize("change", [{"file": "../x.jpg"}, {"scale": 0.0}, {"width": 0}, {"turn": np.nan}, {"x": "1"}])
+@pytest.mark.parametrize(
+    "change", [{"name": ""}, {"file": "../x.jpg"}, {"scale": 0.0}, {"width": 0}, {"turn": np.nan}, {"x": "1"}]
+)
 def test_a_row_that_does_not_fit_is_refused(change):
     with pytest.raises(ValueError):
         replace(LAID, **change)

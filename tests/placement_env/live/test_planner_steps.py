@@ -280,6 +280,21 @@ def test_a_copy_by_pickle_goes_on_by_itself(planner, told):
     assert len(planner.past) == 1
 
 
+def test_a_copy_shares_nothing_that_changes(planner):
+    planner.answer()
+    state = planner.__getstate__()
+    for name in ("variants", "_past", "_future", "_views", "_answers"):
+        assert state[name] == getattr(planner, name)
+        assert state[name] is not getattr(planner, name), name
+
+
+def test_another_question_is_no_change_of_ap(planner):
+    planner.finish()
+    planner.move("d0", heading=1.0)
+    assert planner.ask(scheme="late").change == 0.0
+    assert planner.ask(scheme="early").change == 0.0
+
+
 def test_a_search_can_be_stopped_and_a_suggestion_needs_a_kind_and_room(planner):
     assert list(planner.search(lambda: True)) == []
     for kind, name in (("turn", None), ("move", None)):
@@ -390,3 +405,38 @@ def test_a_search_goes_on_only_where_a_move_helps(planner, monkeypatch, gain, yi
     assert {name for _, name, _ in asked} == set(names)
     assert len(asked) == len(names)  # after a gain all but the moved one are tried again
     assert {(kind, count) for kind, _, count in asked} == {("move", 1)}
+
+
+@pytest.mark.parametrize(
+    ("turn", "down", "steps"),
+    [(0.4, 0.0, (0.4, 0.0)), (-0.4, 0.0, (-0.4, 0.0)), (0.0, 0.18, (0.0, 0.18)), (0.2, -0.09, (0.2, -0.09))],
+)
+def test_a_suggestion_is_turned_and_tilted_to_the_best_direction(planner, monkeypatch, turn, down, steps):
+    start = replace(planner.sensors[0], heading=0.5, tilt=0.4)
+
+    def judge(variant, *_):
+        sensor = variant.sensors[-1]
+        assert variant.sensors[:-1] == planner.variant.sensors
+        return 0.9 - abs(sensor.heading - 0.5 - turn) - abs(sensor.tilt - 0.4 - down), 0
+
+    monkeypatch.setattr(planner, "_see", lambda variant: (variant, None, None, False))
+    monkeypatch.setattr(planner._meter, "judge", judge)
+    monkeypatch.setattr(planner, "estimate", lambda variant: variant)
+    found = planner._improve("add", planner.variant, start)
+    assert (found.sensor.heading, found.sensor.tilt) == pytest.approx((0.5 + steps[0], 0.4 + steps[1]))
+    assert found.answer.sensors == (*planner.variant.sensors, found.sensor)
+
+
+@pytest.mark.parametrize(("gain", "problems", "turned"), [(0.1, 0, True), (5e-5, 0, False), (0.1, 1, False)])
+def test_a_suggestion_is_turned_only_for_a_gain_without_problems(planner, monkeypatch, gain, problems, turned):
+    start = replace(planner.sensors[0], heading=0.5, tilt=TILT_SPAN[1])
+
+    def judge(variant, *_):
+        sensor = variant.sensors[-1]
+        assert sensor.tilt <= TILT_SPAN[1]
+        return (0.5 + gain, problems) if sensor.heading > 0.6 else (0.5, 0)
+
+    monkeypatch.setattr(planner, "_see", lambda variant: (variant, None, None, False))
+    monkeypatch.setattr(planner._meter, "judge", judge)
+    monkeypatch.setattr(planner, "estimate", lambda variant: variant)
+    assert planner._improve("move", planner.variant, start).sensor.heading == pytest.approx(0.7 if turned else 0.5)

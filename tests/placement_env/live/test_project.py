@@ -13,8 +13,9 @@ import pytest
 from placement_env import LivePlanner
 from placement_env.cases import Cases
 from placement_env.live.picture import GroundPicture
-from placement_env.live.project import MOST_VARIANTS, SAVED_STEPS, ProjectFile, export_variant
+from placement_env.live.project import MOST_VARIANTS, SAVED_STEPS, ProjectFile, export_variant, report_variant
 from placement_env.live.variant import Variant
+from placement_env.report.planning import planning
 from placement_env.setting import Setting
 from toolkit.sites.files import load_site
 
@@ -279,3 +280,18 @@ def test_an_export_replaces_no_site_or_plan_of_others(planner, tmp_path):
         written = export_variant(planner, tmp_path / "new")
     assert sorted(path.name for path in written) == ["plan.geojson", "schedule.csv", "site.json"]
     assert (tmp_path / "site.json").read_text() == "{}"
+
+
+def test_a_report_judges_the_sensors_as_they_hang_and_keeps_their_poles(planner, tmp_path, monkeypatch):
+    asked = []
+    monkeypatch.setattr(planning, "plan", asked.append)
+    monkeypatch.setattr(planning, "write_plan", lambda plan, folder: [folder / "report.html"])
+    planner.move("d0", heading=1.0)
+    assert report_variant(planner, tmp_path) == [tmp_path / "report.html"]
+    (question,) = asked
+    setting = question.setting
+    assert question.sensors == len(planner.sensors) == len(setting.pool)
+    assert set(setting.keep) == {sensor.mount for sensor in planner.sensors}
+    assert [sensor.name for sensor in setting.pool.sensors] == [sensor.name for sensor in planner.sensors]
+    assert setting.fusion == planner.asked.fusion
+    assert question.run.frames is None

@@ -1,4 +1,5 @@
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -94,6 +95,8 @@ def test_results_are_read_as_written_also_old_ones(whole, make, tmp_path):
         *(lambda c: c | {"certificate": None}, lambda c: [c]),
         *(lambda c: c | {"best": c["best"] | {"ap": 2.0}}, lambda c: c | {"front": [c["best"] | {"kbit": -5.0}]}),
         *(lambda c: c | {"seconds": -1.0}, lambda c: c | {"assessment": c["assessment"] | {"high": 1.5}}),
+        *(lambda c: c | {"best": c["best"] | {"subset": [0.5]}}, lambda c: c | {"best": c["best"] | {"subset": ["1"]}}),
+        lambda c: c | {"history": c["history"] | {"evaluations": [2**70]}},
     ],
 )
 def test_a_damaged_result_is_one_line(whole, tmp_path, change):
@@ -103,3 +106,11 @@ def test_a_damaged_result_is_one_line(whole, tmp_path, change):
     with pytest.raises(ValueError, match="is no result of a search") as refused:
         Result.load(path)
     assert "\n" not in str(refused.value)
+
+
+def test_a_number_that_no_computer_holds_is_refused(whole, tmp_path):
+    path = tmp_path / "result.json"
+    whole.save(path)
+    path.write_text(re.sub(r'("subset": \[\s*)\d+', r"\g<1>1e400", path.read_text(), count=1))
+    with pytest.raises(ValueError, match="is no result of a search"):
+        Result.load(path)

@@ -6,6 +6,7 @@ import shapely
 
 from toolkit.sites.maps import MapPiece, import_osm
 from toolkit.sites.osm import read_map
+from toolkit.sites.streets import find_street_names
 
 CENTRE = (13.4, 52.505)
 
@@ -115,6 +116,16 @@ def test_one_way_streets_roundabouts_and_cycleways(tmp_path, empty_map, imported
     assert not on_lanes(site, 0, 0)
     assert np.mean([on_lanes(site, x, y) for x, y in ring]) == 1
     assert on_lanes(site, 39, 0)
+
+
+@pytest.mark.parametrize("parking", ["no", "lane"])
+def test_streets_have_the_names_of_the_map(tmp_path, empty_map, imported, parking):
+    draft, name = empty_map(), "St. Mary&apos;s &amp; Co &lt;&quot;A&quot;&gt;"
+    draft.way((-300, 0), (0, 0), (300, 0), highway="residential", name=name, parking__both=parking)
+    draft.way((0, -300), (0, 0), (0, 300), highway="residential", name="Żwirki i Wigury", maxspeed__forward="30")
+    site = imported(draft, tmp_path)
+    names = {street.name for street in find_street_names(site, site.area[:2], site.area[2:])}
+    assert names == {'St. Mary\'s & Co <"A">', "Żwirki i Wigury"}
 
 
 def test_bridges_and_tunnels_leave_the_ground_clear(tmp_path, crossroads, put, on_lanes):

@@ -11,7 +11,7 @@ from toolkit.runtime.run import Run
 
 STOCK = ("candidates", "catalogue", "keep_out", "capacity_kbit")
 CASES = ("iou", "failing", "failures", "levels", "levels_by", "errors", "errors_by")
-SETTING = ("classes", "scheme", "codec", "detector", "keep")
+SETTING = ("classes", "scheme", "codec", "detector", "keep", "link_share")
 RUN = ("seed", "frames", "cache", "workers", "ray", "progress")
 
 

@@ -86,6 +86,20 @@ def test_sets_of_each_size_race_and_the_best_are_judged(street):
     assert (dear.chosen, dear.rule) == (5, "none")
 
 
+def test_a_set_that_links_do_not_carry_on_the_judging_frames_is_not_chosen(street, monkeypatch):
+    sets = np.array([[1, 0, 0, 0], [1, 1, 0, 0], [1, 1, 1, 0]], bool)
+    found = Entrants(sets, street.objective.scores(sets).ap, (("greedy",), (), ()), 77)
+
+    def fits_links(objective, members, kbit):
+        np.testing.assert_array_equal(kbit, street.judge.kbit(members))
+        return 2 not in members
+
+    monkeypatch.setattr(type(street.objective), "fits_links", fits_links)
+    picked = choose_set(street.objective, found, street.judge)
+    assert picked.chosen == 1
+    assert [option.fits_links for option in picked.options] == [True, True, False]
+
+
 def test_sets_are_compared_by_failures_and_levels(street):
     frail = replace(option(0.95, 0.9, 1.0, price=1.0), left=option(0.2, 0.1, 0.3).judged)
     tough = replace(option(0.9, 0.8, 1.0, price=2.0), left=option(0.7, 0.6, 0.8).judged)

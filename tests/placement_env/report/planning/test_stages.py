@@ -45,7 +45,7 @@ def staged(ask, street, monkeypatch):
     monkeypatch.setattr(questions, "choose_candidates", lambda *_, **__: street.candidates)
     traffic = Traffic(site, (), (Snapshot(Objects.empty(), np.zeros(0, np.int64)),))
     noted = SimpleNamespace(
-        searched=[], chosen=[], moments=[], parts=[], labels=np.array([0, 0, 2]), judge=street.judge
+        searched=[], others=[], chosen=[], moments=[], parts=[], labels=np.array([0, 0, 2]), judge=street.judge
     )
 
     class Prepared:
@@ -65,6 +65,7 @@ def staged(ask, street, monkeypatch):
 
     def searched(objective, effort, memo, *, depends_on, others, seed):
         noted.searched.append((objective, effort, memo, depends_on, seed))
+        noted.others.append(others)
         return Entrants(SETS, street.objective.scores(SETS).ap, ((), (), ("greedy",)), 30)
 
     def judged(question, objectives, run, *, compares=False):
@@ -121,6 +122,12 @@ def test_with_failures_what_is_best_intact_enters_too(staged):
     assert len(staged.searched) == 2
     first, other = (objective.preparation_asked for objective, *_ in staged.searched)
     assert (type(first).__name__, other) == ("Prepared", "plain")
+
+
+def test_other_iou_thresholds_are_for_the_searches_of_the_question(staged, monkeypatch):
+    monkeypatch.setattr(planning, "at_other_ious", lambda scored, prepared: {0.5: "other"})
+    staged.plan(failing=1)
+    assert staged.others == [{0.5: "other"}, {}]
 
 
 def test_classes_that_are_not_there_are_refused_and_some_objects_are_enough(staged):
@@ -420,6 +427,25 @@ def test_no_part_of_a_plan_is_left_out(staged, street):
     assert {name for row in made.by_class for name in [row.label]} == set(LABELS)
     assert made.best.counted.ap == 0.75
     assert "No cheaper set is surely within 0.01 of it" in " ".join(made.why)
+
+
+def test_the_search_has_the_pool_that_was_narrowed(staged, street, monkeypatch):
+    def prepare(setting, run):
+        raise KeyError(*(sensor.name for sensor in setting.candidates.sensors))
+
+    monkeypatch.setattr(planning, "narrow_pool", lambda setting, run: [1, 3])
+    monkeypatch.setattr(planning, "Preparation", prepare)
+    with pytest.raises(KeyError) as stopped:
+        staged.plan()
+    assert stopped.value.args == tuple(street.candidates.sensors[k].name for k in (1, 3))
+
+
+@pytest.mark.parametrize(("share", "of"), [(0.125, np.min), (1.0, np.max)])
+def test_links_carry_the_share_of_frames_that_was_asked_for(staged, street, monkeypatch, share, of):
+    kbit = np.linspace(100.0, 800.0, 2 * 8).reshape(2, 8)
+    monkeypatch.setattr(judging.Judge, "kbit", lambda judge, members: kbit)
+    made = staged.plan(link_share=share).plan
+    assert [link.load_mbit_s for link in made.links] == pytest.approx((of(kbit, axis=1) * 10.0 / 1000.0).tolist())
 
 
 def test_results_of_drawings_are_part_of_the_plan(staged, monkeypatch):
