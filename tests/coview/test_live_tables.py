@@ -60,7 +60,7 @@ ANSWER = LiveAnswer(
     approaches=(ROW,),
     levels=(replace(ROW, name="dense"),),
     links=LINKS,
-    objects=9,
+    objects=900,
     frames=16,
     unseen=1,
 )
@@ -79,7 +79,7 @@ def read(page: str) -> str:
 @pytest.mark.parametrize(
     ("values", "words"),
     [
-        ({}, "0.750 AP, predicted 95 %: 0.700 to 0.800; N = 9 road users, 16 frames"),
+        ({}, "0.750 AP, predicted 95 %: 0.700 to 0.800; N = 900 road users, 16 frames"),
         ({"coarse": True}, "AP, predicted (refining) 95 %"),
         ({"low": math.nan}, "95 %: no interval from few frames;"),
         ({"high": math.nan}, "95 %: no interval from few frames;"),
@@ -88,7 +88,7 @@ def read(page: str) -> str:
         ({}, "Worst failure leaves AP 0.500 (0.400 to 0.600) without d&lt;1&gt;"),
         ({"worst_low": math.nan}, "Worst failure leaves AP 0.500 without d&lt;1&gt;"),
         ({"worst_sensor": ""}, "Worst failure leaves AP no sensor is left"),
-        ({}, "Data 1,234 kbit per frame Price 2 poles, 2 sensors Seen by no sensor 1 of 9 road users"),
+        ({}, "Data 1,234 kbit per frame Price 2 poles, 2 sensors Seen by no sensor 1 of 900 road users"),
         ({"price": 1.0}, "Price 1 pole, 2 sensors"),
         ({"price": 1.0, "budget": 3.0}, "Price 1 of 3 poles, 2 sensors"),
         ({"price": 2500.0, "budget": 9000.0, "currency": "EUR"}, "Price 2,500 of 9,000 EUR, 2 sensors"),
@@ -97,7 +97,7 @@ def read(page: str) -> str:
         ({"problems": ("north carries <more>",)}, "&#9888; north carries &lt;more&gt;"),
         ({"approaches": (replace(ROW, recall=math.nan),)}, "vehicle none there, N = 7"),
         ({"approaches": (replace(ROW, low=0.4, high=0.65),)}, "vehicle 50% (40% to 65%), N = 7"),
-        ({"classes": (ROW, replace(ROW, ap=0.6, low=0.5, high=0.7))}, "vehicle 50% , AP 0.600 (0.500 to 0.700), N = 7"),
+        ({"classes": (ROW, replace(ROW, ap=0.6, low=0.5, high=0.7))}, "vehicle 50% , AP 0.60 (0.50 to 0.70), N = 7"),
         ({"classes": (ROW, replace(ROW, ap=math.nan))}, "Found, by class (95 % interval) vehicle 50% , N = 7"),
     ],
 )
@@ -194,7 +194,7 @@ def test_variants_are_side_by_side_with_the_one_that_is_shown_in_bold():
     assert read(page) == (
         "AP (95&nbsp;%) AP, worst failure kbit per frame price, EUR "
         "A&lt;1&gt; map 0.750 0.700 to 0.800 0.500 0.400 to 0.600 1,234 2 "
-        "B 0.600 no interval from few frames 0.500 0.400 to 0.600 5 2,500 N = 9 road users, 16 frames"
+        "B 0.600 no interval from few frames 0.500 0.400 to 0.600 5 2,500 N = 900 road users, 16 frames"
     )
     assert re.findall(r'live-variant" style="font-weight:(\d+)', page) == ["400", "700"]
     assert "price, poles" in variants_html({"A": ANSWER}, "A", {"A": ""})
@@ -252,6 +252,6 @@ def test_ap_has_as_many_decimals_as_the_road_users_support(planner):
     [("12-3", "12/3", "12-3"), ("12-3 b", "12/3", "12-3 b"), ("P10", "P1", "P10 on P1"), ("d0", "P1", "d0 on P1")],
 )
 def test_suggestions_name_a_pole_that_the_sensor_does_not(sensor, pole, place):
-    answer = SimpleNamespace(ap=0.5, low=0.4, high=0.6)
+    answer = SimpleNamespace(ap=0.5, low=0.4, high=0.6, objects=900)
     suggestion: Any = SimpleNamespace(sensor=SimpleNamespace(name=sensor, mount=pole), answer=answer, considered=9)
     assert describe_suggestions("remove", [suggestion]) == f"missed least: {place}: AP 0.500 (0.400 to 0.600)"
